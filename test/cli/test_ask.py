@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""The commands ``obc solve`` and ``obc lqr``: exit status, JSON, figures, and no process left."""
+"""The commands `obc solve` and `obc lqr`: exit status, JSON, figures and processes."""
 
 import errno
 import json
@@ -38,7 +38,7 @@ ENDLESS = endless(12)
 
 @pytest.fixture
 def obc(spawn, request, tmp_path):
-    """Run ``obc`` with files of given contents; return exit status, JSON by name, and output."""
+    """Return a function that runs `obc` on files and returns status, JSON by name, output."""
     def run(command, files, *options, server=False, end=lambda process: process.wait(60.0)):
         if server:
             spawn('trajectory_server', {'workers': 2})
@@ -58,19 +58,19 @@ def obc(spawn, request, tmp_path):
 
 
 def ready(probe):
-    """Wait until the server has offered its services."""
-    asked = probe.node.create_client(SolveOptimalControl, '/trajectory_server/solve')
-    probe.wait_for(asked.service_is_ready, what='the server')
+    """Wait until the server offers its services."""
+    client_ = probe.node.create_client(SolveOptimalControl, '/trajectory_server/solve')
+    probe.wait_for(client_.service_is_ready, what='the server')
 
 
 def read(path):
-    """Return what a JSON file holds; NaN and infinity are not JSON."""
+    """Return the content of a JSON file; refuse NaN and infinity, which are not JSON."""
     def refuse(constant):
         raise AssertionError(f'{constant} in {path.name}')
     return json.loads(path.read_text(), parse_constant=refuse)
 
 
-def test_solved_and_certified_is_0(obc, tmp_path):
+def test_certified_solutions_exit_with_0(obc, tmp_path):
     names = ['lq_scalar_unit', 'di_mintime_rest']
     status, found, output = obc('solve', {
         f'{name}.yaml': (problems.FOLDER / f'{name}.yaml').read_text() for name in names},
@@ -99,7 +99,7 @@ def test_solved_and_certified_is_0(obc, tmp_path):
     assert found['di_mintime_rest']['switching_times'] == pytest.approx([1.0], abs=1e-3)
 
 
-def test_a_server_of_its_own_ends_with_the_command(obc):
+def test_its_own_server_ends_with_the_command(obc):
     started = []
 
     def watch(process):
@@ -141,7 +141,7 @@ def test_a_running_server_is_used(obc, probe):
     ({**SCALAR, 'states': 7}, 'states'), ('a: 1\na: 2', 'twice'), ('\0\x01', ''),
     ('!!python/object/apply:os.system [ls]', ''),
 ], ids=str)
-def test_malformed_is_2_and_has_its_json(tmp_path, capsys, content, words):
+def test_a_malformed_problem_exits_with_2_and_has_its_json(tmp_path, capsys, content, words):
     file = tmp_path / 'bad.yaml'
     file.write_text(content if isinstance(content, str) else yaml.safe_dump(content))
     assert main(['solve', str(file), '--json', str(tmp_path)]) == 2
@@ -175,14 +175,14 @@ def test_the_local_minima_and_the_search_are_reported(obc):
     assert f"local, best of {len(known['minima'])}" in output
 
 
-def test_a_missing_file_and_a_good_one(obc):
+def test_a_missing_file_does_not_stop_the_other_files(obc):
     status, found, _ = obc('solve', {'good.yaml': SCALAR, 'missing.yaml': None}, server=True)
     assert status == 2
     assert {name: answer['status'] for name, answer in found.items()} == {
         'good': 'solved', 'missing': 'malformed'}
 
 
-def test_no_answer_in_time_is_1(obc):
+def test_a_timeout_exits_with_1(obc):
     status, found, output = obc('solve', {'endless.yaml': ENDLESS, 'scalar.yaml': SCALAR},
                                 '--time-limit', '0.8', server=True)
     assert status == 1, output
@@ -191,7 +191,7 @@ def test_no_answer_in_time_is_1(obc):
     assert found['endless']['message'] in output
 
 
-def test_a_limit_below_what_a_server_can_keep_is_no_answer_in_time(obc):
+def test_a_tiny_time_limit_gives_a_timeout(obc):
     status, found, output = obc('solve', {'endless.yaml': ENDLESS}, '--time-limit', '1e-5')
     assert status == 1, output
     assert found['endless']['status'] == 'timed_out', output
@@ -199,14 +199,14 @@ def test_a_limit_below_what_a_server_can_keep_is_no_answer_in_time(obc):
 
 @pytest.mark.parametrize('line', [
     ['--time-limit', '-1'], ['--time-limit', 'nan'], ['--time-limit', '1e5'], ['--speed']])
-def test_a_malformed_line_is_2(line):
+def test_a_malformed_command_line_exits_with_2(line):
     with pytest.raises(SystemExit) as exit_:
         main(['solve', 'scalar.yaml', *line])
     assert exit_.value.code == 2
 
 
 @pytest.mark.parametrize('server', [True, False])
-def test_ctrl_c_cancels(obc, probe, clock, server):
+def test_ctrl_c_cancels_the_requests(obc, probe, clock, server):
     diagnostics = probe.listen(DiagnosticArray, '/diagnostics')
 
     def busy():
@@ -234,7 +234,7 @@ def test_ctrl_c_cancels(obc, probe, clock, server):
         probe.wait_for(lambda: busy() == '0', what='the server is idle again')
 
 
-def test_a_server_of_its_own_that_is_killed_is_said(obc):
+def test_the_death_of_its_own_server_is_reported(obc):
     def kill(process):
         [server] = wait_for(lambda: children(process.pid))
         wait_for(lambda: len(children(server)) == 3)
@@ -247,7 +247,7 @@ def test_a_server_of_its_own_that_is_killed_is_said(obc):
     assert 'trajectory_server was ended by SIGKILL' in found['endless']['message'], output
 
 
-def test_a_server_that_has_disappeared_is_given_up(probe, clock, monkeypatch):
+def test_waiting_for_a_lost_server_ends(probe, clock, monkeypatch):
     monkeypatch.setattr(ros_graph, 'SILENCE', 0.2)
     lonely = client.Client(probe.context, lambda: None)
     begun = time.monotonic()
@@ -261,7 +261,7 @@ def test_a_server_that_has_disappeared_is_given_up(probe, clock, monkeypatch):
 @pytest.mark.parametrize('line', [
     ['solve', 'missing.yaml', '--json'], ['solve', 'missing.yaml', '--plot'],
     ['lqr', 'missing.yaml', '--json'], ['demo', 'aircraft', '--out']], ids=' '.join)
-def test_a_folder_that_cannot_be_made_is_said_before_anything_is_asked(tmp_path, capsys, line):
+def test_an_output_folder_is_checked_before_any_request(tmp_path, capsys, line):
     (tmp_path / 'file').write_text('')
     assert main([*line, str(tmp_path / 'file' / 'out')]) == 1
     output = capsys.readouterr()
@@ -270,7 +270,7 @@ def test_a_folder_that_cannot_be_made_is_said_before_anything_is_asked(tmp_path,
     assert 'malformed' not in output.out
 
 
-def test_a_file_that_cannot_be_written_is_said_after_the_answers(tmp_path, capsys):
+def test_an_unwritable_file_is_reported_after_the_results(tmp_path, capsys):
     (tmp_path / 'missing.json').mkdir()
     assert main(['solve', 'missing.yaml', '--json', str(tmp_path)]) == 1
     output = capsys.readouterr()
@@ -281,8 +281,8 @@ def test_a_file_that_cannot_be_written_is_said_after_the_answers(tmp_path, capsy
 @pytest.mark.parametrize(('command', 'status', 'question'), [
     ('solve', 'not_converged', SCALAR),
     ('lqr', 'refused', {'A': [[0]], 'B': [[1]], 'Qx': [1], 'Qu': [1]})])
-def test_an_environment_that_ros_does_not_take_is_said(tmp_path, monkeypatch, capsys, command,
-                                                       status, question):
+def test_an_invalid_ros_environment_is_reported(tmp_path, monkeypatch, capsys, command, status,
+                                                question):
     monkeypatch.setenv('ROS_DOMAIN_ID', 'one')
     (tmp_path / 'good.yaml').write_text(yaml.safe_dump(question))
     assert main([command, str(tmp_path / 'good.yaml'), '--json', str(tmp_path)]) == 1
@@ -292,7 +292,7 @@ def test_an_environment_that_ros_does_not_take_is_said(tmp_path, monkeypatch, ca
     assert answer['message'] in capsys.readouterr().out
 
 
-def test_names_of_files_are_safe_and_unique(tmp_path):
+def test_file_names_are_safe_and_unique(tmp_path):
     for folder in ('a', 'b'):
         (tmp_path / folder).mkdir()
         (tmp_path / folder / 'p.yaml').write_text(yaml.safe_dump(SCALAR))
@@ -306,7 +306,7 @@ def test_names_of_files_are_safe_and_unique(tmp_path):
     assert [each.renamed for each in asked] == [False, True, True, False, True, False]
 
 
-def test_problems_of_one_name_are_told_apart(tmp_path, monkeypatch, capsys):
+def test_problems_with_equal_names_are_distinguished(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     for folder in ('a', 'b'):
         (tmp_path / folder).mkdir()
@@ -321,7 +321,7 @@ def test_problems_of_one_name_are_told_apart(tmp_path, monkeypatch, capsys):
     assert {path.stem for path in Path('out').iterdir()} == {'p', 'p_2', 'scalar', 'two_2'}
 
 
-def test_hostile_names_are_shown_and_named_harmlessly(tmp_path, capsys):
+def test_hostile_names_are_escaped(tmp_path, capsys):
     names = ['\x1b[31mred\n\a', '\ud800', 'n' * 5000, *(f"{'計' * 100}{end}" for end in 'ab')]
     file = tmp_path / 'hostile.yaml'
     file.write_text(json.dumps([{**SCALAR, 'name': name, 'states': 7} for name in names]))
@@ -339,8 +339,8 @@ def test_hostile_names_are_shown_and_named_harmlessly(tmp_path, capsys):
 @pytest.mark.parametrize(('command', 'status', 'question'), [
     ('solve', 'cancelled', SCALAR),
     ('lqr', 'refused', {'A': [[0]], 'B': [[1]], 'Qx': [1], 'Qu': [1]})])
-def test_interrupted_before_a_server_is_found_there_are_answers(
-        tmp_path, monkeypatch, command, status, question):
+def test_an_interrupt_before_connecting_still_writes_the_json(tmp_path, monkeypatch, command,
+                                                              status, question):
     def interrupted(*_):
         raise KeyboardInterrupt
 
@@ -352,7 +352,7 @@ def test_interrupted_before_a_server_is_found_there_are_answers(
 
 
 @pytest.mark.parametrize('command', ['solve', 'lqr'])
-def test_files_are_written_when_nobody_reads_what_is_printed(tmp_path, monkeypatch, command):
+def test_files_are_written_when_printing_fails(tmp_path, monkeypatch, command):
     def gone(*_):
         raise OSError(errno.ENOSPC, 'No space left on device')
 
@@ -361,7 +361,7 @@ def test_files_are_written_when_nobody_reads_what_is_printed(tmp_path, monkeypat
     assert read(tmp_path / 'missing.json')['status'] == 'malformed'
 
 
-def test_a_bad_problem_in_a_list_does_not_keep_the_others_from_their_answers(obc):
+def test_a_bad_problem_in_a_list_does_not_stop_the_others(obc):
     status, found, _ = obc('solve', {'list.yaml': [
         {**SCALAR, 'name': 'good'}, 'nonsense', {**SCALAR, 'name': 'bad', 'dynamics': {}}]})
     assert status == 2
@@ -369,7 +369,7 @@ def test_a_bad_problem_in_a_list_does_not_keep_the_others_from_their_answers(obc
         'good': 'solved', 'list_2': 'malformed', 'bad': 'malformed'}
 
 
-def test_a_bad_case_in_a_list_does_not_keep_the_others_from_their_answers(tmp_path, capsys):
+def test_a_bad_case_in_a_list_does_not_stop_the_others(tmp_path, capsys):
     case = {'A': [[0]], 'B': [[1]], 'Qx': [1], 'Qu': [1]}
     file = tmp_path / 'list.yaml'
     file.write_text(yaml.safe_dump([
@@ -386,7 +386,7 @@ def test_a_bad_case_in_a_list_does_not_keep_the_others_from_their_answers(tmp_pa
     assert 'entry 2: wanted a mapping' in bad.message
 
 
-def test_a_plant_is_a_problem_too(tmp_path):
+def test_a_file_with_a_plant_and_a_problem_is_read_as_both(tmp_path):
     file = tmp_path / 'cart.yaml'
     file.write_text(yaml.safe_dump({
         **SCALAR, 'units': {'x': 'm'}, 'angles': ['x'], 'setpoint': {'x': 0}}))
@@ -396,13 +396,13 @@ def test_a_plant_is_a_problem_too(tmp_path):
     assert registry.load_system(file).states[0].unit == 'm'
 
 
-def test_json_has_no_nan(tmp_path):
+def test_json_has_null_for_nan_and_infinity(tmp_path):
     results.write(tmp_path, 'x', {'a': [1.0, math.nan, {'b': -math.inf}], 'c': (True, None, 'd')})
     assert read(tmp_path / 'x.json') == {'a': [1.0, None, {'b': None}], 'c': [True, None, 'd']}
 
 
-def test_regulators(obc, tmp_path):
-    q = 2.0
+def test_regulators_are_designed_or_refused(obc, tmp_path):
+    q = 2.0  # Example 2.4: K = (q, sqrt(2 q)), with P and the closed-loop polynomial below
     cases = [
         {'name': 'example_2_4', 'A': [[0, 1], [0, 0]], 'B': [[0], [1]],
          'Qx': [['2**2', 0], [0, 0]], 'Qu': [[1]]},
@@ -422,8 +422,7 @@ def test_regulators(obc, tmp_path):
     example = found['example_2_4']
     assert np.allclose(example['K'], [[q, math.sqrt(2 * q)]], rtol=0, atol=1e-12)
     assert np.allclose(example['P'], [[math.sqrt(2 * q**3), q], [q, math.sqrt(2 * q)]])
-    poles = [
-        complex(*pole) for pole in example['poles']]
+    poles = [complex(*pole) for pole in example['poles']]
     assert np.allclose(np.poly(poles), [1, math.sqrt(2 * q), q])
     assert 'uncontrollable' in found['out_of_reach']['message']
     assert 'Qu[0] = -1' in found['indefinite']['message']
@@ -439,7 +438,7 @@ def test_regulators(obc, tmp_path):
     ({'system': 'aircraft'}, 'A: the system defines it already'), ({'A': {}}, 'A'),
     ({'weights': 'magic'}, 'weights'),
 ], ids=str)
-def test_malformed_cases(tmp_path, changes, words):
+def test_a_malformed_case_exits_with_2_and_has_its_json(tmp_path, changes, words):
     case = {'name': 'bad', 'A': [[0, 1], [0, 0]], 'B': [[0], [1]], 'Qx': [1, 1], 'Qu': [1]}
     file = tmp_path / 'bad.yaml'
     file.write_text(yaml.safe_dump({**case, **changes}))

@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""`obc bench`: finds the scripts, runs them as processes, and its status is theirs; the timing."""
+"""`obc bench` runs the scripts and passes on their status; `timing` measures and requires."""
 
 import os
 from pathlib import Path
@@ -17,7 +17,7 @@ import timing  # of benchmarks/
 
 @pytest.fixture
 def scripts(tmp_path, monkeypatch):
-    """Put benchmarks into place that pass, fail, and tell their arguments."""
+    """Write a benchmark that passes and prints its arguments, and one that fails."""
     folder = tmp_path / 'benchmarks'
     folder.mkdir()
     (folder / 'good.py').write_text('import sys\nprint("measured", sys.argv[1:])\n')
@@ -27,48 +27,48 @@ def scripts(tmp_path, monkeypatch):
     return folder
 
 
-def test_status_is_0_only_if_all_pass(scripts, capfd):
+def test_the_exit_status_is_0_only_if_all_benchmarks_pass(scripts, capfd):
     assert obc.main(['bench', 'good']) == 0
     assert obc.main(['bench', 'good', '--peers']) == 0
     assert obc.main(['bench', 'bad', 'good']) == 1
     out, err = capfd.readouterr()
     assert "measured ['--peers']" in out
-    assert out.count('== good ==') == 3, 'it goes on after a failure'
+    assert out.count('== good ==') == 3, 'the benchmarks after a failed one run too'
     assert 'requirements not met: bad' in err
     assert obc.main(['bench']) == 1
 
 
-def test_an_unknown_name_is_answered_in_words(scripts, capsys):
+def test_an_unknown_benchmark_is_refused_with_a_list(scripts, capsys):
     assert obc.main(['bench', 'speed']) == 2
     assert "no benchmark 'speed'; there are bad, good" in capsys.readouterr().err
 
 
-def test_without_benchmarks_it_says_where_it_looked(scripts, capsys):
+def test_without_benchmarks_the_searched_folder_is_named(scripts, capsys):
     for script in scripts.iterdir():
         script.unlink()
     assert obc.main(['bench']) == 2
     assert str(scripts) in capsys.readouterr().err
 
 
-def test_interrupted_it_leaves_no_process_and_no_traceback(tmp_path):
+def test_sigint_leaves_no_process_and_no_traceback(tmp_path):
     (tmp_path / 'benchmarks').mkdir()
-    beacon = tmp_path / 'pid'
+    pid_file = tmp_path / 'pid'
     shutil.copy(timing.__file__, tmp_path / 'benchmarks')
     (tmp_path / 'benchmarks' / 'long.py').write_text(
         'import os, pathlib, time, timing\n'
-        f'pathlib.Path({str(beacon)!r}).write_text(str(os.getpid()))\ntime.sleep(60)\n')
+        f'pathlib.Path({str(pid_file)!r}).write_text(str(os.getpid()))\ntime.sleep(60)\n')
     command = subprocess.Popen([sys.executable, '-c', (
         'import pathlib, sys\nfrom obc_ros.cli import bench, obc\n'
         f'bench.share_directory = lambda package: pathlib.Path({str(tmp_path)!r})\n'
         'sys.exit(obc.main(["bench"]))')], start_new_session=True, stderr=subprocess.PIPE)
     deadline = time.monotonic() + 20
-    while not (beacon.exists() and beacon.read_text()):
+    while not (pid_file.exists() and pid_file.read_text()):
         assert time.monotonic() < deadline
         time.sleep(0.02)
-    os.killpg(command.pid, signal.SIGINT)  # as a terminal does
+    os.killpg(command.pid, signal.SIGINT)  # to the process group, as a terminal does
     assert command.communicate(timeout=20)[1] == b''
     assert command.returncode == 130
-    assert not Path(f'/proc/{beacon.read_text()}').exists()
+    assert not Path(f'/proc/{pid_file.read_text()}').exists()
 
 
 def test_the_benchmarks_of_the_project_are_found():
@@ -76,16 +76,16 @@ def test_the_benchmarks_of_the_project_are_found():
     assert 'timing' not in bench.find_benchmarks()
 
 
-def test_rivals_are_timed_in_turn_by_the_clock_that_is_given():
+def test_candidates_are_timed_in_turn_by_the_given_clock():
     now, order = [0.0], []
 
-    def rival(name, seconds):
+    def candidate(name, seconds):
         def call():
             order.append(name)
             now[0] += seconds
         return call
 
-    times = timing.measure({'slow': rival('slow', 0.3), 'fast': rival('fast', 0.1)},
+    times = timing.measure({'slow': candidate('slow', 0.3), 'fast': candidate('fast', 0.1)},
                            least=0.05, per=10, clock=lambda: now[0])
     assert times['slow'].median == pytest.approx(0.03)
     assert times['slow'].ratio(times['fast']) == pytest.approx(3.0)
@@ -94,7 +94,7 @@ def test_rivals_are_timed_in_turn_by_the_clock_that_is_given():
         timing.measure({}, rounds=3)
 
 
-def test_what_is_required_decides_the_status(capsys):
+def test_failed_requirements_decide_the_exit_status(capsys):
     timing.require('ratio', 1.05, 1.1)
     assert timing.finish() == 0
     timing.require('latency', 2.0, 1.1)

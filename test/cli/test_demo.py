@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""`obc demo` as a user runs it: it flies, records, draws, and leaves nothing behind."""
+"""`obc demo` as a user runs it: flight, recording, figures, and no process left."""
 
 import os
 from pathlib import Path
@@ -18,7 +18,7 @@ from scipy.optimize import brentq
 import support
 from support import alive, children, wait_for
 
-TOLD = {
+PRINTED = {
     'aircraft': ('rise time', 'overshoot', 'settling', 'peak |f - fe|', 'state to command, p50',
                  'designs adopted', 'gust',
                  'rejected: Qu[0] = -0.1: Qu must be positive definite'),
@@ -32,8 +32,8 @@ def descendants(pid: int) -> list[int]:
     return found + [each for child in found for each in descendants(child)]
 
 
-def flying(demo: support.Process) -> list[int]:
-    """Wait until a demonstration has made its first step; return its descendants."""
+def wait_for_flight(demo: support.Process) -> list[int]:
+    """Wait for the first step of a demonstration; return its descendants."""
     demo.wait_for_output('step to (1, 1)', 60.0)
     return descendants(demo.pid)
 
@@ -42,9 +42,10 @@ def flying(demo: support.Process) -> list[int]:
 @pytest.mark.parametrize(('scenario', 'flights', 'figures'), [
     ('aircraft', ['aircraft'], ['aircraft.png']),
     ('vehicle', ['lane_change', 'slalom'], ['lane_change.png', 'slalom.png'])])
-def test_demo(scenario: str, flights: list[str], figures: list[str], tmp_path: Path,
-              domain: int) -> None:
-    """A demonstration ends with a table, figures and a recording in which no state is missed."""
+def test_a_demo_writes_table_figures_and_complete_recording(scenario: str, flights: list[str],
+                                                            figures: list[str], tmp_path: Path,
+                                                            domain: int) -> None:
+    """Every recorded state between the first command and the end has its command."""
     demo = support.Process([support.find('obc'), 'demo', scenario, '--out', str(tmp_path / 'out')],
                            tmp_path / 'log', domain)
     try:
@@ -52,7 +53,7 @@ def test_demo(scenario: str, flights: list[str], figures: list[str], tmp_path: P
     finally:
         demo.end()
     assert re.findall(r'missed states\W+(\d+)', demo.output()) == ['0'] * len(flights)
-    for words in TOLD[scenario]:
+    for words in PRINTED[scenario]:
         assert words in demo.output()
     assert all((tmp_path / 'out' / figure).stat().st_size > 20_000 for figure in figures)
     for flight in flights:
@@ -70,18 +71,18 @@ def test_demo(scenario: str, flights: list[str], figures: list[str], tmp_path: P
 
 
 @pytest.mark.nodes
-def test_in_real_time_until_ctrl_c(tmp_path: Path, domain: int) -> None:
-    """A simulated second takes a second, no step waits for its command; no process is left."""
+def test_a_demo_in_real_time_ends_with_ctrl_c(tmp_path: Path, domain: int) -> None:
+    """The speed is 1 without lockstep; Ctrl-C leaves no process."""
     demo = support.Process(
         [support.find('obc'), 'demo', 'aircraft', '--real-time', '--out', str(tmp_path / 'out')],
         tmp_path / 'log', domain)
     try:
-        pids = flying(demo)
+        pids = wait_for_flight(demo)
         assert len(pids) >= len(NODES)
         assert f'three nodes over DDS, domain {domain}, this machine only' in demo.output()
         line = re.search(r'ROS_DOMAIN_ID=\d+ \S+/obc param get /lqr_node Qx', demo.output())[0]
-        told = subprocess.run(['env', *line.split()], capture_output=True, text=True, timeout=60)
-        assert told.stdout.startswith('Double values are: [1.0, '), told
+        read = subprocess.run(['env', *line.split()], capture_output=True, text=True, timeout=60)
+        assert read.stdout.startswith('Double values are: [1.0, '), read
         probe = support.Probe(domain)
         assert probe.get_parameters('/plant_simulator', 'speed', 'lockstep') == {
             'speed': 1.0, 'lockstep': False}
@@ -94,8 +95,8 @@ def test_in_real_time_until_ctrl_c(tmp_path: Path, domain: int) -> None:
         demo.end()
 
 
-def test_it_joins_no_loop_that_runs(spawn: Any, domain: int, tmp_path: Path) -> None:
-    """Its commands would go to that plant too."""
+def test_a_domain_with_a_running_loop_is_refused(spawn: Any, domain: int, tmp_path: Path) -> None:
+    """The commands of the demonstration would reach the plant of that loop."""
     spawn('plant_simulator').wait_for_output('until the first command')
     demo = support.Process(
         [support.find('obc'), 'demo', 'aircraft', '--out', str(tmp_path / 'out')],
@@ -107,8 +108,8 @@ def test_it_joins_no_loop_that_runs(spawn: Any, domain: int, tmp_path: Path) -> 
         demo.end()
 
 
-def test_a_domain_that_is_none_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
-                                       capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_invalid_domain_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+                                      capsys: pytest.CaptureFixture[str]) -> None:
     for named in ('-1', '233', 'x', '1.5'):
         monkeypatch.setenv('ROS_DOMAIN_ID', named)
         assert main(['demo', 'aircraft', '--out', str(tmp_path)]) == 1
@@ -117,13 +118,13 @@ def test_a_domain_that_is_none_is_said(tmp_path: Path, monkeypatch: pytest.Monke
 
 @pytest.mark.nodes
 @pytest.mark.parametrize('victim', NODES)
-def test_a_crash_of_one_ends_all(victim: str, tmp_path: Path, domain: int) -> None:
-    """When a node dies the demonstration says which, and ends the others."""
+def test_the_death_of_a_node_ends_the_demo(victim: str, tmp_path: Path, domain: int) -> None:
+    """The demonstration names the dead node and ends the others."""
     demo = support.Process(
         [support.find('obc'), 'demo', 'aircraft', '--real-time', '--out', str(tmp_path / 'out')],
         tmp_path / 'log', domain)
     try:
-        pids = flying(demo)
+        pids = wait_for_flight(demo)
         node = next(pid for pid in pids
                     if f'obc_ros.nodes.{victim}' in Path(f'/proc/{pid}/cmdline').read_text())
         os.kill(node, signal.SIGKILL)
@@ -135,21 +136,20 @@ def test_a_crash_of_one_ends_all(victim: str, tmp_path: Path, domain: int) -> No
 
 
 @pytest.mark.nodes
-def test_its_own_crash_ends_all(tmp_path: Path, domain: int) -> None:
-    """When the demonstration itself is killed, its nodes end too."""
+def test_a_killed_demo_leaves_no_node(tmp_path: Path, domain: int) -> None:
     demo = support.Process(
         [support.find('obc'), 'demo', 'aircraft', '--real-time', '--out', str(tmp_path / 'out')],
         tmp_path / 'log', domain)
     try:
-        pids = flying(demo)
+        pids = wait_for_flight(demo)
         demo.kill()
         wait_for(lambda: not any(map(alive, pids)))
     finally:
         demo.end()
 
 
-def test_step_figures_of_a_known_response() -> None:
-    """A second order step has the overshoot, settling and rise time of its formula."""
+def test_step_figures_are_those_of_a_second_order_system() -> None:
+    """Overshoot, settling and rise time follow from the closed-form step response."""
     t = np.linspace(0.0, 20.0, 200_001)
     zeta, w = 0.5, 1.0
     wd = w * np.sqrt(1 - zeta**2)

@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""Two flights in lockstep are one flight: their recordings are the same to the last byte."""
+"""Determinism: two flights in lockstep give recordings that are equal byte by byte."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -24,7 +24,7 @@ BUSY = 'while True: pass'
 
 
 def change(**values: list[float]) -> Callable[[Pilot], str]:
-    """Return an act that sets parameters of lqr_node and waits for the design that follows."""
+    """Return an action that sets parameters of lqr_node and waits for the new design."""
     def act(pilot: Pilot) -> str:
         revision = pilot.designs[-1].revision
         set_parameters('lqr_node', dict(values))(pilot)
@@ -34,7 +34,7 @@ def change(**values: list[float]) -> Callable[[Pilot], str]:
 
 
 def plan(pilot: Pilot) -> str:
-    """Follow a plan from where the vehicle will be a second later."""
+    """Follow a plan that begins where the vehicle will be in one second."""
     answer = pilot.call(PlanMotion, 'trajectory_server/plan', PlanMotion.Request(
         system='vehicle', start=[float(pilot.x[0]) + 10.0, -2.0, 0.0],
         goal=[float(pilot.x[0]) + 60.0, 2.0, 0.0], objective='effort', final_time=5.0))
@@ -55,14 +55,14 @@ FLIGHTS = {
 
 
 @pytest.mark.parametrize('flight', FLIGHTS.values(), ids=FLIGHTS)
-def test_two_flights_in_lockstep_give_the_same_bytes(
-        flight: Flight, tmp_path: Path, monkeypatch: Any) -> None:
-    """The second one on a machine that has other things to do."""
+def test_two_flights_in_lockstep_give_equal_recordings(flight: Flight, tmp_path: Path,
+                                                       monkeypatch: Any) -> None:
+    """The second flight runs beside a process that loads one core."""
     for name in ('ROS_DOMAIN_ID', 'ROS_AUTOMATIC_DISCOVERY_RANGE'):
         monkeypatch.setenv(name, '')
     recordings = []
-    for number, others in enumerate((0, 1)):
-        busy = [subprocess.Popen([sys.executable, '-c', BUSY]) for _ in range(others)]
+    for number, load in enumerate((0, 1)):
+        busy = [subprocess.Popen([sys.executable, '-c', BUSY]) for _ in range(load)]
         try:
             with reserve_domain() as domain:
                 isolate(domain)

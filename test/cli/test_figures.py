@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""Figures of answers: what is drawn is what it is called, and all of it can be seen."""
+"""Figures of solutions: switching functions, panels and files."""
 
 from types import SimpleNamespace
 
@@ -22,13 +22,13 @@ U = np.column_stack([T, 1 - T])
 LAM = np.column_stack([1e-4 + 0 * T, T, 0 * T])
 
 
-def test_the_switching_function_is_the_slope_of_the_hamiltonian():
-    """H = u^2 + w + lam_x v + lam_v u x + lam_theta (w - theta)."""
+def test_the_switching_function_is_the_input_gradient_of_h():
+    """dH/du of H = u^2 + w + lam_x v + lam_v u x + lam_theta (w - theta), with lam_theta = 0."""
     expected = np.column_stack([2 * T + T * X[:, 0], 1 + 0 * T])
     np.testing.assert_allclose(_slopes(PROBLEM, X, U, LAM)[0], expected)
 
 
-def test_lines_share_a_panel_when_they_can_be_seen_on_one_scale():
+def test_lines_of_similar_scale_share_a_panel():
     assert _alike(np.array([[1e5, 1.0, 2.0, 0.0], [2e5, 3.0, 0.5, 0.0]])) == [[0, 3], [1, 2]]
     assert _alike(np.zeros((4, 2))) == [[0, 1]]
     assert _alike(np.array([[1.0, 0.1, 0.05]])) == [[0, 1, 2]]

@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""`obc gallery`: every entry through running nodes, and what is made of the answers."""
+"""`obc gallery`: every entry through running nodes; page, numbers and commands."""
 
 from collections.abc import Iterator
 from contextlib import ExitStack
@@ -42,7 +42,7 @@ def out(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope='module')
 def desk(out: Path) -> Iterator[desks.Desk]:
-    """Return a desk at a server of its own."""
+    """Yield a desk with a server of its own."""
     before = dict(os.environ)
     try:
         with reserve_domain() as domain:
@@ -57,7 +57,8 @@ def desk(out: Path) -> Iterator[desks.Desk]:
 
 @pytest.mark.nodes
 @pytest.mark.parametrize('entry', ENTRIES, ids=lambda entry: entry.name)
-def test_every_number_holds(entry: GalleryEntry, desk: desks.Desk, out: Path) -> None:
+def test_every_number_agrees_with_its_reference(entry: GalleryEntry, desk: desks.Desk, out: Path
+                                                ) -> None:
     record = gallery.work(entry, desk, out)
     assert not record['message']
     wrong = [f'{row["what"]}: {row["measured"]!r}, exact {row["exact"]!r}'
@@ -66,12 +67,12 @@ def test_every_number_holds(entry: GalleryEntry, desk: desks.Desk, out: Path) ->
     assert record['holds']
     assert record['commands']
     for command in record['commands']:
-        understood(command, out)
+        check_command(command, out)
     assert (out / f'{entry.name}.png').stat().st_size > 20_000
 
 
-def understood(command: str, out: Path) -> None:
-    """Parse a command of the page as `obc` does; fill the request or the message that it has."""
+def check_command(command: str, out: Path) -> None:
+    """Parse a command of the page as `obc` does, and fill its request or message."""
     if command.startswith('#'):
         return
     found = re.fullmatch(r'(.*) "\$\(cat (\S+)\)"', command)
@@ -86,35 +87,35 @@ def understood(command: str, out: Path) -> None:
         fill(find_type(args.message_type, 'msg')(), parse_yaml(args.values))
 
 
-def test_hypotheses_of_theorem_2_2() -> None:
+def test_the_plant_satisfies_the_hypotheses_of_theorem_2_2() -> None:
     A, B, H, Qu = regulators.make_plant()
     assert np.linalg.eigvals(A).real.max() > 0
-    assert _reaches(A, B)
-    assert _reaches(A.T, H.T)
+    assert _is_controllable(A, B)
+    assert _is_controllable(A.T, H.T)
     assert np.linalg.eigvalsh(Qu).min() > 0
 
 
-def test_systems_of_exercise_2_7() -> None:
-    """They are observable, as the exercise has it, and most of them need a feedback."""
+def test_the_systems_of_exercise_2_7_are_observable() -> None:
+    """The exercise assumes observability; more than half of the systems are unstable."""
     systems = linear.draw_systems()
     assert len(systems) == linear.SYSTEMS
-    assert all(_reaches(A.T, C.T) for A, _, C, _ in systems)
+    assert all(_is_controllable(A.T, C.T) for A, _, C, _ in systems)
     assert sum(np.linalg.eigvals(A).real.max() > 0 for A, *_ in systems) > linear.SYSTEMS / 2
 
 
-def _reaches(A: np.ndarray, B: np.ndarray) -> bool:
+def _is_controllable(A: np.ndarray, B: np.ndarray) -> bool:
     reach = np.hstack([np.linalg.matrix_power(A, k) @ B for k in range(len(A))])
     return bool(np.linalg.matrix_rank(reach) == len(A))
 
 
-def test_the_whole_chapter_is_there() -> None:
+def test_the_gallery_has_all_entries_of_the_chapter() -> None:
     assert {entry.name for entry in ENTRIES} == CHAPTER
     assert len(ENTRIES) == len(CHAPTER)
 
 
 @pytest.mark.nodes
-def test_command(tmp_path: Path, domain: int) -> None:
-    """The command writes page, figure and numbers, and keeps what is there of other entries."""
+def test_the_command_writes_page_figures_and_numbers(tmp_path: Path, domain: int) -> None:
+    """A second run keeps the results of the entries of the first."""
     folder = tmp_path / 'out'
     for name in ('2.2', 'exercise-2.9'):
         process = support.Process(
@@ -122,18 +123,19 @@ def test_command(tmp_path: Path, domain: int) -> None:
         assert process.wait(60.0) == 0, process.output()
     known = json.loads((folder / 'gallery.json').read_text())['entries']
     assert [each['name'] for each in known] == ['2.2', 'exercise-2.9']
-    assert all(each['holds'] and each['seconds'] > 0 for each in known)
+    assert all(each['holds'] for each in known)
+    assert all(each['seconds'] > 0 for each in known)
     assert {path.name for path in folder.iterdir()} >= {
         'index.html', '2.2.png', 'exercise-2.9.png'}
-    looked = Looked()
-    looked.feed((folder / 'index.html').read_text())
-    assert looked.images == ['2.2.png', 'exercise-2.9.png']
-    assert not looked.foreign
-    assert not looked.open
+    parsed = PageReader()
+    parsed.feed((folder / 'index.html').read_text())
+    assert parsed.images == ['2.2.png', 'exercise-2.9.png']
+    assert not parsed.foreign
+    assert not parsed.open
 
 
 @pytest.mark.nodes
-def test_what_is_done_stays_when_it_is_interrupted(tmp_path: Path, domain: int) -> None:
+def test_an_interrupt_keeps_the_finished_entries(tmp_path: Path, domain: int) -> None:
     folder = tmp_path / 'out'
     process = support.Process(
         [support.find('obc'), 'gallery', '2.2', '2.5', '--out', str(folder)], tmp_path / 'log',
@@ -149,8 +151,8 @@ def test_what_is_done_stays_when_it_is_interrupted(tmp_path: Path, domain: int) 
     assert [each['name'] for each in known] == ['2.2']
 
 
-class Looked(HTMLParser):
-    """What a page refers to, and whether its tags are closed."""
+class PageReader(HTMLParser):
+    """A reader of a page that collects its images, its foreign links and its open tags."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -169,8 +171,7 @@ class Looked(HTMLParser):
         assert self.open.pop() == tag
 
 
-def test_a_number_that_is_off_fails_the_entry(tmp_path: Path,
-                                              monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_wrong_number_fails_the_entry(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def off(desk: desks.Desk) -> EntryResult:
         return EntryResult([ComparedRow('a', 1.0, 1.0, ''), ComparedRow('b', 2.0, 2.00001, '')],
                            Figure())
@@ -180,7 +181,7 @@ def test_a_number_that_is_off_fails_the_entry(tmp_path: Path,
 
     entries = [GalleryEntry(name, '', '', (), run) for name, run in (
         ('1.1', off), ('1.2', unanswered))]
-    desk = desks.Desk(None, tmp_path)  # type: ignore[arg-type]  # nobody asks it
+    desk = desks.Desk(None, tmp_path)  # type: ignore[arg-type]  # no entry uses its server
     records = [gallery.work(entry, desk, tmp_path) for entry in entries]
     assert [record['holds'] for record in records] == [False, False]
     assert records[1]['message'] == 'no <answer>'
@@ -189,9 +190,9 @@ def test_a_number_that_is_off_fails_the_entry(tmp_path: Path,
     assert main(['gallery', '2.2', '--out', str(tmp_path)]) == 1
 
 
-def test_relative_errors() -> None:
+def test_a_relative_error_divides_by_the_reference() -> None:
     assert ComparedRow('', [1e-8], [2e-8], '', relative=True).error == pytest.approx(0.5)
-    assert ComparedRow('', [0.0], [0.0], '', relative=True).error == np.inf  # undefined: it fails
+    assert ComparedRow('', [0.0], [0.0], '', relative=True).error == np.inf  # 0/0 is an error
     row = ComparedRow('', [100.0, 1.0], [100.0 + 1e-5, 1.0 + 2e-6], '').as_json()
     assert (row['measured'], row['error']) == (1.0, pytest.approx(2e-6, rel=1e-3))
 
@@ -199,31 +200,32 @@ def test_relative_errors() -> None:
 @pytest.mark.parametrize(('measured', 'exact', 'error'), [
     (1.0, 1.0, 0.0), (1e3 + 1e-3, 1e3, 1e-6), (1e-3, 0.0, 1e-3), ([1.0, 2.0], [1.0, 4.0], 0.5),
     (np.nan, 0.0, np.inf), ([1.0], [1.0, 1.0], np.inf), ([], [], np.inf)])
-def test_error(measured: object, exact: object, error: float) -> None:
+def test_the_error_is_relative_to_references_above_1(measured: object, exact: object, error: float
+                                                     ) -> None:
     assert ComparedRow('', measured, exact, '').error == pytest.approx(error, rel=1e-6)
 
 
-def test_unknown_entry(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+def test_an_unknown_entry_is_refused(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     assert main(['gallery', '2.7', '--out', str(tmp_path / 'out')]) == 2
     assert "no entry '2.7'; there are 2.1" in capsys.readouterr().err
     assert not (tmp_path / 'out').exists()
 
 
-def test_list(capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_list_has_every_entry(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(['gallery', '--list']) == 0
     lines = capsys.readouterr().out.splitlines()
     assert [line.split()[0] for line in lines] == [entry.name for entry in ENTRIES]
 
 
-def test_a_folder_that_cannot_be_written(tmp_path: Path, capsys: pytest.CaptureFixture[str]
-                                         ) -> None:
+def test_an_unwritable_folder_is_reported(tmp_path: Path, capsys: pytest.CaptureFixture[str]
+                                          ) -> None:
     (tmp_path / 'file').write_text('')
     assert main(['gallery', '2.2', '--out', str(tmp_path / 'file')]) == 1
     assert 'obc gallery: ' in capsys.readouterr().err
 
 
 @pytest.mark.parametrize('text', ['', '[]', '{"entries": 3}', '{"entries": [{"name": "2.2"}]}'])
-def test_a_spoilt_file_is_replaced(text: str, tmp_path: Path) -> None:
+def test_a_corrupt_record_file_is_replaced(text: str, tmp_path: Path) -> None:
     (tmp_path / 'gallery.json').write_text(text)
     gallery.write_record(tmp_path, [], ['2.1', '2.2'])
     assert json.loads((tmp_path / 'gallery.json').read_text()) == {'entries': []}
@@ -232,7 +234,7 @@ def test_a_spoilt_file_is_replaced(text: str, tmp_path: Path) -> None:
 @pytest.mark.parametrize(('value', 'html'), [
     (0.25, '0.25'), (-1.5e-9, '\u22121.5\u00b710<sup>\u22129</sup>'), (None, '-'),
     (4e20, '4\u00b710<sup>20</sup>')])
-def test_numbers(value: float | None, html: str) -> None:
+def test_numbers_are_shown_in_html(value: float | None, html: str) -> None:
     assert page.show_number(value) == html
 
 
@@ -242,11 +244,11 @@ def test_numbers(value: float | None, html: str) -> None:
     ('$e^{-at_f}$', '<i>e</i><sup>\u2212<i>at</i><sub><i>f</i></sub></sup>'),
     ('$sin θ < 1$', 'sin <i>θ</i> &lt; 1'),
     ('`lqr_node` of $K$', '<code>lqr_node</code> of <i>K</i>')])
-def test_markup(text: str, html: str) -> None:
+def test_markup_is_shown_in_html(text: str, html: str) -> None:
     assert page.format_markup(text) == html
 
 
-def test_commands_say_what_was_asked() -> None:
+def test_commands_contain_the_request() -> None:
     problem = {
         'system': 'scalar', 'parameters': {'a': 1, 'b': 2.5}, 'running_cost': 'u**2/2',
         'initial_state': {'x': 1}, 'terminal_constraints': ['x - 1'],
@@ -275,5 +277,5 @@ def test_a_reference_is_published_from_its_file(tmp_path: Path) -> None:
     again = fill(type(reference)(), given)
     assert np.allclose(again.x, reference.x, atol=1e-9)
     assert len(again.t) == len(reference.t)
-    assert again.header.stamp.nanosec == 0  # it begins when it is heard
-    assert (folder / 'flat.yaml').stat().st_size < 120_000  # what a shell takes as one argument
+    assert again.header.stamp.nanosec == 0  # stamp 0: it begins when it is received
+    assert (folder / 'flat.yaml').stat().st_size < 120_000  # Linux takes 128 KiB as one argument

@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""The command `obc`: it finds its subcommands, loads no other, and its exit status is theirs."""
+"""The command `obc`: subcommands, imports, exit status, closed streams."""
 
 from importlib import metadata
 import subprocess
@@ -13,7 +13,7 @@ import pytest
 
 @pytest.fixture
 def greet(monkeypatch):
-    """Put a subcommand `solve` in place whose exit status is its argument; return what it saw."""
+    """Replace `solve` by a subcommand that exits with its argument; return its arguments."""
     seen = []
 
     def run(args):
@@ -31,17 +31,17 @@ def greet(monkeypatch):
 
 
 @pytest.mark.parametrize('status', [0, 1, 2])
-def test_exit_status_is_that_of_the_subcommand(greet, status):
+def test_the_exit_status_is_that_of_the_subcommand(greet, status):
     assert obc.main(['solve', str(status)]) == status
     assert greet == [status]
 
 
-def test_interrupt_is_an_exit_status_and_no_traceback(greet):
+def test_an_interrupt_exits_with_130(greet):
     assert obc.main(['solve', '99']) == 130
 
 
 @pytest.mark.parametrize('line', [[], ['sole'], ['solve'], ['solve', 'x'], ['--nonsense']])
-def test_malformed_line_is_2(greet, line, capsys):
+def test_a_malformed_command_line_exits_with_2(greet, line, capsys):
     with pytest.raises(SystemExit) as exit_:
         obc.main(line)
     assert exit_.value.code == 2
@@ -49,14 +49,14 @@ def test_malformed_line_is_2(greet, line, capsys):
     assert greet == []
 
 
-def test_version(capsys):
+def test_the_version_is_printed(capsys):
     with pytest.raises(SystemExit) as exit_:
         obc.main(['--version'])
     assert exit_.value.code == 0
     assert capsys.readouterr().out == f'obc_ros {metadata.version("obc-ros")}\n'
 
 
-def test_help_lists_what_is_installed_and_imports_nothing_heavy():
+def test_help_lists_all_subcommands_without_heavy_imports():
     program = (
         'import sys; from obc_ros.cli import obc\n'
         'try: obc.main(["--help"])\n'
@@ -69,7 +69,7 @@ def test_help_lists_what_is_installed_and_imports_nothing_heavy():
         assert f'\n    {name}' in answer
 
 
-def test_reader_that_leaves_early_is_no_crash():
+def test_a_closed_pipe_causes_no_traceback():
     program = (
         'import sys; from types import SimpleNamespace; from obc_ros.cli import obc\n'
         'obc.find_subcommands = lambda: {"solve": ""}\n'
@@ -84,22 +84,22 @@ def test_reader_that_leaves_early_is_no_crash():
         assert process.stderr.read() == ''
 
 
-def obc_without_streams(closed):
-    """Return how ``obc solve`` of a file that is not there ends without some standard streams."""
+def run_without_streams(closed):
+    """Return the completed `obc solve` of a missing file, run with some streams closed."""
     return subprocess.run(
         ['sh', '-c', f'exec "$0" -m obc_ros.cli.obc solve missing.yaml {closed}', sys.executable],
         capture_output=True, text=True, check=False)
 
 
 @pytest.mark.parametrize('closed', ['>&-', '2>&-', '<&-', '<&- >&- 2>&-'])
-def test_streams_that_are_closed_are_no_crash(closed):
-    answer = obc_without_streams(closed)
+def test_closed_standard_streams_cause_no_traceback(closed):
+    answer = run_without_streams(closed)
     assert answer.returncode == 2
     assert not answer.stderr
     assert ('cannot be read' in answer.stdout) == (' >&-' not in f' {closed}')
 
 
-def test_text_that_the_terminal_has_no_signs_for(monkeypatch):
+def test_characters_unknown_to_the_terminal_are_escaped(monkeypatch):
     monkeypatch.setenv('PYTHONIOENCODING', 'ascii')
     answer = subprocess.run(
         [sys.executable, '-m', 'obc_ros.cli.obc', 'solve', 'räte.yaml'],
@@ -109,7 +109,7 @@ def test_text_that_the_terminal_has_no_signs_for(monkeypatch):
     assert 'r\\xe4te.yaml: cannot be read' in answer.stdout
 
 
-def test_interrupted_while_it_loads_it_ends_without_a_traceback():
+def test_sigint_while_loading_causes_no_traceback():
     program = (
         'import os, signal, sys; sys.argv = ["/bin/obc"]; import obc_ros.cli\n'
         'os.kill(os.getpid(), signal.SIGINT); signal.pause()')

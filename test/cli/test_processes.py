@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""Nodes that are started together: what a signal to their parent does."""
+"""Child processes: signals, domains, log folders and locked output folders."""
 
 import fcntl
 import os
@@ -15,7 +15,7 @@ import pytest
 
 
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
-def test_a_signal_is_told_to_all_that_are_open_and_to_none_later(tmp_path, number):
+def test_a_signal_reaches_all_open_children_contexts(tmp_path, number):
     before = signal.getsignal(number)
     with Children(tmp_path / 'outer') as outer:
         signal.raise_signal(number)
@@ -29,7 +29,7 @@ def test_a_signal_is_told_to_all_that_are_open_and_to_none_later(tmp_path, numbe
     assert signal.getsignal(number) is before
 
 
-def test_a_folder_that_cannot_be_made_leaves_the_signals_alone(tmp_path):
+def test_a_failed_start_restores_the_signal_handlers(tmp_path):
     (tmp_path / 'file').touch()
     before = signal.getsignal(signal.SIGINT)
     with pytest.raises(OSError), Children(tmp_path / 'file' / 'log'):
@@ -37,9 +37,9 @@ def test_a_folder_that_cannot_be_made_leaves_the_signals_alone(tmp_path):
     assert signal.getsignal(signal.SIGINT) is before
 
 
-def test_what_killed_processes_left_is_removed_from_a_domain_that_is_taken(tmp_path, monkeypatch):
+def test_reserving_a_domain_removes_shared_memory_of_dead_nodes(tmp_path, monkeypatch):
     monkeypatch.setattr(processes, 'SHARED_MEMORY', tmp_path)
-    monkeypatch.setattr(processes, 'DOMAINS', range(101, 0, -1))  # others begin with the lowest
+    monkeypatch.setattr(processes, 'DOMAINS', range(101, 0, -1))  # others begin with 1
     with reserve_domain() as domain:
         first = 7400 + 250 * domain
     dead = ['fastrtps_port{}', 'fastrtps_port{}_el', 'sem.fastrtps_port{}_mutex']
@@ -49,7 +49,7 @@ def test_what_killed_processes_left_is_removed_from_a_domain_that_is_taken(tmp_p
         (tmp_path / each.format(7012)).touch()
         os.utime(tmp_path / each.format(7012), (0, 0))
     others = [*(each.format(number) for each in alive for number in (first + 10, 7011)),
-              *(each.format(7013) for each in dead),  # perhaps just being opened
+              *(each.format(7013) for each in dead),  # new files, perhaps being opened
               *(each.format(first + 250) for each in dead),
               *(each.format(first - 1) for each in dead),
               'fastrtps_0123456789abcdef', 'fastrtps_0123456789abcdef_el']
@@ -67,7 +67,7 @@ def test_what_killed_processes_left_is_removed_from_a_domain_that_is_taken(tmp_p
 
 
 @pytest.mark.parametrize(('home', 'temporary'), [(None, True), ('/dev/null', True), ('', False)])
-def test_there_is_a_folder_for_logs_without_a_home(tmp_path, monkeypatch, home, temporary):
+def test_logs_go_to_the_temporary_folder_without_a_home(tmp_path, monkeypatch, home, temporary):
     for name in ('ROS_LOG_DIR', 'ROS_HOME', 'HOME'):
         monkeypatch.delenv(name, raising=False)
     if home is not None:
@@ -78,7 +78,7 @@ def test_there_is_a_folder_for_logs_without_a_home(tmp_path, monkeypatch, home, 
 
 
 @pytest.mark.slow
-def test_a_folder_has_one_writer_at_a_time(tmp_path):
+def test_an_output_folder_is_locked_by_its_command(tmp_path):
     folder = tmp_path / 'out'
     with processes.lock_folder(folder):
         program = (

@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""A recording is read back by a program that knows nothing of this package."""
+"""Recordings, read back by rosbags, which is independent of this package."""
 
 from array import array
 from pathlib import Path
@@ -17,8 +17,8 @@ import support
 pytestmark = pytest.mark.nodes
 
 
-def test_what_is_published_is_read_back(probe: support.Probe, tmp_path: Path) -> None:
-    """Every message of several types comes back with its values, its type and its time."""
+def test_a_recording_has_all_published_messages(probe: support.Probe, tmp_path: Path) -> None:
+    """Messages of several types keep their values, types and times."""
     with Recorder(tmp_path / 'flight') as recorder:
         recorder.now = iter(range(1000, 2000)).__next__
         recorder.subscribe(probe.node, 'state', State)
@@ -50,15 +50,14 @@ def test_what_is_published_is_read_back(probe: support.Probe, tmp_path: Path) ->
 
 
 def test_an_empty_recording_is_readable(tmp_path: Path) -> None:
-    """A recording that was ended before anything came is whole."""
     with Recorder(tmp_path / 'empty'):
         pass
     with AnyReader([tmp_path / 'empty']) as reader:
         assert list(reader.messages()) == []
 
 
-def test_definitions_hold_every_type_once() -> None:
-    """A definition names all the types it uses, each once."""
+def test_a_definition_has_every_type_once() -> None:
+    """The definition of a type contains all types of its fields."""
     text = get_definition('nav_msgs/msg/Odometry')
     types = [line for line in text.splitlines() if line.startswith('MSG: ')]
     assert len(types) == len(set(types))
@@ -67,6 +66,5 @@ def test_definitions_hold_every_type_once() -> None:
 
 
 def test_a_missing_package_is_named() -> None:
-    """The error says which package is missing and what to do."""
     with pytest.raises(ObcError, match="'no_such_msgs' is not installed"):
         get_definition('no_such_msgs/msg/Thing')

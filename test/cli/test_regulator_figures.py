@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""What ``obc lqr --plot`` draws: curves that say what the design says in numbers."""
+"""The figures of `obc lqr --plot` agree with the numbers of the design."""
 
 import math
 from typing import Any
@@ -18,8 +18,8 @@ import pytest
 from scipy.linalg import expm
 
 
-def solved(**asked: Any) -> Case:
-    """Return a case of the aircraft with its design."""
+def design_case(**asked: Any) -> Case:
+    """Return a case of the aircraft, with its design."""
     case = Case('flight', 'flight.yaml', 'flight')
     case.take({'name': 'flight', 'system': 'aircraft', **asked})
     sampling = Sampling(asked.get('sample_time', 0.0), asked.get('delay', 0.0),
@@ -28,7 +28,7 @@ def solved(**asked: Any) -> Case:
         key: asked[key] for key in ('Qx', 'Qu', 'stability', 'cross') if key in asked},
         sampling=sampling)
     case.design = design_message(found, Change(), None)
-    case.end('solved', case.design.sentence)
+    case.end('design_case', case.design.sentence)
     return case
 
 
@@ -41,9 +41,9 @@ CASES: list[dict[str, Any]] = [
 
 @pytest.mark.slow
 @pytest.mark.parametrize('asked', CASES, ids=['continuous', 'cross', 'sampled'])
-def test_curves_say_what_the_numbers_say(asked: dict[str, Any], tmp_path: Any) -> None:
-    """Rise time, phase margin and bandwidth are read off the curves; rho = 1 is on the locus."""
-    case = solved(**asked)
+def test_curves_agree_with_the_numbers_of_the_design(asked: dict[str, Any], tmp_path: Any) -> None:
+    """Check rise time, bandwidth and phase margin; the locus contains the poles at rho = 1."""
+    case = design_case(**asked)
     step, magnitude, locus, phase = draw_figure(case).axes[:4]
     for index, line in enumerate(step.lines[:2]):
         t, y = line.get_data()
@@ -67,8 +67,12 @@ def test_curves_say_what_the_numbers_say(asked: dict[str, Any], tmp_path: Any) -
 
 
 @pytest.mark.nodes
-def test_curves_of_what_a_server_answers(spawn: Any, probe: Any) -> None:
-    """Its steps are those of the closed loop, its locus goes through what it answers for rho."""
+def test_curves_of_a_server_design_agree_with_the_formulas(spawn: Any, probe: Any) -> None:
+    """
+    Steps follow exp((A - B K) t), loop gains K (i w - A)^-1 B with the other loops closed.
+
+    The locus contains the poles of designs for other rho.
+    """
     spawn('trajectory_server', {'workers': 1})
 
     def ask(rho: float) -> Any:
@@ -80,14 +84,14 @@ def test_curves_of_what_a_server_answers(spawn: Any, probe: Any) -> None:
     case = Case('flight', 'flight.yaml', 'flight')
     case.take({'name': 'flight', 'system': 'aircraft', 'Qx': [1.0] * 6, 'Qu': [1.0, 1.0]})
     case.design = ask(1.0)
-    case.end('solved', case.design.sentence)
+    case.end('design_case', case.design.sentence)
     step, magnitude, locus, phase = draw_figure(case).axes[:4]
     A, B, K = (np.reshape(values, (rows, -1)) for values, rows in (
         (case.design.a, 6), (case.design.b, 6), (case.design.k, 2)))
     for index in range(2):
         t, y = step.lines[index].get_data()
         for k in range(0, len(t), 40):
-            x = expm((A - B @ K) * t[k])[:, index]  # of a unit error of that state
+            x = expm((A - B @ K) * t[k])[:, index]  # response to a unit error of that state
             assert y[k] == pytest.approx(1.0 - x[index], abs=1e-9)
         w, gain = magnitude.lines[index].get_data()
         other = 1 - index
@@ -95,12 +99,12 @@ def test_curves_of_what_a_server_answers(spawn: Any, probe: Any) -> None:
             opened = A - B[:, [other]] @ K[[other]]
             L = K[index] @ np.linalg.solve(1j * w[k] * np.eye(6) - opened, B[:, index] + 0j)
             assert gain[k] == pytest.approx(abs(L), rel=1e-9)
-            turn = math.radians(phase.lines[index].get_ydata()[k]) - np.angle(L)
-            assert math.remainder(turn, math.tau) == pytest.approx(0.0, abs=1e-9)
+            phase_error = math.radians(phase.lines[index].get_ydata()[k]) - np.angle(L)
+            assert math.remainder(phase_error, math.tau) == pytest.approx(0.0, abs=1e-9)
     points = locus.collections[0].get_offsets() @ [1.0, 1j]
     colours = locus.collections[0].get_array()
     for power in (-3, -1, 0, 1, 3):
         design = ask(10.0**power)
-        there = points[np.isclose(colours, power)]
+        near = points[np.isclose(colours, power)]
         for real, imag in zip(design.poles_real, design.poles_imag, strict=True):
-            assert np.abs(there - complex(real, imag)).min() < 1e-6 * abs(complex(real, imag))
+            assert np.abs(near - complex(real, imag)).min() < 1e-6 * abs(complex(real, imag))

@@ -181,7 +181,7 @@ def test_a_cpp_program_builds_with_the_interfaces(tmp_path):
              f'-DPython3_EXECUTABLE={sys.executable}'],
             [cmake, '--build', 'build'], ['build/user']):
         completed = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True,
-                              text=True)
+                                   text=True)
         assert completed.returncode == 0, completed.stdout + completed.stderr
     assert completed.stdout == '2p'
 
@@ -231,7 +231,7 @@ def test_every_import_is_a_declared_dependency():
             assert ROSDEP_KEYS.get(module, module) in declared, f'{name(path)}: {module}'
             wheels = {module, f'ros-{module.replace("_", "-")}', {'yaml': 'PyYAML'}.get(module)}
             transitive = {'action_msgs', 'builtin_interfaces', 'lifecycle_msgs', 'rcl_interfaces',
-                       'rosgraph_msgs', 'rosidl_parser'}
+                          'rosgraph_msgs', 'rosidl_parser'}
             assert wheels & required or module in transitive, f'{name(path)}: {module}'
 
 

@@ -60,7 +60,7 @@ def test_an_exception_in_a_subscription_does_not_end_the_node(probe: Any, domain
     """The traceback is logged, only that message is lost, and the services still respond."""
     log = tmp_path / 'log'
     process = start_defective(DEFECT, domain, log, module='lqr_node', node='LqrNode',
-                        callback='_on_reference')
+                              callback='_on_reference')
     try:
         publisher = probe.publisher(Trajectory, 'reference', DESIGN_QOS)
         publisher.publish(Trajectory())

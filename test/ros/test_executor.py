@@ -105,7 +105,7 @@ def test_dumped_parameters_override_those_of_a_scenario(spawn: Any, probe: Any, 
     request = ListParameters.Request()
     names = [name for name in probe.call(
         ListParameters, f'/{node}/list_parameters', request).result.names
-        if not name.startswith('qos_overrides.')]  # their names contain the namespace
+             if not name.startswith('qos_overrides.')]  # their names contain the namespace
     values = {name: list(value) if isinstance(value, (tuple, array)) else value
               for name, value in probe.get_parameters(f'/{node}', *names).items()}
     assert tuned.items() <= values.items()

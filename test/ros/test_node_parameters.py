@@ -133,7 +133,7 @@ def test_valid_values_are_accepted(target: Target, name: str, value: Any, kept: 
         list(shown.value) == list(kept))
     if isinstance(kept, tuple):
         assert shown.type_ is (Parameter.Type.STRING_ARRAY if name == 'integral' else
-                              Parameter.Type.DOUBLE_ARRAY)
+                               Parameter.Type.DOUBLE_ARRAY)
 
 
 @pytest.mark.parametrize(('name', 'value', 'sentence'), [

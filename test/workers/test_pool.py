@@ -218,7 +218,7 @@ def test_a_worker_killed_while_solving_leaves_its_path():
     statement = problems.read('vanderpol_bounded')
     with running() as pool:
         sent = Submitted(pool, 'solve', time_limit=60.0, statement=statement, method='auto',
-                      cache_size=1)
+                         cache_size=1)
         wait_for(lambda: sent.progress and sent.progress[-1][0] == 'kept')
         [pid] = pool.pids
         os.kill(pid, signal.SIGKILL)

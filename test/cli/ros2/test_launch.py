@@ -21,25 +21,26 @@ NODES = ('plant_simulator', 'lqr_node', 'trajectory_server')
 
 
 @pytest.fixture(params=WORDS)
-def typed(request: pytest.FixtureRequest, domain: int, tmp_path: Path) -> Any:
-    """Start a line that goes on; it ends with the test."""
+def start(request: pytest.FixtureRequest, domain: int, tmp_path: Path) -> Any:
+    """Yield a function that starts a command line; the command ends with the test."""
     begun: list[Process] = []
 
-    def start(*line: str) -> Process:
+    def begin(*line: str) -> Process:
         command = Terminal(request.param, domain, tmp_path).command(*line)
         begun.append(Process(command, tmp_path / f'{len(begun)}.log', domain))
         return begun[-1]
 
-    yield start
+    yield begin
     for each in begun:
         each.end()
 
 
-def test_a_loop_is_launched_tuned_and_ended(typed: Any, probe: Any, tmp_path: Path) -> None:
-    """The lines of the pages: a loop, a parameter, Ctrl-C; then with what was tuned."""
+def test_a_loop_is_launched_with_parameters_and_ended(start: Any, probe: Any, tmp_path: Path
+                                                      ) -> None:
+    """Arguments and a parameter file take effect; Ctrl-C ends all nodes cleanly."""
     (tmp_path / 'tuned.yaml').write_text(
         '/**/lqr_node: {ros__parameters: {x_max: [2.0, 1.0, 1.0]}}')
-    loop = typed('launch', 'obc_ros', 'loop.launch.py', 'scenario:=vehicle', 'namespace:=car1',
+    loop = start('launch', 'obc_ros', 'loop.launch.py', 'scenario:=vehicle', 'namespace:=car1',
                  f'params_file:={tmp_path / "tuned.yaml"}', 'speed:=2.0')
     for name in NODES:
         probe.wait_for_node(name)
@@ -47,10 +48,10 @@ def test_a_loop_is_launched_tuned_and_ended(typed: Any, probe: Any, tmp_path: Pa
     assert list(probe.get_parameters('/car1/lqr_node', 'x_max')['x_max']) == [2.0, 1.0, 1.0]
     assert probe.get_parameters('/car1/plant_simulator', 'speed', 'lockstep', 'publish_clock') == {
         'speed': 2.0, 'lockstep': False, 'publish_clock': False}
-    said = loop.output()
+    text = loop.output()
     for k, name in enumerate(NODES, start=1):
-        assert f'[INFO] [{name}-{k}]: process started with pid [' in said
-    assert '[lqr_node-2] [INFO] ' in said
+        assert f'[INFO] [{name}-{k}]: process started with pid [' in text
+    assert '[lqr_node-2] [INFO] ' in text
     nodes = [pid for child in [loop.pid, *children(loop.pid)] for pid in children(child)]
     os.kill(loop.pid, signal.SIGINT)
     assert loop.wait(20.0) in (0, 1)
@@ -58,9 +59,8 @@ def test_a_loop_is_launched_tuned_and_ended(typed: Any, probe: Any, tmp_path: Pa
     assert not any(map(alive, nodes))
 
 
-def test_a_node_is_run(typed: Any, probe: Any) -> None:
-    """With the parameters that stand in the line; it is the node that gets the signal."""
-    node = typed('run', 'obc_ros', 'lqr_node', '--ros-args', '-p', 'system:=aircraft',
+def test_run_starts_a_node_with_its_parameters(start: Any, probe: Any) -> None:
+    node = start('run', 'obc_ros', 'lqr_node', '--ros-args', '-p', 'system:=aircraft',
                  '-p', 'Qx:=[2.0, 1.0, 1.0, 1.0, 1.0, 1.0]')
     node.wait_for_output('revision 1: aircraft')
     assert probe.get_parameters('/lqr_node', 'Qx')['Qx'][0] == 2.0
@@ -79,7 +79,7 @@ def test_a_killed_launch_leaves_no_node(domain: int, tmp_path: Path) -> None:
         loop.end()
 
 
-def test_what_dies_is_told_and_started_again_when_asked(domain: int, tmp_path: Path) -> None:
+def test_a_dead_node_is_reported_and_respawned(domain: int, tmp_path: Path) -> None:
     loop = Process([support.find('obc'), 'launch', 'obc_ros', 'loop.launch.py', 'server:=false',
                     'plant:=false', 'respawn:=true'], tmp_path / 'log', domain)
     try:
@@ -96,15 +96,15 @@ def test_what_dies_is_told_and_started_again_when_asked(domain: int, tmp_path: P
     assert '[INFO] [lqr_node-1]: process has finished cleanly' in loop.output()
 
 
-def test_nodes_that_end_by_themselves_end_the_launch(domain: int, tmp_path: Path) -> None:
-    """With status 1 where one has failed, and with its own words."""
+def test_a_launch_ends_with_1_after_a_failed_node(domain: int, tmp_path: Path) -> None:
+    """The output contains the error message of the node."""
     (tmp_path / 'bad.yaml').write_text('/**/lqr_node: {ros__parameters: {system: nothing}}')
-    said = Terminal('obc', domain, tmp_path).say(
+    done = Terminal('obc', domain, tmp_path).say(
         'launch', 'obc_ros', 'loop.launch.py', 'server:=false', 'plant:=false',
         'params_file:=bad.yaml')
-    assert said.status == 1
-    assert '[lqr_node-1] lqr_node: ' in said.out
-    assert 'process has died' in said.out
+    assert done.status == 1
+    assert '[lqr_node-1] lqr_node: ' in done.out
+    assert 'process has died' in done.out
 
 
 @pytest.mark.parametrize(('line', 'wanted'), [
@@ -123,23 +123,23 @@ def test_nodes_that_end_by_themselves_end_the_launch(domain: int, tmp_path: Path
     ('launch nowhere loop.launch.py', "package 'nowhere' is not installed"),
     ('run obc_ros nothing', "'obc_ros' has no 'nothing'; it has lqr_node"),
     ('run nowhere lqr_node', "'nowhere' has no 'lqr_node'; it has none")])
-def test_what_is_not_understood_starts_nothing(line: str, wanted: str,
-                                               capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_wrong_command_line_starts_no_node(line: str, wanted: str,
+                                             capsys: pytest.CaptureFixture[str]) -> None:
     assert main(line.split()) == 1
-    said = capsys.readouterr()
-    assert said.out == ''
-    assert wanted in said.err
+    done = capsys.readouterr()
+    assert done.out == ''
+    assert wanted in done.err
 
 
-def test_arguments_are_shown(tmp_path: Path) -> None:
-    said = Terminal('obc', 1, tmp_path).say('launch', '--show-args', 'obc_ros', 'loop.launch.py')
-    assert said.status == 0
-    assert said.out.startswith(
+def test_show_args_lists_the_launch_arguments(tmp_path: Path) -> None:
+    done = Terminal('obc', 1, tmp_path).say('launch', '--show-args', 'obc_ros', 'loop.launch.py')
+    assert done.status == 0
+    assert done.out.startswith(
         "Arguments (pass arguments as '<name>:=<value>'):\n\n    'scenario':\n")
-    assert "        (default: 'aircraft')\n" in said.out
+    assert "        (default: 'aircraft')\n" in done.out
 
 
-def test_a_file_that_wants_more_of_launch_is_for_ros2(tmp_path: Path) -> None:
+def test_an_unsupported_launch_file_refers_to_ros2(tmp_path: Path) -> None:
     file = tmp_path / 'x.launch.py'
     file.write_text('from launch.actions import TimerAction\n')
     with pytest.raises(ObcError, match='is for `ros2 launch`: cannot import name'):
@@ -148,7 +148,7 @@ def test_a_file_that_wants_more_of_launch_is_for_ros2(tmp_path: Path) -> None:
         LaunchFile(tmp_path / 'nothing.launch.py')
 
 
-def test_launching_loads_nothing_heavy(domain: int) -> None:
+def test_launch_has_no_heavy_imports(domain: int) -> None:
     loaded = subprocess.run(
         [sys.executable, '-c',
          'import sys; from obc_ros.cli.ros2 import launch, topic, service, action; '

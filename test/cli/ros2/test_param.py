@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""`obc param`: what `ros2 param` does, with its words and its output, over DDS."""
+"""`obc param` has the options and the output of `ros2 param`, over DDS."""
 
 import re
 import subprocess
@@ -22,26 +22,27 @@ def lqr(spawn: Any) -> Any:
     return node
 
 
-def test_a_parameter_is_read_set_and_refused(lqr: Any, probe: Any, terminal: Terminal) -> None:
-    """The issue's own line, with either word; what is refused is told and changes nothing."""
-    said = terminal.say_here('param', 'get', '/lqr_node', 'Qx')
-    assert (said.status, said.out) == (0, 'Double values are: []\n'), said
-    said = terminal.say_here('param', 'set', '/lqr_node', 'Qx', '[100, 1, 0.698, 0, 0, 0]')
-    assert (said.status, said.out) == (0, 'Set parameter successful\n'), said
+def test_get_and_set_print_the_value_or_the_refusal(lqr: Any, probe: Any, terminal: Terminal
+                                                    ) -> None:
+    """The lines work with `obc` and with `ros2`; a refused value changes nothing."""
+    done = terminal.say_here('param', 'get', '/lqr_node', 'Qx')
+    assert (done.status, done.out) == (0, 'Double values are: []\n'), done
+    done = terminal.say_here('param', 'set', '/lqr_node', 'Qx', '[100, 1, 0.698, 0, 0, 0]')
+    assert (done.status, done.out) == (0, 'Set parameter successful\n'), done
     weights = [100.0, 1.0, 0.698, 0.0, 0.0, 0.0]
     assert list(probe.get_parameters('/lqr_node', 'Qx')['Qx']) == weights
-    said = terminal.say_here('param', 'get', '--hide-type', 'lqr_node', 'Qx')
-    assert said.out == f'{weights}\n'
-    said = terminal.say_here('param', 'set', '/lqr_node', 'Qu', '[-0.1, 0.1]')
-    assert said.err == ('Setting parameter failed: Qu[0] = -0.1: '
+    done = terminal.say_here('param', 'get', '--hide-type', 'lqr_node', 'Qx')
+    assert done.out == f'{weights}\n'
+    done = terminal.say_here('param', 'set', '/lqr_node', 'Qu', '[-0.1, 0.1]')
+    assert done.err == ('Setting parameter failed: Qu[0] = -0.1: '
                         'Qu must be positive definite\n')
-    assert said.status == (terminal.word == 'obc')  # `ros2` says 0 of what is refused
+    assert done.status == (terminal.word == 'obc')  # `ros2` returns 0 after a refusal
     assert list(probe.get_parameters('/lqr_node', 'Qu')['Qu']) == []
-    said = terminal.say_here('param', 'set', '/lqr_node', 'delay', '-0.05')
-    assert 'Setting parameter failed' in said.err
+    done = terminal.say_here('param', 'set', '/lqr_node', 'delay', '-0.05')
+    assert 'Setting parameter failed' in done.err
 
 
-def test_parameters_are_listed_and_described(lqr: Any, terminal: Terminal) -> None:
+def test_list_and_describe_show_the_parameters(lqr: Any, terminal: Terminal) -> None:
     listed = terminal.say_here('param', 'list', '/lqr_node')
     names = [line.removeprefix('  ') for line in listed.out.splitlines()]
     assert listed.status == 0
@@ -59,8 +60,9 @@ def test_parameters_are_listed_and_described(lqr: Any, terminal: Terminal) -> No
     assert '    Read only: true' in described[described.index('Parameter name: system'):]
 
 
-def test_what_is_dumped_is_loaded(lqr: Any, probe: Any, terminal: Terminal) -> None:
-    """In the form that `--params-file` takes."""
+def test_dump_and_load_use_the_parameter_file_format(lqr: Any, probe: Any, terminal: Terminal
+                                                     ) -> None:
+    """The format is that of `--params-file`."""
     assert probe.set_parameters('/lqr_node', Qx=[2.0] * 6)[0].successful
     dumped = terminal.say_here('param', 'dump', '/lqr_node')
     tree = yaml.safe_load(dumped.out)
@@ -70,52 +72,52 @@ def test_what_is_dumped_is_loaded(lqr: Any, probe: Any, terminal: Terminal) -> N
     assert tree['/lqr_node']['ros__parameters']['qos_overrides']['/command']['publisher']
     (terminal.folder / 'tuned.yaml').write_text(
         '/lqr_node:\n  ros__parameters:\n    Qx: [3.0, 3.0, 3.0, 3.0, 3.0, 3.0]\n    Qu: [-1.0]\n')
-    said = terminal.say_here('param', 'load', '/lqr_node', 'tuned.yaml')
-    assert said.out == 'Set parameter Qx successful\n'
-    assert said.err.startswith('Set parameter Qu failed: Qu ')
+    done = terminal.say_here('param', 'load', '/lqr_node', 'tuned.yaml')
+    assert done.out == 'Set parameter Qx successful\n'
+    assert done.err.startswith('Set parameter Qu failed: Qu ')
     assert list(probe.get_parameters('/lqr_node', 'Qx')['Qx']) == [3.0] * 6
 
 
-def test_what_is_not_there_is_said(lqr: Any, domain: int, tmp_path: Any) -> None:
-    """With what to do: the nodes that run, the parameter that was meant, the nodes of a file."""
+def test_errors_name_the_cause_and_the_choices(lqr: Any, domain: int, tmp_path: Any) -> None:
+    """The choices are running nodes, similar parameters, and the nodes of a file."""
     obc = Terminal('obc', domain, tmp_path)
-    said = obc.say_here('param', 'get', '/lqr', 'Qx', '--timeout', '2')
-    assert (said.status, said.out) == (1, '')
-    assert said.err == ('obc param: Node not found: no node /lqr within 2 s; '
+    done = obc.say_here('param', 'get', '/lqr', 'Qx', '--timeout', '2')
+    assert (done.status, done.out) == (1, '')
+    assert done.err == ('obc param: Node not found: no node /lqr within 2 s; '
                         'running: /lqr_node\n')
-    said = obc.say_here('param', 'get', '/lqr_node', 'setpoints')
-    assert (said.status, said.out) == (1, 'Parameter not set.\n')
-    assert said.err.startswith("/lqr_node has no parameter 'setpoints'; did you mean setpoint")
-    said = obc.say_here('param', 'describe', '/lqr_node', 'zzz')
-    assert said.status == 1
-    assert said.err.endswith('see obc param list /lqr_node\n')
+    done = obc.say_here('param', 'get', '/lqr_node', 'setpoints')
+    assert (done.status, done.out) == (1, 'Parameter not set.\n')
+    assert done.err.startswith("/lqr_node has no parameter 'setpoints'; did you mean setpoint")
+    done = obc.say_here('param', 'describe', '/lqr_node', 'zzz')
+    assert done.status == 1
+    assert done.err.endswith('see obc param list /lqr_node\n')
     (tmp_path / 'others.yaml').write_text('/a: {ros__parameters: {Qx: [1.0]}}\n'
                                           '/b: {ros__parameters: {Qx: [1.0]}}\n')
-    said = obc.say_here('param', 'load', '/lqr_node', 'others.yaml')
-    assert said.status == 1
-    assert 'has nothing for /lqr_node, only for /a, /b' in said.err
+    done = obc.say_here('param', 'load', '/lqr_node', 'others.yaml')
+    assert done.status == 1
+    assert 'has nothing for /lqr_node, only for /a, /b' in done.err
     for wrong in ('[', '- 1', 'text'):
         (tmp_path / 'wrong.yaml').write_text(wrong)
-        said = obc.say_here('param', 'load', '/lqr_node', 'wrong.yaml')
-        assert said.status == 1
-        assert 'is no parameter file' in said.err
-    said = obc.say_here('param', 'set', '/lqr_node', 'Qx', '[1, ')
-    assert said.status == 1
-    assert 'wanted a list of numbers' in said.err
-    said = obc.say_here('param', 'list', '/bad name', '--timeout', '0.5')
-    assert said.status == 1
-    assert 'Traceback' not in said.err
+        done = obc.say_here('param', 'load', '/lqr_node', 'wrong.yaml')
+        assert done.status == 1
+        assert 'is no parameter file' in done.err
+    done = obc.say_here('param', 'set', '/lqr_node', 'Qx', '[1, ')
+    assert done.status == 1
+    assert 'wanted a list of numbers' in done.err
+    done = obc.say_here('param', 'list', '/bad name', '--timeout', '0.5')
+    assert done.status == 1
+    assert 'Traceback' not in done.err
 
 
-def test_where_nobody_runs_the_domain_is_told(domain: int, tmp_path: Any) -> None:
-    said = Terminal('obc', domain, tmp_path).say(
+def test_without_nodes_the_error_names_the_domain(domain: int, tmp_path: Any) -> None:
+    done = Terminal('obc', domain, tmp_path).say(
         'param', 'get', '/lqr_node', 'Qx', '--timeout', '0.5')
-    assert said.status == 1
-    assert f'no node runs on ROS_DOMAIN_ID={domain}: start one' in said.err
+    assert done.status == 1
+    assert f'no node runs on ROS_DOMAIN_ID={domain}: start one' in done.err
 
 
-def test_it_answers_soon(lqr: Any, domain: int, tmp_path: Any, clock: Any) -> None:
-    """Nothing heavy is loaded, and no longer waited than the node takes to be found."""
+def test_get_takes_less_than_2_s(lqr: Any, domain: int, tmp_path: Any, clock: Any) -> None:
+    """It imports no heavy package, and waits only until the node is discovered."""
     obc = Terminal('obc', domain, tmp_path)
     times = []
     for _ in range(3):

@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""Messages in YAML: what fills a message, what is refused with the name of its field, and back."""
+"""Messages in YAML: filling, refusals that name the field, and conversion back."""
 
 from typing import Any
 
@@ -22,7 +22,7 @@ from rcl_interfaces.msg import ParameterDescriptor, ParameterValue
 import yaml
 
 
-def test_a_request_is_filled() -> None:
+def test_yaml_fills_a_request() -> None:
     request = fill(DesignLqr.Request(), parse_values(
         '{system: aircraft, weights: {qx: [1, 2.5, 1e-9], rho: 3}}'))
     assert request.system == 'aircraft'
@@ -37,7 +37,7 @@ def test_a_request_is_filled() -> None:
     assert problem.final_time.free is True
 
 
-@pytest.mark.parametrize(('text', 'said'), [
+@pytest.mark.parametrize(('text', 'words'), [
     ('{weights: {q: [1]}}', 'weights.q: there is no such field; there is weights, qx'),
     ('{weights: {qx: [1, a]}}', 'weights.qx[1]: a is no number'),
     ('{weights: {qx: 1}}', 'weights.qx: 1 is no list'),
@@ -48,13 +48,13 @@ def test_a_request_is_filled() -> None:
     ('{"\\e[2J": 1}', '\\x1b[2J: there is no such field'),
     ('[1, 2]', 'is no mapping of fields'), ('1', 'is no mapping'), ('', 'is no mapping'),
     ('{a: [}', 'not YAML')])
-def test_what_does_not_fit_names_its_field(text: str, said: str) -> None:
+def test_a_value_of_the_wrong_type_names_its_field(text: str, words: str) -> None:
     with pytest.raises(FieldError) as error:
         fill(DesignLqr.Request(), parse_values(text))
-    assert said in str(error.value)
+    assert words in str(error.value)
 
 
-@pytest.mark.parametrize(('message', 'values', 'said'), [
+@pytest.mark.parametrize(('message', 'values', 'words'), [
     (ParameterValue(), {'type': 300}, 'type: 300 is not from 0 to 255'),
     (ParameterValue(), {'type': -1}, 'type: -1 is not from 0 to 255'),
     (ParameterValue(), {'integer_value': 0.5}, 'integer_value: 0.5 is no integer'),
@@ -66,13 +66,13 @@ def test_what_does_not_fit_names_its_field(text: str, said: str) -> None:
     (ParameterDescriptor(), {'integer_range': [{}, {}]},
      'integer_range has 2 entries; wanted 1 at most'),
     (PoseWithCovariance(), {'covariance': [1.0]}, 'covariance has 1 entries; wanted 36')])
-def test_what_is_out_of_range_names_its_field(message: Any, values: Any, said: str) -> None:
+def test_a_value_out_of_range_names_its_field(message: Any, values: Any, words: str) -> None:
     with pytest.raises(FieldError) as error:
         fill(message, values)
-    assert said in str(error.value)
+    assert words in str(error.value)
 
 
-def test_arrays_bytes_and_times_are_filled() -> None:
+def test_yaml_fills_arrays_bytes_and_times() -> None:
     value = fill(ParameterValue(), {'type': 5, 'byte_array_value': [1, 2]})
     assert value.byte_array_value == [b'\x01', b'\x02']
     pose = fill(PoseWithCovariance(), {'covariance': list(range(36))})
@@ -84,7 +84,7 @@ def test_arrays_bytes_and_times_are_filled() -> None:
         fill(State(), {'header': 'auto'})
 
 
-def test_a_message_becomes_yaml_and_comes_back() -> None:
+def test_a_message_is_unchanged_by_yaml_and_back() -> None:
     design = LqrDesign(revision=3, system='ü', k=[1.0, float('inf')], state_names=['a'])
     text = convert_to_yaml(design)
     assert 'system: ü\n' in text
@@ -103,7 +103,7 @@ def test_a_message_becomes_yaml_and_comes_back() -> None:
 @pytest.mark.parametrize('name', [
     'obc_ros/srv/Nothing', 'nowhere/srv/A', 'obc_ros', 'os/path', 'obc_ros/msg/State', 'a/b/c/d',
     'obc_ros/srv/os', '', '../srv/A'])
-def test_a_type_that_is_none_is_said(name: str) -> None:
+def test_an_unknown_type_is_refused(name: str) -> None:
     with pytest.raises(ObcError):
         find_type(name, 'srv')
     assert find_type('obc_ros/DesignLqr', 'srv') is find_type('obc_ros/srv/DesignLqr', 'srv')
