@@ -1,9 +1,9 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Processes that are killed or stopped in every phase of their lives, clocks that jump, full disks.
+Faults: processes killed or stopped in every phase, clocks that jump, a full disk.
 
-More faults are tried where they belong: workers in test_workers.py, QoS and second publishers in
+More faults are tested elsewhere: workers in test_pool.py, QoS and second publishers in
 test_lqr_trust.py and test_plant_simulator.py, crashes under a demo in test_demo.py.
 """
 
@@ -34,45 +34,45 @@ NODES: dict[str, dict[str, Any]] = {
 
 
 class Loop:
-    """The three nodes, and what proves that they work."""
+    """The three nodes, and a check that they work."""
 
     def __init__(self, spawn: Any, probe: Any) -> None:
         self.spawn, self.probe = spawn, probe
         self.heard = Heard(probe)
         self.running = {name: spawn(name, given) for name, given in NODES.items()}
 
-    def works(self) -> None:
-        """Wait until states are answered and the server answers, from now on."""
+    def verify(self) -> None:
+        """Wait until new states are answered and the server responds."""
         self.heard.clear()
         self.probe.wait_for(lambda: self.heard.answers > 20, what='states that are answered')
         assert np.abs(self.heard.x).max() < 1e-3
-        assert self.designed().k == pytest.approx([1 + np.sqrt(2)])  # K^2 - 2 K - 1 = 0
+        assert self.request_design().k == pytest.approx([1 + np.sqrt(2)])  # K^2 - 2 K - 1 = 0
 
-    def designed(self) -> LqrDesign:
+    def request_design(self) -> LqrDesign:
         """
         Return a regulator for dx/dt = x + u from the server.
 
-        For 20 s DDS takes a killed server for one that is there, and a request may go to it alone:
-        a client asks again.
+        For 20 s DDS still lists a killed server, and a request may reach that one only. So the
+        client repeats its request.
         """
         request = DesignLqr.Request(a=[1.0], b=[1.0])
         request.weights.qx, request.weights.qu = [1.0], [1.0]
         client = self.probe.node.create_client(DesignLqr, '/trajectory_server/design_lqr')
-        asked: list[Any] = []
+        pending: list[Any] = []
         due = 0.0
 
         def answered() -> bool:
             nonlocal due
             if time.monotonic() > due and client.service_is_ready():
-                asked.append(client.call_async(request))
+                pending.append(client.call_async(request))
                 due = time.monotonic() + 0.5
-            return any(each.done() for each in asked)
+            return any(each.done() for each in pending)
 
         self.probe.wait_for(answered, what='a design')
         self.probe.node.destroy_client(client)
-        return next(each.result().design for each in asked if each.done())
+        return next(each.result().design for each in pending if each.done())
 
-    def again(self, name: str) -> None:
+    def restart(self, name: str) -> None:
         """Start a node in place of one that has ended."""
         self.running[name] = self.spawn(name, NODES[name])
 
@@ -82,14 +82,14 @@ class Loop:
             self.running[name].popen.send_signal(number)
 
     def end(self, number: int) -> None:
-        """Send a signal to all nodes, and a moment later kill what is left."""
+        """Send a signal to all nodes, and kill the remaining ones 5 ms later."""
         self.send(number)
         time.sleep(0.005)
         for process in self.running.values():
             process.kill()
 
-    def stand_still(self, names: Iterable[str], duration: float) -> None:
-        """Let nodes stand still for a while."""
+    def suspend(self, names: Iterable[str], duration: float) -> None:
+        """Stop nodes by SIGSTOP for `duration` seconds."""
         self.send(signal.SIGSTOP, names)
         self.probe.spin_for(duration)
         self.send(signal.SIGCONT, names)
@@ -99,53 +99,53 @@ def gone(pid: int) -> bool:
     return not Path(f'/proc/{pid}').exists()
 
 
-def test_nodes_that_are_killed_in_any_phase_are_replaced(spawn, probe):
+def test_nodes_killed_in_any_phase_can_be_replaced(spawn, probe):
     loop = Loop(spawn, probe)
-    loop.works()
-    for victim in NODES:  # one while all run
+    loop.verify()
+    for victim in NODES:  # one at a time while all run
         theirs = children(loop.running[victim].pid)
         loop.running[victim].popen.send_signal(signal.SIGKILL)
         loop.running[victim].wait()
         probe.wait_for(lambda left=theirs: all(map(gone, left)), 5.0, 'the end of its workers')
-        loop.again(victim)
-        loop.works()
-    for delay in (0.02, 0.3, 0.8):  # [s] all while they start
+        loop.restart(victim)
+        loop.verify()
+    for delay in (0.02, 0.3, 0.8):  # [s] all at once, during the start
         loop.end(signal.SIGKILL)
         for victim in NODES:
-            loop.again(victim)
+            loop.restart(victim)
         probe.spin_for(delay)
-    loop.end(signal.SIGTERM)  # all while they end
+    loop.end(signal.SIGTERM)  # all at once, during the shutdown
     for victim in NODES:
-        loop.again(victim)
-    loop.works()
+        loop.restart(victim)
+    loop.verify()
 
 
-def test_nodes_that_stand_still_in_any_phase_go_on(spawn, probe):
-    """As a debugger, a suspended machine or a starved one has it."""
+def test_nodes_stopped_in_any_phase_continue(spawn, probe):
+    """A debugger, a suspended machine or an overloaded one stops nodes like this."""
     loop = Loop(spawn, probe)
-    for delay in (0.2, 0.3):  # [s] all while they start
+    for delay in (0.2, 0.3):  # [s] all at once, during the start
         probe.spin_for(delay)
-        loop.stand_still(NODES, 0.5)
-    loop.works()
+        loop.suspend(NODES, 0.5)
+    loop.verify()
     for victim in NODES:
-        loop.stand_still([victim], 0.7)
-        loop.works()
+        loop.suspend([victim], 0.7)
+        loop.verify()
     loop.send(signal.SIGSTOP)
     loop.send(signal.SIGINT)
     probe.spin_for(0.3)
     assert all(process.running() for process in loop.running.values())
     loop.send(signal.SIGCONT)
     for process in loop.running.values():
-        assert process.wait(5.0) == 0, 'what came while it stood still is heeded'
+        assert process.wait(5.0) == 0, 'SIGINT took effect after SIGCONT'
 
 
 @pytest.mark.parametrize('number', [signal.SIGKILL, signal.SIGSTOP], ids=['killed', 'stopped'])
-def test_a_worker_in_any_phase_costs_at_most_its_request(spawn, probe, number):
+def test_a_lost_worker_loses_at_most_its_request(spawn, probe, number):
     server = spawn('trajectory_server', {'workers': 1, 'time_limit': 1.0})
     mapping = endless()
     slow = SolveOptimalControl.Request(problem=build_problem_message(
         mapping, build_problem(mapping).guess))
-    for delay in (0.0, 0.1, 0.5):  # while it starts, as it begins, as it solves
+    for delay in (0.0, 0.1, 0.5):  # before, at the start of and during the solve
         probe.wait_for(lambda: children(server.pid), what='a worker')
         client = probe.node.create_client(SolveOptimalControl, '/trajectory_server/solve')
         probe.wait_for(client.service_is_ready)
@@ -161,15 +161,15 @@ def test_a_worker_in_any_phase_costs_at_most_its_request(spawn, probe, number):
     quick = DesignLqr.Request(a=[1.0], b=[1.0])
     quick.weights.qx, quick.weights.qu = [1.0], [1.0]
     first = probe.call(DesignLqr, '/trajectory_server/design_lqr', quick)
-    # a worker that was stopped while idle is found out by the time of its next request
+    # a worker stopped while idle is detected at its next request
     assert first.success or first.message.startswith(('timed_out', 'not_converged'))
     probe.set_parameters('/trajectory_server', time_limit=20.0)
     assert probe.call(DesignLqr, '/trajectory_server/design_lqr', quick).success
     assert server.running()
 
 
-def test_a_controller_takes_clocks_that_jump(spawn, probe):
-    """Time is that of the states; a clock far ahead or far back moves nothing."""
+def test_a_controller_tolerates_a_jumping_clock(spawn, probe):
+    """The controller uses the stamps of the states, so that jumps of /clock have no effect."""
     spawn('lqr_node', {'system': 'aircraft', 'use_sim_time': True, 'state_timeout': 0.5})
     commands = probe.listen(Command, 'command')
     clock = probe.publisher(Clock, '/clock', QoSProfile(
@@ -193,11 +193,11 @@ def test_a_controller_takes_clocks_that_jump(spawn, probe):
         probe.wait_for(answered, what=f'an answer at {jump} s')
         probe.wait_for(answered, what=f'another at {jump} s')
         assert np.isfinite(commands[-1].u).all()
-    assert len({tuple(each.u) for each in commands}) == 1, 'the same state, the same command'
+    assert len({tuple(each.u) for each in commands}) == 1, 'equal states have equal commands'
 
 
-def test_a_plant_takes_clocks_that_jump(spawn, probe):
-    """Forward, it was held up and goes on where it was; back, it goes on as well."""
+def test_a_plant_tolerates_a_jumping_clock(spawn, probe):
+    """The plant continues from its state after jumps in both directions."""
     spawn('plant_simulator', {
         'system': 'aircraft', 'use_sim_time': True, 'publish_rate': 50.0,
         'x0': [0.0, 0.0, 0.0, 1.0, 0.0, 0.0]})
@@ -219,12 +219,12 @@ def test_a_plant_takes_clocks_that_jump(spawn, probe):
             return len(states) >= 10
 
         probe.wait_for(moved, what=f'states after a jump of {jump * 1e-9:g} s')
-    # it drifts with vx = 1 m/s: an hour that was simulated would show
+    # vx = 1 m/s: a simulated hour would be a drift of 3600 m
     assert 0.0 < states[-1].x[0] < 20.0
 
 
-def test_a_full_disk_ends_the_recording_and_not_the_loop(spawn, probe, tmp_path, capsys):
-    """The recording is written to a device that is always full."""
+def test_a_full_disk_ends_the_recording_but_not_the_loop(spawn, probe, tmp_path, capsys):
+    """The recording is written to /dev/full."""
     spawn('plant_simulator', {'system': 'aircraft', 'x0': [0.0] * 6, 'lockstep': True,
                               'speed': 0.0})
     spawn('lqr_node', NODES['lqr_node'])

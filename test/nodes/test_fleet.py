@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""Launch files: what they start, and ten vehicles in namespaces of one machine."""
+"""Launch files: nodes, parameters and arguments; ten vehicles in namespaces."""
 
 from pathlib import Path
 import signal
@@ -19,13 +19,13 @@ FILES = ('loop.launch.py', 'fleet.launch.py')
 
 
 def choices_of(file: str) -> dict[str, list[str]]:
-    """Return what the arguments of a launch file may be, where that is listed."""
+    """Return the allowed values of the arguments of a launch file that has a list of them."""
     return {each.name: list(each.choices) for each in LaunchFile(ROOT / 'launch' / file).arguments
             if each.choices is not None}
 
 
-def test_what_a_loop_starts() -> None:
-    """Three nodes, or two on a robot, with the parameters of the scenario."""
+def test_the_loop_starts_its_nodes_with_the_scenario() -> None:
+    """Three nodes start, or two on a robot."""
     loop = nodes('loop.launch.py', scenario='vehicle', namespace='robot1', speed='2.0')
     assert [each.executable for each in loop] == [
         'plant_simulator', 'lqr_node', 'trajectory_server']
@@ -44,8 +44,8 @@ def test_what_a_loop_starts() -> None:
 
 
 @pytest.mark.parametrize('file', FILES)
-def test_parameters_in_place_of_those_of_the_scenario(file: str, tmp_path: Path) -> None:
-    """They come after those of the scenario, and a node keeps the last that it is given."""
+def test_a_parameter_file_overrides_the_scenario(file: str, tmp_path: Path) -> None:
+    """The file comes after that of the scenario, and the last value of a parameter counts."""
     tuned = tmp_path / 'tuned.yaml'
     tuned.write_text('/**: {ros__parameters: {workers: 2}}')
     for each in nodes(file, params_file=str(tuned)):
@@ -65,28 +65,28 @@ def test_parameters_in_place_of_those_of_the_scenario(file: str, tmp_path: Path)
     ({'command_sink': 'cmd_val'}, "'command', 'cmd_vel', 'wrench'"),
     ({'state_source': 'imu'}, "'state', 'odom'"),
 ])
-def test_refuses_before_a_node_starts(file: str, arguments: dict[str, str], sentence: str
-                                      ) -> None:
-    """What is not understood starts no other plant than the one that was meant."""
+def test_wrong_arguments_are_refused_before_a_node_starts(file: str, arguments: dict[str, str],
+                                                          sentence: str) -> None:
+    """A misspelt argument does not start a plant with default values."""
     with pytest.raises(RefusedError, match=sentence):
         nodes(file, **arguments)
 
 
 def test_scenarios_are_the_files_of_config() -> None:
-    """A file that is added is a scenario, and the error above names it."""
+    """A new file in config is a scenario without further changes."""
     for file in FILES:
         listed = choices_of(file)['scenario']
         assert listed == sorted(each.stem for each in (ROOT / 'config').glob('*.yaml'))
 
 
 @pytest.mark.parametrize('file', FILES)
-def test_topics_of_the_controller(file: str) -> None:
-    """They go to those that have them, and only when given: a parameter file may name others."""
+def test_sink_and_source_are_passed_to_the_nodes(file: str) -> None:
+    """They are set only when given, as a parameter file may contain other values."""
     asked = {'command_sink': 'cmd_vel', 'state_source': 'odom'}
-    takes = {'lqr_node': asked, 'trajectory_server': {'state_source': 'odom'}}
+    expected = {'lqr_node': asked, 'trajectory_server': {'state_source': 'odom'}}
     for each in nodes(file, **asked):
-        had = {name: each.values[name] for name in asked if name in each.values}
-        assert had == takes.get(each.executable, {})
+        found = {name: each.values[name] for name in asked if name in each.values}
+        assert found == expected.get(each.executable, {})
     for each in nodes(file):
         assert not asked.keys() & each.values.keys()
     choices = choices_of(file)
@@ -94,15 +94,15 @@ def test_topics_of_the_controller(file: str) -> None:
     assert choices['state_source'] == ['', *SOURCES]
 
 
-@pytest.mark.parametrize(('file', 'some'), zip(FILES, ({}, {'vehicles': '2'}), strict=True))
-def test_nodes_are_started_again_when_asked(file: str, some: dict[str, str]) -> None:
-    """All of them; by default none."""
-    assert all(each.respawn for each in nodes(file, respawn='true', **some))
-    assert not any(each.respawn for each in nodes(file, **some))
+@pytest.mark.parametrize(('file', 'extra'), zip(FILES, ({}, {'vehicles': '2'}), strict=True))
+def test_all_nodes_respawn_on_request(file: str, extra: dict[str, str]) -> None:
+    """By default none does."""
+    assert all(each.respawn for each in nodes(file, respawn='true', **extra))
+    assert not any(each.respawn for each in nodes(file, **extra))
 
 
-def test_what_a_fleet_starts() -> None:
-    """A loop for each vehicle, in its namespace; a number that is none is answered."""
+def test_a_fleet_starts_a_loop_for_each_vehicle() -> None:
+    """Each loop is in the namespace of its vehicle; an invalid number is refused."""
     fleet = nodes('fleet.launch.py', vehicles='3', prefix='robot')
     assert [(each.namespace, each.executable) for each in fleet] == [
         (f'robot{k}', name) for k in (1, 2, 3) for name in ('plant_simulator', 'lqr_node')]
@@ -117,36 +117,36 @@ def test_what_a_fleet_starts() -> None:
 
 
 @pytest.mark.parametrize('file', FILES)
-def test_it_keeps_to_this_machine_unless_told_otherwise(file: str) -> None:
-    """Nobody else on the network finds the nodes."""
-    for told, wanted in (({}, 'LOCALHOST'), ({'discovery_range': 'SUBNET'}, 'SUBNET')):
-        for each in nodes(file, **told):
+def test_discovery_is_restricted_to_this_machine_by_default(file: str) -> None:
+    """Other machines of the network do not discover the nodes."""
+    for options, wanted in (({}, 'LOCALHOST'), ({'discovery_range': 'SUBNET'}, 'SUBNET')):
+        for each in nodes(file, **options):
             assert each.environment == {'ROS_AUTOMATIC_DISCOVERY_RANGE': wanted}
 
 
-def test_ten_vehicles_on_one_machine(spawn: Any, probe: Any) -> None:
-    """Each loop follows its own plant to its own lane, and none hears another."""
+def test_ten_vehicles_follow_their_own_set_points(spawn: Any, probe: Any) -> None:
+    """Each loop controls its own plant, and receives no message of another loop."""
     names = [f'/vehicle{k}' for k in range(1, VEHICLES + 1)]
-    heard = {name: Heard(probe, name) for name in names}
+    received = {name: Heard(probe, name) for name in names}
     for each in nodes('fleet.launch.py', vehicles=str(VEHICLES)):
         spawn(each.executable, each.values, name=each.name, namespace=f'/{each.namespace}',
               arguments=['--ros-args', '--params-file', str(each.files[0]), '--'])
-    probe.wait_for(lambda: all(each.answers for each in heard.values()),
+    probe.wait_for(lambda: all(each.answers for each in received.values()),
                    what='a command of each')
     lanes = {name: -2.0 + 0.1 * k for k, name in enumerate(names)}
     for name, lane in lanes.items():
         assert probe.set_parameters(f'{name}/lqr_node', setpoint=[0.0, lane, 0.0])[0].successful
-    for name in names:  # besides the probe one writes and one reads
+    for name in names:  # one publisher, and one subscriber besides the probe
         for topic in ('state', 'command'):
             assert probe.node.count_publishers(f'{name}/{topic}') == 1
             assert probe.node.count_subscribers(f'{name}/{topic}') == 2
-    probe.wait_for(lambda: all(abs(heard[name].x[1] - lanes[name]) < 5e-3 for name in names),
+    probe.wait_for(lambda: all(abs(received[name].x[1] - lanes[name]) < 5e-3 for name in names),
                    what='each in its lane')
-    probe.wait_for(lambda: all(each.answers > 20 for each in heard.values()),
+    probe.wait_for(lambda: all(each.answers > 20 for each in received.values()),
                    what='commands that answer the states of their own plant')
     for name in names:
-        elsewhere = set().union(*(heard[other].commands for other in names if other != name))
-        assert len(elsewhere & heard[name].states) < 0.01 * len(elsewhere)
-    for process in spawn.processes:  # all at once: one after the other takes seconds
+        elsewhere = set().union(*(received[other].commands for other in names if other != name))
+        assert len(elsewhere & received[name].states) < 0.01 * len(elsewhere)
+    for process in spawn.processes:  # all at once, since one at a time expected seconds
         process.popen.send_signal(signal.SIGINT)
     assert [process.wait() for process in spawn.processes] == [0] * 2 * VEHICLES

@@ -1,10 +1,10 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Whatever others send, a node lives on and answers.
+Hostile input over DDS: the nodes keep running and respond.
 
-Every service, topic, action and parameter of the three nodes gets hundreds of requests that no
-sane client would send, over DDS; one process of each node meets all of them.
+Every service, topic, action and parameter of the three nodes gets many hostile requests. One
+process of each node gets all of them.
 """
 
 from array import array
@@ -91,14 +91,14 @@ TOPICS = {'state': State, 'odom': Odometry, 'reference': Trajectory, 'command': 
           '/clock': Clock}
 NODES = {'lqr_node': {'use_sim_time': True}, 'plant_simulator': {},
          'trajectory_server': {'time_limit': 0.3, 'use_sim_time': True}}
-SHUTDOWNS = (5, 6, 7)  # transitions that end a lifecycle node, as they should
-LIMIT = 40.0           # [s] in which each request is answered on the busiest machine
+SHUTDOWNS = (5, 6, 7)  # transitions that rightly end a lifecycle node
+LIMIT = 40.0           # [s] for each response, on a busy machine
 QUICK = settings(max_examples=60, deadline=None, database=None, derandomize=True,
                  suppress_health_check=list(HealthCheck))
 
 
 class Victims:
-    """The nodes, and a probe beside them."""
+    """The nodes under test, and a probe."""
 
     def __init__(self, folder: Path, domain: int) -> None:
         self.spawner = support.Spawner(folder, domain)
@@ -111,7 +111,7 @@ class Victims:
         self._publishers: dict[str, Any] = {}
 
     def ask(self, name: str, service_type: Any, request: Any) -> Any:
-        """Return the response of a service; its client is kept."""
+        """Return the response of a service; keep its client."""
         if name not in self._clients:
             self._clients[name] = self.probe.node.create_client(service_type, name)
             self.probe.wait_for(self._clients[name].service_is_ready, what=f'service {name}')
@@ -120,14 +120,14 @@ class Victims:
         return future.result()
 
     def tell(self, topic: str, message_type: Any, message: Any) -> None:
-        """Publish a message, or bytes that pretend to be one."""
+        """Publish a message, or bytes in place of one."""
         if topic not in self._publishers:
             self._publishers[topic] = self.probe.publisher(message_type, topic, QoSProfile(
                 depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL))
         self._publishers[topic].publish(message)
 
     def check(self) -> None:
-        """Fail if a node has ended or does not answer."""
+        """Fail if a node has ended, does not respond or has logged a traceback."""
         for name, process in self.processes.items():
             new = process.output()[self._read[name]:]
             self._read[name] += len(new)
@@ -149,8 +149,8 @@ def victims(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Victims]:
         assert not victims.spawner.end()
 
 
-def sane(request: Any) -> Any:
-    """Return a request without what a node must rightly obey by ending or by waiting long."""
+def restrict(request: Any) -> Any:
+    """Return a request without valid demands to end the node or to wait for long."""
     if isinstance(request, ChangeState.Request):
         if request.transition.id in SHUTDOWNS:
             request.transition.id = 0
@@ -158,7 +158,7 @@ def sane(request: Any) -> Any:
             request.transition.label = ''
     if isinstance(request, (SetParameters.Request, SetParametersAtomically.Request)):
         for each in request.parameters:
-            if each.name in ('workers', 'time_limit'):  # 64 workers are a right, too
+            if each.name in ('workers', 'time_limit'):  # 64 workers would be valid too
                 each.value.integer_value = min(each.value.integer_value, 2)
                 each.value.double_value = min(each.value.double_value, 0.3)
     return request
@@ -166,22 +166,22 @@ def sane(request: Any) -> Any:
 
 @pytest.mark.parametrize(('node', 'service'), [
     (node, service) for node, services in SERVICES.items() for service in services])
-def test_every_service_answers_whatever_is_asked(victims, node, service):
+def test_every_service_responds_to_hostile_requests(victims, node, service):
     service_type = SERVICES[node][service]
 
     @QUICK
     @given(hostile.messages(service_type.Request))
     def ask(request):
-        response = victims.ask(f'/{node}/{service}', service_type, sane(request))
+        response = victims.ask(f'/{node}/{service}', service_type, restrict(request))
         if getattr(response, 'success', True) is False and hasattr(response, 'message'):
-            assert response.message, 'a refusal says why'
+            assert response.message, 'a refusal without a reason'
 
     ask()
     victims.check()
 
 
-def sane_requests() -> dict[str, Any]:
-    """Return requests that are answered, by the service of trajectory_server or lqr_node."""
+def valid_requests() -> dict[str, Any]:
+    """Return valid requests by the name of their service."""
     mapping = {
         'states': ['p', 'v'], 'inputs': ['u'], 'parameters': {'m': 2.0},
         'dynamics': {'p': 'v', 'v': 'u/m'}, 'running_cost': 'u**2 + p**2',
@@ -210,8 +210,8 @@ def sane_requests() -> dict[str, Any]:
             peak_input=[10.0, 50.0])}
 
 
-@pytest.mark.parametrize(('name', 'request_'), sane_requests().items(), ids=sane_requests())
-def test_a_sane_request_with_something_wrong_is_answered_in_words(victims, name, request_):
+@pytest.mark.parametrize(('name', 'request_'), valid_requests().items(), ids=valid_requests())
+def test_a_corrupted_request_gets_a_message(victims, name, request_):
     node = 'lqr_node' if name in SERVICES['lqr_node'] else 'trajectory_server'
 
     @settings(QUICK, max_examples=40)
@@ -252,16 +252,16 @@ SIZES = {
 
 
 @pytest.fixture
-def patient(victims: Victims) -> Iterator[None]:
-    """Give the server time: on a busy machine a refusal has to wait for its worker."""
+def long_time_limit(victims: Victims) -> Iterator[None]:
+    """Raise the time limit, since on a busy machine a refusal waits for its worker."""
     victims.probe.set_parameters('/trajectory_server', time_limit=30.0)
     yield
     victims.probe.set_parameters('/trajectory_server', time_limit=0.3)
 
 
-@pytest.mark.usefixtures('patient')
+@pytest.mark.usefixtures('long_time_limit')
 @pytest.mark.parametrize(('service', 'make'), SIZES.values(), ids=SIZES)
-def test_a_request_of_any_size_is_refused_in_words(victims, service, make):
+def test_an_oversized_request_is_refused_with_a_reason(victims, service, make):
     made = make()
     request = SolveOptimalControl.Request(problem=made) if service == 'solve' else made
     response = victims.ask(f'/trajectory_server/{service}',
@@ -278,7 +278,7 @@ def test_a_million_intervals_are_refused(victims):
     assert 'between 10 and 100000' in answer.reason
 
 
-def test_a_problem_as_large_as_is_read_is_answered(victims):
+def test_a_problem_of_the_largest_size_gets_a_response(victims):
     widest = problem(1000, '+'.join(['sin(u)'] * 25))
     response = victims.ask('/trajectory_server/solve', SolveOptimalControl,
                            SolveOptimalControl.Request(problem=widest, time_limit=0.3))
@@ -288,7 +288,7 @@ def test_a_problem_as_large_as_is_read_is_answered(victims):
 
 
 @pytest.mark.parametrize('node', NODES)
-def test_the_parameters_of_a_node_take_whatever_is_set(victims, node):
+def test_hostile_parameter_values_are_accepted_or_refused(victims, node):
     names = victims.ask(f'/{node}/list_parameters', ListParameters,
                         ListParameters.Request()).result.names
     values = victims.ask(f'/{node}/get_parameters', GetParameters,
@@ -301,7 +301,7 @@ def test_the_parameters_of_a_node_take_whatever_is_set(victims, node):
         SetParameters.Request(parameters=copy.deepcopy(chosen)))))
     @QUICK
     def change(request):
-        results = victims.ask(f'/{node}/set_parameters', SetParameters, sane(request)).results
+        results = victims.ask(f'/{node}/set_parameters', SetParameters, restrict(request)).results
         assert len(results) == len(request.parameters)
         assert all(each.successful or each.reason for each in results)
 
@@ -311,7 +311,7 @@ def test_the_parameters_of_a_node_take_whatever_is_set(victims, node):
 
 
 @pytest.mark.parametrize('topic', TOPICS)
-def test_every_topic_takes_whatever_comes(victims, topic):
+def test_every_topic_tolerates_hostile_messages(victims, topic):
     @QUICK
     @given(hostile.messages(TOPICS[topic]))
     def tell(message):
@@ -323,7 +323,7 @@ def test_every_topic_takes_whatever_comes(victims, topic):
 
 
 @pytest.mark.parametrize('topic', TOPICS)
-def test_every_topic_takes_bytes_that_are_no_message(victims, topic):
+def test_every_topic_tolerates_bytes_that_are_no_message(victims, topic):
     draw = random.Random(topic)
     whole = bytes(serialize_message(TOPICS[topic]()))
     for k in range(40):
@@ -333,13 +333,13 @@ def test_every_topic_takes_bytes_that_are_no_message(victims, topic):
                 whole[:4] + b'\xff' * draw.randrange(1, 100),
                 whole[:4] + draw.randbytes(draw.randrange(200)))[k % 4]
         data += b'\0' * (-len(data) % 4)
-        # what is longer than any Clock is not sent by the middleware
+        # the middleware does not send more bytes than a Clock has
         victims.tell(topic, TOPICS[topic], data[:len(whole)] if topic == '/clock' else data)
         victims.probe.spin_for(0.002)
     victims.check()
 
 
-def test_the_action_takes_whatever_is_asked(victims):
+def test_the_action_responds_to_hostile_goals(victims):
     names = 'solve_optimal_control/_action'
     goals = SolveAction.Impl.SendGoalService
     results = SolveAction.Impl.GetResultService
@@ -361,8 +361,8 @@ def test_the_action_takes_whatever_is_asked(victims):
     victims.check()
 
 
-def test_after_all_of_it_the_same_processes_still_do_their_work(victims):
-    """The set-up is put back, and each node does what it is for."""
+def test_the_same_processes_still_work_after_all_tests(victims):
+    """The settings are restored, and each node does its task."""
     probe = victims.probe
     pids = {name: process.pid for name, process in victims.processes.items()}
     for pid in pids.values():
@@ -378,7 +378,7 @@ def test_after_all_of_it_the_same_processes_still_do_their_work(victims):
     assert answer.message
 
 
-# In this process: the parser of expressions, and a request on its way to a worker
+# In this process: the parser of expressions, and the reading of requests
 
 SYMBOLS = {'x': 2.0, 'v': -1.0}
 PIECES = ['x', 'v', '1', '0', '9', '.5', '1e9', '1e-400', '+', '-', '*', '/', '**', '(', ')', ',',
@@ -391,7 +391,7 @@ sentences = st.lists(st.sampled_from(PIECES), max_size=40).map(''.join) | st.tex
 
 @settings(max_examples=500)
 @given(sentences)
-def test_any_text_is_a_number_or_refused(text):
+def test_any_text_is_parsed_or_refused(text):
     try:
         assert isinstance(parse_number(text, SYMBOLS, 'here'), float)
     except StatementError as error:
@@ -404,7 +404,7 @@ def test_any_text_is_a_number_or_refused(text):
     ('sin(' * 6_000, 1.0), ('x**' * 3_000 + 'x', 1.0), ('1' * 19_999, 1.0), ('\n' * 10**7, 1.0),
     ('1e' + '9' * 5_000, 1.0), ('[' * 10**6, 1.0), ('x.' * 9_000, 1.0)],
     ids=lambda value: str(value)[:12])
-def test_a_text_of_any_size_is_refused_at_once(text, seconds):
+def test_an_oversized_text_is_refused_quickly(text, seconds):
     begin = time.process_time()
     with pytest.raises(StatementError):
         parse_number(text, SYMBOLS, 'here')
@@ -414,9 +414,9 @@ def test_a_text_of_any_size_is_refused_at_once(text, seconds):
 
 
 @settings(max_examples=200, suppress_health_check=list(HealthCheck))
-@given(hostile.messages(OptimalControlProblem) | hostile.spoilt(sane_requests()['solve'].problem),
+@given(hostile.messages(OptimalControlProblem) | hostile.spoilt(valid_requests()['solve'].problem),
        st.sampled_from(['auto', '', 'x', 'lq']))
-def test_any_problem_is_a_problem_or_refused(message, method):
+def test_any_problem_message_is_read_or_refused(message, method):
     try:
         packet = read_request('solve', SolveOptimalControl.Request(
             problem=message, method=method))

@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""plant_simulator and lqr_node as one loop: the numbers of one process, and it recovers."""
+"""The loop of plant_simulator and lqr_node: states as in one process, and recovery."""
 
 import signal
 
@@ -20,8 +20,8 @@ LOCKSTEP = {**PLANT, 'lockstep': True, 'speed': 0.0}
 
 
 @pytest.mark.check
-def test_the_loop_over_dds_gives_the_states_of_the_loop_in_one_process(spawn, probe):
-    count, all_of_them = 2000, 5000   # this listener falls behind a loop as fast as it can
+def test_the_loop_over_dds_equals_the_loop_in_one_process(spawn, probe):
+    count, all_of_them = 2000, 5000   # the probe is slower than the loop
     states = probe.listen(State, 'state', QoSProfile(depth=all_of_them))
     designs = probe.listen(LqrDesign, 'lqr_node/design', LATCHED)
     spawn('plant_simulator', {
@@ -38,30 +38,29 @@ def test_the_loop_over_dds_gives_the_states_of_the_loop_in_one_process(spawn, pr
         wanted.append(simulator.x)
         simulator.command(ue - K @ (simulator.x - xe))
         simulator.advance(5)
-    flown = {read_nanoseconds(state.header.stamp) // 5_000_000: state.x for state in states}
-    assert set(flown) >= set(range(count))
-    assert max(np.abs(x - np.array(flown[k])).max() for k, x in enumerate(wanted)) < 1e-12
+    received = {read_nanoseconds(state.header.stamp) // 5_000_000: state.x for state in states}
+    assert set(received) >= set(range(count))
+    assert max(np.abs(x - np.array(received[k])).max() for k, x in enumerate(wanted)) < 1e-12
 
 
 @pytest.mark.parametrize('parameters', [PLANT, LOCKSTEP], ids=['real time', 'lockstep'])
 @pytest.mark.parametrize('victim', ['plant_simulator', 'lqr_node'])
-def test_a_node_that_is_killed_and_started_again_rejoins_the_loop(
-        spawn, probe, victim, parameters):
-    # At rest the command that is held meanwhile does no harm.
+def test_a_killed_and_restarted_node_rejoins_the_loop(spawn, probe, victim, parameters):
+    # At rest the is_waiting command keeps the plant in place.
     nodes = {'plant_simulator': {**parameters, 'x0': [0.0] * 6},
              'lqr_node': {'system': 'aircraft'}}
     running = {name: spawn(name, given) for name, given in nodes.items()}
-    heard = Heard(probe)
-    probe.wait_for(lambda: heard.answers > 30, what='states that are answered')
+    traffic = Heard(probe)
+    probe.wait_for(lambda: traffic.answers > 30, what='states that are answered')
     running[victim].kill()
     probe.spin_for(0.3)
-    heard.clear()
+    traffic.clear()
     spawn(victim, nodes[victim])
-    probe.wait_for(lambda: heard.answers > 30, what='states that are answered again')
-    assert np.abs(heard.x).max() < 1e-3
+    probe.wait_for(lambda: traffic.answers > 30, what='states that are answered again')
+    assert np.abs(traffic.x).max() < 1e-3
 
 
-def test_a_controller_that_is_stopped_holds_up_lockstep_and_nothing_else(spawn, probe):
+def test_a_stopped_controller_only_delays_lockstep(spawn, probe):
     plant = spawn('plant_simulator', LOCKSTEP)
     controller = spawn('lqr_node', {'system': 'aircraft'})
     commands = probe.listen(Command, 'command')
@@ -69,15 +68,15 @@ def test_a_controller_that_is_stopped_holds_up_lockstep_and_nothing_else(spawn, 
     probe.wait_for(lambda: states and len(commands) > 100)
     controller.popen.send_signal(signal.SIGSTOP)
 
-    def held():   # what was on its way has come
+    def is_waiting():   # no state is in transit any more
         stamp = states[-1].header.stamp
         probe.spin_for(0.2)
         return states[-1].header.stamp == stamp
 
-    probe.wait_for(held, what='the plant to wait')
+    probe.wait_for(is_waiting, what='the plant to wait')
     before = states[-1]
     probe.spin_for(0.5)
-    assert states[-1].header.stamp == before.header.stamp, 'the last state, sent again'
+    assert states[-1].header.stamp == before.header.stamp, 'only the last state is sent again'
     assert states[-1].x == before.x
     count = len(commands)
     controller.popen.send_signal(signal.SIGCONT)

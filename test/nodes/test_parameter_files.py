@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""What `ros2 param dump` prints of a node can be loaded and started with, and nothing changes."""
+"""A node loads the output of `ros2 param dump`, and starts with it, without a change."""
 
 from pathlib import Path
 from typing import Any
@@ -45,7 +45,7 @@ def load(probe: Any, node: str, file: Path) -> dict[str, str]:
 
 
 def cases() -> list[tuple[str, str]]:
-    """Return each node with no scenario, and with each that gives it other parameters."""
+    """Return each node without a scenario, and with each scenario of distinct parameters."""
     found: dict[str, tuple[str, str]] = {}
     for executable in NODES:
         found[executable] = (executable, '')
@@ -57,9 +57,9 @@ def cases() -> list[tuple[str, str]]:
 
 
 @pytest.mark.parametrize(('executable', 'scenario'), cases())
-def test_dump_and_load(spawn: Any, probe: Any, tmp_path: Path, executable: str, scenario: str
-                       ) -> None:
-    """All parameters are taken, none changes; a node that is started with them has the same."""
+def test_dumped_parameters_load_without_a_change(spawn: Any, probe: Any, tmp_path: Path,
+                                                 executable: str, scenario: str) -> None:
+    """All parameters are accepted; a node started with them has the same values."""
     given = ['--ros-args', '--params-file', str(ROOT / 'config' / f'{scenario}.yaml'), '--']
     spawn(executable, arguments=given if scenario else (), namespace='/one')
     first, second = tmp_path / 'first.yaml', tmp_path / 'second.yaml'
@@ -72,13 +72,13 @@ def test_dump_and_load(spawn: Any, probe: Any, tmp_path: Path, executable: str, 
     spawn(executable, arguments=['--ros-args', '--params-file', str(other), '--'],
           namespace='/two')
     again = dump(probe, f'/two/{executable}', second)
-    for each in (parameters, again):  # named by topics, which are in the namespace
+    for each in (parameters, again):  # their names contain the namespace
         each.pop('qos_overrides', None)
     assert again == parameters
 
 
-def test_what_was_tuned_is_loaded_into_a_new_node(spawn: Any, probe: Any, tmp_path: Path) -> None:
-    """Numbers that YAML reads as words, one word for a list, infinity, lists of whole numbers."""
+def test_tuned_parameters_load_into_a_new_node(spawn: Any, probe: Any, tmp_path: Path) -> None:
+    """Cases: numbers that YAML reads as text, text for a list, infinity, lists of integers."""
     tuned = {
         'integral': ['px'], 'Qi': [1e-9], 'Qx': [1e-9, 1.0, 1.0, 1.0, 1.0, 1.0],
         'Qu': [1, 2], 'rate': 100.0, 'delay': 1e-9, 'stability': 1e-9,
@@ -98,7 +98,7 @@ def test_what_was_tuned_is_loaded_into_a_new_node(spawn: Any, probe: Any, tmp_pa
     assert probe.set_parameters('/tuned', hardware_id='', frame_id='map')[0].successful
     assert dump(probe, '/tuned', file) == parameters
     spawn('lqr_node', name='fresh')
-    # Kilted loads what is for the node that is asked, Jazzy what is for any.
+    # Kilted loads the section of this node only, Jazzy that of any node.
     file.write_text(file.read_text().replace('/tuned:', '/fresh:'))
     assert load(probe, '/fresh', file) == {}
     assert dump(probe, '/fresh', file) == parameters

@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""Accepted means in use: every parameter of the three nodes has an effect, or is refused."""
+"""Every parameter of the three nodes has an effect or is refused."""
 
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any
@@ -19,8 +19,8 @@ from rclpy.parameter import Parameter
 Values = Mapping[str, Any]
 
 
-def followed(settings: Any) -> Any:
-    """Return what lqr_node does: its control, what it reads at each message, a reference's law."""
+def control_effect(settings: Any) -> Any:
+    """Return the control of lqr_node, the settings read at each message, a reference's law."""
     system = registry.get_system(settings.system)
     t, x = np.linspace(0.0, 1.0, 5), np.tile(system.setpoint, (5, 1))
     u = np.tile(system.setpoint_input, (5, 1))
@@ -31,21 +31,21 @@ def followed(settings: Any) -> Any:
     return repr(control), settings.frame_id, settings.hardware_id, leg.allowed, leg.along.at(0.5)
 
 
-def served(settings: Any) -> Any:
-    """Return the settings, which the server reads at each request, under no condition."""
+def server_effect(settings: Any) -> Any:
+    """Return the settings, all of which the server reads at each request."""
     return repr(settings)
 
 
 NODES: dict[str, tuple[Any, Callable[[Any], Any], Callable[[Any], Any]]] = {
-    'lqr_node': (lqr_settings.Settings, lqr_settings.judge_lqr_settings, followed),
+    'lqr_node': (lqr_settings.Settings, lqr_settings.judge_lqr_settings, control_effect),
     'plant_simulator': (plant_simulator.Settings, plant_simulator.judge_plant_settings,
                         lambda settings: (
                             repr(plant_simulator.judge_plant_settings(settings)),
                             settings.hardware_id)),
-    'trajectory_server': (trajectory_server.Settings, lambda settings: settings, served)}
+    'trajectory_server': (trajectory_server.Settings, lambda settings: settings, server_effect)}
 
-# A value of each parameter that can be changed, and what has to be set before; where that is
-# needed, it is refused without.
+# For each parameter that can be changed: a new value, and the values that must be set before.
+# Without these the new value is refused.
 LQR: dict[str, tuple[Any, Values]] = {
     'system_parameters.m': (5.0, {}), 'system_parameters.J': (0.05, {}),
     'system_parameters.r': (0.3, {}), 'system_parameters.g': (9.81, {}),
@@ -88,10 +88,10 @@ SERVER: dict[str, tuple[Any, Values]] = {
     'workers': (3, {}), 'time_limit': (5.0, {}), 'max_intervals': (100, {}),
     'cache_size': (3, {}), 'queue_length': (3, {}), 'hardware_id': ('h1', {}),
     'state_timeout': (0.2, {})}
-TRIED = {'lqr_node': LQR, 'plant_simulator': PLANT, 'trajectory_server': SERVER}
-CASES = [(node, name) for node, table in TRIED.items() for name in table]
-# Those that have an effect under a condition only, and what is set at the start so that they have
-# none, where the defaults do not do that.
+TABLES = {'lqr_node': LQR, 'plant_simulator': PLANT, 'trajectory_server': SERVER}
+CASES = [(node, name) for node, table in TABLES.items() for name in table]
+# The parameters that have an effect only under a condition, and start values under which they have
+# none (empty where the defaults suffice).
 CONDITIONAL: dict[tuple[str, str], Values] = {
     **{('lqr_node', name): {} for name in (
         'x_max', 'u_max', 'H', 'rho', 'Qi', 'sample_time', 'schedule_range', 'unlimited',
@@ -104,7 +104,7 @@ CONDITIONAL: dict[tuple[str, str], Values] = {
 
 
 class Bench:
-    """The parameters of a node, without the rest of it."""
+    """The parameters of a node, without the rest of the node."""
 
     def __init__(self, context: Any, name: str, given: Values) -> None:
         self.table, judge, self._effect = NODES[name]
@@ -133,7 +133,7 @@ class Bench:
 
 @pytest.fixture
 def start(probe: Any) -> Iterator[Callable[..., Bench]]:
-    """Return what makes a bench for a node and values at the start."""
+    """Yield a function that makes a bench for a node and its start values."""
     made: list[Bench] = []
 
     def begin(name: str, given: Values) -> Bench:
@@ -146,18 +146,18 @@ def start(probe: Any) -> Iterator[Callable[..., Bench]]:
 
 
 @pytest.mark.parametrize('name', NODES)
-def test_every_parameter_is_tried_below(start: Any, name: str) -> None:
-    """A parameter that is added without a line there has nobody to say what it does."""
+def test_the_tables_of_this_file_have_every_parameter(start: Any, name: str) -> None:
+    """A new parameter needs a line in the tables above."""
     bench = start(name, {})
-    assert set(bench.names()) == set(TRIED[name])
+    assert set(bench.names()) == set(TABLES[name])
     assert {each for each in bench.names() if bench.parameters._entries[each].used_when} == {
         each for node, each in CONDITIONAL if node == name}
 
 
 @pytest.mark.parametrize(('node', 'name'), CASES)
 def test_a_parameter_has_an_effect_or_is_refused(start: Any, node: str, name: str) -> None:
-    """With the defaults of the node, and with what makes it used."""
-    value, needed = TRIED[node][name]
+    """Check with the defaults of the node, and with the values that the parameter needs."""
+    value, needed = TABLES[node][name]
     plain = start(node, {key: each for key, each in needed.items()
                          if key in ('system', 'setpoint_input')})
     before = plain.effect
@@ -168,20 +168,20 @@ def test_a_parameter_has_an_effect_or_is_refused(start: Any, node: str, name: st
     elif not needed:
         assert plain.effect != before
     if not needed:
-        assert result.successful or name == 'setpoint_input'  # the aircraft leaves it no choice
+        assert result.successful or name == 'setpoint_input'  # determined by the set point
         return
     bench = start(node, needed)
     before = bench.effect
     result = bench.set(**{name: value})
     assert result.successful, result.reason
-    assert bench.effect != before or name == 'unlimited'  # what that does is tried over DDS
+    assert bench.effect != before or name == 'unlimited'  # tested in test_robot_start.py
 
 
 @pytest.mark.parametrize(('node', 'name'), CONDITIONAL)
-def test_an_unused_parameter_is_refused_in_the_same_words(start: Any, node: str, name: str
-                                                          ) -> None:
-    """At any time, and at the start with what to write; its present value passes always."""
-    without, value = CONDITIONAL[node, name], TRIED[node][name][0]
+def test_an_unused_parameter_is_refused_with_its_condition(start: Any, node: str, name: str
+                                                           ) -> None:
+    """Also at the start, with the values to write; the default value is always accepted."""
+    without, value = CONDITIONAL[node, name], TABLES[node][name][0]
     bench = start(node, without)
     entry = bench.parameters._entries[name]
     before = bench.effect
@@ -197,15 +197,15 @@ def test_an_unused_parameter_is_refused_in_the_same_words(start: Any, node: str,
     start(node, {**without, name: default})
 
 
-def test_what_loses_its_use_goes_back_to_its_default(start: Any) -> None:
-    """So that a parameter that reads other than its default is in use."""
+def test_a_parameter_that_becomes_unused_is_reset(start: Any) -> None:
+    """A parameter with a value other than its default is therefore in use."""
     bench = start('lqr_node', {'weights': 'bryson', 'x_max': [2.0] * 6, 'u_max': [1.0, 2.0]})
     assert bench.set(weights='matrices').successful
     assert bench.parameters.settings.x_max == () == bench.parameters.settings.u_max
     assert bench.node.get_parameter('x_max').value == []
     assert bench.set(Qx=[2.0] * 6).successful
-    assert not bench.set(weights='bryson', Qx=[3.0] * 6).successful  # judged together
+    assert not bench.set(weights='bryson', Qx=[3.0] * 6).successful  # checked together
     assert bench.parameters.settings.Qx == (2.0,) * 6
     assert bench.set(weights='bryson', x_max=[3.0] * 6).successful
     assert bench.parameters.settings.Qx == ()
-    assert bench.set(weights='bryson', Qx=[], x_max=[3.0] * 6).successful  # as it is
+    assert bench.set(weights='bryson', Qx=[], x_max=[3.0] * 6).successful  # the present value

@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""plant_simulator over DDS: pace, lockstep, services, what it refuses, and what it survives."""
+"""plant_simulator over DDS: real time, lockstep, services, refusals and faults."""
 
 from array import array
 import math
@@ -28,7 +28,7 @@ from rosgraph_msgs.msg import Clock
 from std_srvs.srv import SetBool, Trigger
 
 NODE = '/plant_simulator'
-SLOW = {'publish_rate': 50.0}  # kind to a busy machine
+SLOW = {'publish_rate': 50.0}  # a low rate, for a busy machine
 LOCKSTEP = {'lockstep': True, 'speed': 0.0}
 
 
@@ -48,7 +48,7 @@ def values(diagnostics):
 
 
 class Loop:
-    """A controller that answers every state; u is a function of x."""
+    """A controller that answers every state with u = law(x)."""
 
     def __init__(self, probe, law, namespace=''):
         self.law = law
@@ -67,11 +67,11 @@ class Loop:
 
 
 def hover(x):
-    """Hold the aircraft near the origin: f1 against tilt and drift, f2 against the fall."""
+    """Return the input that holds the aircraft near the origin."""
     return [0.5 * x[0] + x[3] - 8.0 * x[2] - 2.0 * x[5], 39.2 - x[1] - 3.0 * x[4]]
 
 
-def test_it_rests_in_real_time_until_the_first_command_and_says_so_once(spawn, probe):
+def test_the_plant_rests_until_the_first_command(spawn, probe):
     plant = spawn('plant_simulator', {'x0': [3, 4, 0, 0, 0, 0], **SLOW})
     states = probe.listen(State, 'state')
     diagnostics = probe.listen(DiagnosticArray, '/diagnostics')
@@ -79,8 +79,8 @@ def test_it_rests_in_real_time_until_the_first_command_and_says_so_once(spawn, p
     wall = probe.node.get_clock().now().nanoseconds
     assert_allclose([state.x for state in states], [[3, 4, 0, 0, 0, 0]] * len(states), atol=1e-11)
     assert states[0].header.frame_id == 'odom'
-    # On the grid, but for the drift between two clocks. A plant that the machine holds up for
-    # longer than HELD_UP begins a new grid.
+    # Stamps are on a grid of 20 ms, except for the drift between two clocks. After a delay longer
+    # than HELD_UP the plant begins a new grid.
     steps = np.diff(stamps(states)) / 20e6
     kept = steps[steps * 0.02 < HELD_UP]
     assert len(kept) > 90
@@ -95,16 +95,16 @@ def test_it_rests_in_real_time_until_the_first_command_and_says_so_once(spawn, p
 
 @pytest.mark.alone
 def test_real_time_does_not_drift(spawn, probe):
-    clock, late = probe.node.get_clock(), []   # [s], of each state as it comes
+    clock, delays = probe.node.get_clock(), []   # [s], of each state at its arrival
 
-    def hear(state):
-        late.append((clock.now() - Time.from_msg(state.header.stamp)).nanoseconds * 1e-9)
+    def record(state):
+        delays.append((clock.now() - Time.from_msg(state.header.stamp)).nanoseconds * 1e-9)
 
-    probe.node.create_subscription(State, 'state', hear, 10)
+    probe.node.create_subscription(State, 'state', record, 10)
     spawn('plant_simulator')
-    probe.wait_for(lambda: len(late) > 500, what='states of some seconds')
-    # Whatever holds a state up on its way does not hold up 160 of them.
-    begin, end = min(late[20:180]), min(late[-160:])
+    probe.wait_for(lambda: len(delays) > 500, what='states of some seconds')
+    # A single state may be delayed in transit; the minimum of 160 states is not.
+    begin, end = min(delays[20:180]), min(delays[-160:])
     assert max(begin, end) < 0.5
     assert abs(end - begin) < 0.1
 
@@ -117,20 +117,20 @@ def fly(spawn, probe, parameters, law, count, system='aircraft'):
     return loop.states[:count]
 
 
-def test_the_loop_over_dds_is_the_loop_in_one_process(spawn, probe):
+def test_the_loop_over_dds_equals_the_loop_in_one_process(spawn, probe):
     count = 600
-    flown = fly(spawn, probe, {'x0': [1.0, -1.0, 0.1, 0.0, 0.0, 0.0]}, hover, count)
+    received_states = fly(spawn, probe, {'x0': [1.0, -1.0, 0.1, 0.0, 0.0, 0.0]}, hover, count)
     simulator = Simulator(registry.get_system('aircraft'), [1.0, -1.0, 0.1, 0.0, 0.0, 0.0])
     wanted = [simulator.x]
     for _ in range(count - 1):
         simulator.command(hover(simulator.x))
         simulator.advance(5)
         wanted.append(simulator.x)
-    assert_array_equal([state.x for state in flown], wanted)
-    assert_array_equal(stamps(flown), 5_000_000 * np.arange(count))
+    assert_array_equal([state.x for state in received_states], wanted)
+    assert_array_equal(stamps(received_states), 5_000_000 * np.arange(count))
 
 
-def test_two_runs_in_lockstep_are_the_same_bit_for_bit(spawn, probe):
+def test_two_runs_in_lockstep_are_bitwise_equal(spawn, probe):
     parameters = {
         'x0': [1.0, -1.0, 0.1, 0.0, 0.0, 0.0], 'seed': 7,
         'input_delay': 0.0071, 'actuator_lag': 0.02,
@@ -149,17 +149,17 @@ def test_two_runs_in_lockstep_are_the_same_bit_for_bit(spawn, probe):
         simulator.advance(5)
 
 
-def test_lockstep_outlives_a_controller_that_is_replaced(spawn, probe):
+def test_lockstep_waits_for_a_later_controller(spawn, probe):
     spawn('plant_simulator', LOCKSTEP)
-    heard = probe.listen(State, 'state')
-    probe.wait_for(lambda: len(heard) > 2, what='the unanswered state, again and again')
-    assert set(stamps(heard)) == {0}
+    received = probe.listen(State, 'state')
+    probe.wait_for(lambda: len(received) > 2, what='the repeated unanswered state')
+    assert set(stamps(received)) == {0}
     loop = Loop(probe, hover)
     probe.wait_for(lambda: len(loop.states) > 50)
 
 
 @pytest.mark.parametrize('speed', [1.0, 0.0])
-def test_a_plant_that_is_killed_and_started_again_joins_the_loop(spawn, probe, speed):
+def test_a_killed_and_restarted_plant_rejoins_the_loop(spawn, probe, speed):
     loop = Loop(probe, hover)
     parameters = {'lockstep': speed == 0.0, 'speed': speed, **SLOW}
     plant = spawn('plant_simulator', parameters)
@@ -172,7 +172,7 @@ def test_a_plant_that_is_killed_and_started_again_joins_the_loop(spawn, probe, s
     probe.wait_for(lambda: diagnostics and int(values(diagnostics)['commands taken']) > 20)
 
 
-def test_a_plant_that_is_stopped_for_a_while_resumes_where_it_was(spawn, probe):
+def test_a_stopped_plant_resumes_from_its_state(spawn, probe):
     plant = spawn('plant_simulator', {'system': 'double_integrator', 'x0': [0, 1], **SLOW})
     states = probe.listen(State, 'state')
     probe.wait_for(lambda: len(states) > 10)
@@ -194,13 +194,13 @@ def test_reset_pause_and_step(spawn, probe):
     assert (refused.success, refused.message) == (False, 'the plant is not paused')
     answer = probe.call(SetBool, f'{NODE}/pause', SetBool.Request(data=True))
     assert answer.success
-    told = float(re.fullmatch(r'paused at t = ([0-9.]+) s', answer.message)[1])
+    paused_at = float(re.fullmatch(r'paused at t = ([0-9.]+) s', answer.message)[1])
 
-    # what was on its way has to come
-    probe.wait_for(lambda: told - 0.02 < read_nanoseconds(states[-1].header.stamp) * 1e-9,
+    # wait for the states in transit
+    probe.wait_for(lambda: paused_at - 0.02 < read_nanoseconds(states[-1].header.stamp) * 1e-9,
                    what='the last state before the plant was paused')
     count, last = len(states), states[-1]
-    assert read_nanoseconds(last.header.stamp) * 1e-9 < told + 1e-3
+    assert read_nanoseconds(last.header.stamp) * 1e-9 < paused_at + 1e-3
     probe.spin_for(0.2)
     assert len(states) == count
     for k in range(1, 4):
@@ -220,7 +220,7 @@ def test_reset_pause_and_step(spawn, probe):
     probe.wait_for(lambda: read_nanoseconds(clock[-1].clock) > 0)
 
 
-def test_commands_that_are_none_are_dropped_counted_and_reported(spawn, probe):
+def test_invalid_commands_are_dropped_and_counted(spawn, probe):
     plant = spawn('plant_simulator', {'system': 'double_integrator', 'publish_clock': True,
                                       **SLOW})
     states = probe.listen(State, 'state')
@@ -244,7 +244,7 @@ def test_commands_that_are_none_are_dropped_counted_and_reported(spawn, probe):
     assert plant.output().count('command dropped, malformed: u: u = nan') == 1
 
 
-def test_without_commands_it_goes_back_to_rest_when_told_to(spawn, probe):
+def test_command_timeout_restores_the_equilibrium_input(spawn, probe):
     spawn('plant_simulator', {'system': 'double_integrator', 'command_timeout': 0.2, **SLOW})
     states = probe.listen(State, 'state')
     diagnostics = probe.listen(DiagnosticArray, '/diagnostics')
@@ -253,7 +253,7 @@ def test_without_commands_it_goes_back_to_rest_when_told_to(spawn, probe):
     probe.wait_for(lambda: diagnostics and values(diagnostics)['times without commands'] == '1')
     count = len(states)
     probe.wait_for(lambda: len(states) > count + 5)
-    assert states[-1].x[1] == states[-2].x[1] > 0, 'it rolls on without acceleration'
+    assert states[-1].x[1] == states[-2].x[1] > 0, 'constant speed at zero input'
 
 
 BAD = {
@@ -272,7 +272,7 @@ BAD = {
 }
 
 
-def test_bad_parameters_end_it_with_one_sentence_and_status_1(spawn):
+def test_bad_parameters_end_the_node_with_one_sentence(spawn):
     for batch in (list(BAD.items())[k:k + 4] for k in range(0, len(BAD), 4)):
         started = [(words, spawn('plant_simulator', parameters)) for words, parameters in batch]
         for words, process in started:
@@ -282,7 +282,7 @@ def test_bad_parameters_end_it_with_one_sentence_and_status_1(spawn):
 
 
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
-def test_it_ends_cleanly_on_signals(spawn, probe, number):
+def test_signals_end_the_node_with_status_0(spawn, probe, number):
     plant = spawn('plant_simulator', {'speed': 0.0 if number == signal.SIGTERM else 1.0})
     probe.wait_for_node('plant_simulator')
     plant.popen.send_signal(number)
@@ -290,7 +290,7 @@ def test_it_ends_cleanly_on_signals(spawn, probe, number):
     assert 'Traceback' not in plant.output()
 
 
-def test_parameters_change_in_flight_or_say_why_not(spawn, probe):
+def test_parameter_changes_take_effect_or_are_refused(spawn, probe):
     spawn('plant_simulator', {'system': 'double_integrator', **SLOW})
     states = probe.listen(State, 'state')
     probe.wait_for(lambda: states)
@@ -299,7 +299,7 @@ def test_parameters_change_in_flight_or_say_why_not(spawn, probe):
     assert all(each.successful for each in probe.set_parameters(NODE, **setting))
     count = len(states)
     probe.wait_for(lambda: len(states) > count + 20)
-    assert states[-1].x[1] > states[count].x[1], 'the wind blows'
+    assert states[-1].x[1] > states[count].x[1], 'the constant disturbance accelerates'
     assert len({state.x[0] for state in states[count + 5:]}) > 10
     for name, value, words in (
             ('noise.x1', -1.0, 'noise.x1'), ('speed', 2.0, 'start with publish_clock'),
@@ -313,7 +313,7 @@ def test_parameters_change_in_flight_or_say_why_not(spawn, probe):
     probe.wait_for(lambda: len(states) > count + 5)
 
 
-def test_parameters_of_the_system_change_in_flight(spawn, probe):
+def test_parameters_of_the_system_can_change_in_flight(spawn, probe):
     spawn('plant_simulator', SLOW)
     states = probe.listen(State, 'state')
     probe.wait_for(lambda: states)
@@ -323,7 +323,7 @@ def test_parameters_of_the_system_change_in_flight(spawn, probe):
     assert 'system_parameters.m = -8' in result.reason
 
 
-def test_odometry_of_the_vehicle(spawn, probe):
+def test_odometry_agrees_with_the_state_of_the_vehicle(spawn, probe):
     spawn('plant_simulator', {'system': 'vehicle', **SLOW})
     odometry = probe.listen(Odometry, 'odom')
     states = probe.listen(State, 'state')
@@ -342,7 +342,7 @@ def test_odometry_of_the_vehicle(spawn, probe):
     assert twist.angular.z == pytest.approx(5.0 / 2.0 * math.tan(0.3))
 
 
-def test_as_fast_as_it_can_with_a_clock(spawn, probe):
+def test_speed_0_runs_faster_than_real_time_with_a_clock(spawn, probe):
     spawn('plant_simulator', {'speed': 0.0})
     clock = probe.listen(Clock, '/clock', qos_profile_sensor_data)
     diagnostics = probe.listen(DiagnosticArray, '/diagnostics')
@@ -351,7 +351,7 @@ def test_as_fast_as_it_can_with_a_clock(spawn, probe):
         values(diagnostics)['simulated seconds a second']) > 1.5)
 
 
-def test_a_plant_follows_a_clock_that_it_hears(spawn, probe):
+def test_with_use_sim_time_the_plant_follows_the_clock(spawn, probe):
     clock = probe.node.create_publisher(Clock, '/clock', 1)
     spawn('plant_simulator', {'use_sim_time': True, **SLOW})
     states = probe.listen(State, 'state')
@@ -365,17 +365,17 @@ def test_a_plant_follows_a_clock_that_it_hears(spawn, probe):
         return len(states) > 30
 
     probe.wait_for(tick)
-    late = read_nanoseconds(message.clock) - stamps(states)
-    assert (late >= 0).all()
+    delays = read_nanoseconds(message.clock) - stamps(states)
+    assert (delays >= 0).all()
     assert_allclose(np.diff(stamps(states)) % 20_000_000, 0)
 
 
-def test_two_controllers_are_noticed(spawn, probe):
+def test_two_controllers_are_reported(spawn, probe):
     plant = spawn('plant_simulator', SLOW)
     diagnostics = probe.listen(DiagnosticArray, '/diagnostics')
     states = probe.listen(State, 'state')
     one = Loop(probe, hover)
-    probe.publisher(Command, 'command')  # as of a controller that was killed
+    probe.publisher(Command, 'command')  # without messages, like that of a killed controller
     probe.wait_for(lambda: len(diagnostics) > 1)
     assert diagnostics[-1].status[0].level == b'\0'
     count = len(states)
@@ -387,7 +387,7 @@ def test_two_controllers_are_noticed(spawn, probe):
     assert len(one.states) > count
 
 
-def test_commands_with_an_unfit_qos_are_noticed(spawn, probe):
+def test_an_incompatible_qos_of_commands_is_reported(spawn, probe):
     plant = spawn('plant_simulator', SLOW)
     states = probe.listen(State, 'state')
     probe.wait_for(lambda: len(states) > 5)
@@ -397,7 +397,7 @@ def test_commands_with_an_unfit_qos_are_noticed(spawn, probe):
     probe.wait_for(lambda: len(states) > count + 5)
 
 
-def test_a_diverging_plant_stops_says_so_and_can_be_reset(spawn, probe):
+def test_a_diverging_plant_stops_and_can_be_reset(spawn, probe):
     plant = spawn('plant_simulator', {
         'system': 'cubic', 'system_parameters.a': -1.0, 'x0': [2.0], **SLOW})
     diagnostics = probe.listen(DiagnosticArray, '/diagnostics')
@@ -410,7 +410,7 @@ def test_a_diverging_plant_stops_says_so_and_can_be_reset(spawn, probe):
     probe.wait_for(lambda: states and math.isfinite(states[-1].x[0]))
 
 
-def test_loops_in_namespaces_do_not_hear_each_other(spawn, probe):
+def test_loops_in_namespaces_are_separate(spawn, probe):
     spawn('plant_simulator', SLOW, namespace='/a')
     spawn('plant_simulator', {'system': 'vehicle', **SLOW}, namespace='/b')
     a, b = (probe.listen(State, f'/{name}/state') for name in 'ab')
@@ -422,7 +422,7 @@ def test_loops_in_namespaces_do_not_hear_each_other(spawn, probe):
     probe.wait_for(lambda: {each.status[0].name for each in diagnostics} == names)
 
 
-def test_hostile_commands_and_parameters_leave_it_running(spawn, probe):
+def test_the_plant_survives_hostile_commands_and_parameters(spawn, probe):
     generator = random.Random(1)
     spawn('plant_simulator', {'publish_clock': True, **SLOW})
     states = probe.listen(State, 'state')
@@ -450,7 +450,7 @@ def test_hostile_commands_and_parameters_leave_it_running(spawn, probe):
 
 
 def may_have_priority():
-    """Return whether this process is allowed a real-time priority, by trying."""
+    """Return whether this process may set a real-time priority."""
     try:
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(1))
     except PermissionError:
@@ -460,7 +460,7 @@ def may_have_priority():
 
 
 def priorities(pid):
-    """Return policy and priority of the threads of a process: of DDS's, and of the main one."""
+    """Return policy and priority of the DDS threads and of the main thread of a process."""
     threads = [int(each.name) for each in Path(f'/proc/{pid}/task').iterdir()
                if each.joinpath('comm').read_text().startswith('dds.')]
     of_dds, main = ({(os.sched_getscheduler(each), os.sched_getparam(each).sched_priority)
@@ -468,7 +468,7 @@ def priorities(pid):
     return of_dds, main
 
 
-def test_it_has_the_priority_it_asks_for_or_says_why_not(spawn, probe):
+def test_the_priority_is_set_or_its_refusal_is_explained(spawn, probe):
     plant = spawn('plant_simulator', {'priority': 7, **SLOW})
     probe.wait_for_node('plant_simulator')
     if may_have_priority():

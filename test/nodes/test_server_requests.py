@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""Plans, regulators and minima by request: the answers are the known ones."""
+"""Requests for plans, regulators and minima, compared with known solutions."""
 
 import math
 
@@ -23,14 +23,14 @@ def server(spawn):
 
 
 def named(**expressions):
-    """Return names with expressions as messages."""
+    """Return NamedExpression messages."""
     return [NamedExpression(name=name, expression=text) for name, text in expressions.items()]
 
 
-def test_a_plan_is_published_when_it_is_to_be_executed(probe):
+def test_a_plan_is_published_as_a_reference_on_execute(probe):
     request = PlanMotion.Request(
         system='two_wheeled', start=[0.0, 0.0, 0.0], goal=[1.0, 0.0, 0.0], objective='time')
-    heard = probe.listen(Trajectory, 'reference', LATCHED)
+    received = probe.listen(Trajectory, 'reference', LATCHED)
     shown = probe.call(PlanMotion, f'{SERVER}/plan', request)
     assert shown.success, shown.message
     assert shown.objective == pytest.approx(1.0, abs=1e-6)
@@ -38,21 +38,21 @@ def test_a_plan_is_published_when_it_is_to_be_executed(probe):
     request.execute = True
     request.goal = [2.0, 0.0, 0.0]
     executed = probe.call(PlanMotion, f'{SERVER}/plan', request)
-    probe.wait_for(lambda: heard, what='the reference')
-    assert heard == [executed.trajectory]
-    assert heard[0].header.stamp.sec > 0
-    assert heard[0].system == 'two_wheeled'
+    probe.wait_for(lambda: received, what='the reference')
+    assert received == [executed.trajectory]
+    assert received[0].header.stamp.sec > 0
+    assert received[0].system == 'two_wheeled'
     late = probe.listen(Trajectory, 'reference', LATCHED)
-    probe.wait_for(lambda: late, what='the reference, by one who came later')
+    probe.wait_for(lambda: late, what='the latched reference')
     request.goal = [math.nan, 0.0, 0.0]
     refused = probe.call(PlanMotion, f'{SERVER}/plan', request)
     assert (refused.status, refused.success) == ('malformed', False)
     assert 'goal' in refused.message
     probe.spin_for(0.2)
-    assert len(heard) == 1  # nothing more to follow
+    assert len(received) == 1  # a refused plan is not published
 
 
-def test_a_regulator_is_designed(probe):
+def test_design_lqr_returns_the_optimal_gain_or_a_refusal(probe):
     aircraft = probe.call(DesignLqr, f'{SERVER}/design_lqr', DesignLqr.Request(
         system='aircraft', system_parameters=named(m='2*2')))
     assert aircraft.success, aircraft.message
@@ -69,7 +69,7 @@ def test_a_regulator_is_designed(probe):
     assert np.allclose(np.sort_complex(poles), np.sort_complex(np.linalg.eigvals(A - B @ K)))
     assert np.allclose(design.damping, -poles.real / np.abs(poles))
     assert np.allclose(design.ue, [0.0, 4 * 9.8])
-    # the loop of an input, the others closed, keeps 60 degrees and half the gain at least
+    # LQR margins with diagonal Qu: each loop, the others closed, has 60 degrees and half the gain
     for margin, least in ((design.phase_margin, np.pi / 3), (design.gain_margin, np.inf)):
         assert len(margin) == m
         assert min(margin) >= least - 1e-9
@@ -98,7 +98,7 @@ def test_a_regulator_is_designed(probe):
         assert response.message.startswith(words), response.message
 
 
-def test_a_regulator_is_designed_for_a_sampled_loop(probe):
+def test_a_sampled_design_stabilises_the_sampled_loop(probe):
     h = 0.5  # double integrator under a zero-order hold: Ad, Bd in closed form
     Ad, Bd = np.array([[1.0, h], [0.0, 1.0]]), np.array([[h * h / 2], [h]])
     gains = []
@@ -110,11 +110,11 @@ def test_a_regulator_is_designed_for_a_sampled_loop(probe):
         assert response.design.sample_time == sample_time
         gains.append(np.array(response.design.k))
     assert response.design.design == 'sampled'
-    assert np.abs(np.linalg.eigvals(Ad - Bd @ gains[0][None])).max() > 1.0  # not for this period
+    assert np.abs(np.linalg.eigvals(Ad - Bd @ gains[0][None])).max() > 1.0  # unstable at h
     assert np.abs(np.linalg.eigvals(Ad - Bd @ gains[1][None])).max() < 1.0
 
 
-def test_a_function_is_minimised_under_constraints(probe):
+def test_minimize_solves_known_problems(probe):
 
     def ask(**request):
         return probe.call(Minimize, f'{SERVER}/minimize', Minimize.Request(**request))

@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""Two loops, tuned all the time, one of them killed again and again: in short."""
+"""Soak test, short form: two loops under permanent tuning, one of them killed repeatedly."""
 
 from pathlib import Path
 import subprocess
@@ -19,13 +19,13 @@ REQUIRED = ('incorrect responses', 'rejected for lack of time', 'without a respo
 
 @pytest.mark.alone
 @pytest.mark.timeout(180)
-def test_nothing_is_lost_or_left_behind(domain):
-    """A command in its 5 ms is too much to ask of a machine that runs other tests."""
-    done = subprocess.run(
+def test_a_short_soak_loses_and_leaves_nothing(domain):
+    """A busy machine may miss the 5 ms of a command, so these are not required."""
+    completed = subprocess.run(
         [sys.executable, str(SCRIPT), '--seconds', '40', '--pace', '1.5',
          '--unanswered', '0.5'],
         env=support.environment(domain), capture_output=True, text=True, timeout=170.0)
-    assert done.returncode == 0, done.stdout + done.stderr
-    for what in REQUIRED:
-        assert any(what in line and line.strip().startswith('holds')
-                   for line in done.stdout.splitlines()), what
+    assert completed.returncode == 0, completed.stdout + completed.stderr
+    for requirement in REQUIRED:
+        assert any(requirement in line and line.strip().startswith('holds')
+                   for line in completed.stdout.splitlines()), requirement

@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""The trajectory server over DDS: it answers everyone, in words and in time, and stays up."""
+"""The trajectory server over DDS: responses, time limits, faults and refusals."""
 
 from array import array
 import os
@@ -36,12 +36,12 @@ SERVER = '/trajectory_server'
 SOLVE = f'{SERVER}/solve'
 ACTION = f'{SERVER}/solve_optimal_control'
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-PROMISE = 0.2  # [s] for time limits and cancelling
-SLACK = 0.15   # [s] for DDS and a machine that does other things too
+PROMISE = 0.2  # [s] documented tolerance of time limits and cancelling
+SLACK = 0.15   # [s] for DDS and a busy machine
 
 
 def message(mapping):
-    """Return the message of a statement."""
+    """Return a statement as a message."""
     return build_problem_message(mapping, build_problem(mapping).guess)
 
 
@@ -56,13 +56,13 @@ def scalar(a=1.0, T=1.0):
 
 
 def endless(n=12):
-    """Return a problem that no solver has answered within minutes."""
+    """Return a problem that no solver has solved within minutes."""
     return message(_endless.endless(n))
 
 
 @pytest.fixture
 def server(spawn, probe):
-    """Start a server with given parameters; it is ready when it has solved a problem."""
+    """Return a function that starts a server and waits until it has solved a problem."""
     def start(**parameters):
         process = spawn('trajectory_server', parameters)
         assert solve(probe, scalar()[0]).status == 'solved'
@@ -77,7 +77,7 @@ def solve(probe, problem, **options):
 
 
 def timed(probe, problem, **options):
-    """Return the response of ``~/solve``, when it was asked for and when it was there."""
+    """Return the response of ``~/solve``, and the times of request and response."""
     client = probe.node.create_client(SolveOptimalControl, SOLVE)
     probe.wait_for(client.service_is_ready)
     begun = time.monotonic()
@@ -94,22 +94,22 @@ class Goals:
 
     def send(self, problem, **options):
         """Send a goal; return its number."""
-        heard = []
+        received = []
         self.handles.append(self.probe.send_goal(
             SolveAction, ACTION, SolveAction.Goal(problem=problem, **options),
-            lambda message: heard.append(message.feedback)))
-        self.feedback.append(heard)
+            lambda message: received.append(message.feedback)))
+        self.feedback.append(received)
         assert self.handles[-1].accepted
         return len(self.handles) - 1
 
     def wait_until_solving(self, number):
-        """Wait until a worker is at a goal."""
+        """Wait until a worker processes a goal."""
         self.probe.wait_for(
             lambda: any(each.phase != 'queued' for each in self.feedback[number]),
             what=f'progress of goal {number}')
 
     def cancel(self):
-        """Cancel all goals; return their answers, when they were asked for and were there."""
+        """Cancel all goals; return their results, and the times of request and results."""
         begun = time.monotonic()
         for handle in self.handles:
             handle.cancel_goal_async()
@@ -124,13 +124,13 @@ def values(array):
     return {each.key: each.value for each in status.values}
 
 
-def test_it_says_when_it_is_ready_and_what_for(spawn):
-    """Nothing is asked of it before."""
+def test_the_server_logs_its_workers_and_queue(spawn):
+    """The log line comes without any request."""
     spawn('trajectory_server', {'workers': 1, 'queue_length': 7}).wait_for_output(
         'ready: 1 worker process, queue of 7 requests')
 
 
-def test_diagnostics_tell_which_server_and_need_no_clock(spawn, probe):
+def test_diagnostics_have_the_namespace_and_need_no_clock(spawn, probe):
     spawn('trajectory_server', {'workers': 1, 'use_sim_time': True}, namespace='/robot1')
     diagnostics = probe.listen(DiagnosticArray, '/diagnostics')
     probe.wait_for(lambda: diagnostics)
@@ -138,7 +138,7 @@ def test_diagnostics_tell_which_server_and_need_no_clock(spawn, probe):
 
 
 @pytest.mark.parametrize('name', ['lq_scalar_unit', 'moon_lander', 'two_wheel_turn_in_place'])
-def test_an_answer_has_all_that_the_message_promises(server, probe, name):
+def test_a_response_has_the_certified_trajectory(server, probe, name):
     server(workers=1)
     mapping = problems.read(name)
     response = solve(probe, message(mapping))
@@ -155,7 +155,7 @@ def test_an_answer_has_all_that_the_message_promises(server, probe, name):
     assert len(path.hamiltonian) == len(path.t)
 
 
-def test_solvers_are_kept_by_structure(server, probe):
+def test_programs_are_cached_by_structure(server, probe):
     server(workers=1)
 
     def build_time(a):
@@ -167,10 +167,10 @@ def test_solvers_are_kept_by_structure(server, probe):
         return response.build_time
 
     assert build_time(1.0) > 0.0
-    assert build_time(1.001) == 0.0  # kept, as the numbers are not part of the structure
+    assert build_time(1.001) == 0.0  # cached: numbers are not part of the structure
 
 
-def test_no_mesh_is_finer_than_the_server_allows(server, probe):
+def test_max_intervals_bounds_the_mesh(server, probe):
     server(workers=1, max_intervals=10)
     mapping = problems.read('vanderpol_bounded')
     coarse = solve(probe, message(mapping))
@@ -180,7 +180,7 @@ def test_no_mesh_is_finer_than_the_server_allows(server, probe):
     assert solve(probe, message(mapping)).status == 'solved'
 
 
-def test_others_are_answered_while_all_workers_solve(server, probe, clock):
+def test_other_requests_are_answered_while_all_workers_solve(server, probe, clock):
     server(workers=1)
     diagnostics = probe.listen(DiagnosticArray, '/diagnostics')
     goals = Goals(probe)
@@ -199,8 +199,8 @@ def test_others_are_answered_while_all_workers_solve(server, probe, clock):
 def test_cancel_stops_a_solve(server, probe, clock):
     server(workers=1)
     goals = Goals(probe)
-    goals.wait_until_solving(goals.send(endless(60)))  # its iterations are long
-    goals.send(endless())  # waits
+    goals.wait_until_solving(goals.send(endless(60)))  # with long iterations
+    goals.send(endless())  # queued
     answers, begun, end = goals.cancel()
     assert clock.between(begun, end) < PROMISE + SLACK
     assert [answer.status for answer in answers] == [GoalStatus.STATUS_CANCELED] * 2
@@ -209,7 +209,7 @@ def test_cancel_stops_a_solve(server, probe, clock):
     assert solve(probe, scalar()[0]).status == 'solved'
 
 
-def test_feedback_tells_what_is_done(server, probe):
+def test_feedback_has_the_elapsed_time(server, probe):
     server(workers=1)
     goals = Goals(probe)
     number = goals.send(message(problems.read('vanderpol_bounded')))
@@ -222,7 +222,7 @@ def test_feedback_tells_what_is_done(server, probe):
 
 
 @pytest.mark.parametrize('n', [12, 60])
-def test_time_limit_is_kept(server, probe, clock, n):
+def test_the_time_limit_is_kept(server, probe, clock, n):
     server(workers=1)
     response, begun, end = timed(probe, endless(n), time_limit=1.0)
     assert response.status == 'timed_out'
@@ -232,7 +232,7 @@ def test_time_limit_is_kept(server, probe, clock, n):
     assert solve(probe, scalar()[0]).status == 'solved'
 
 
-def test_a_killed_worker_costs_one_request(server, probe):
+def test_a_killed_worker_loses_one_request(server, probe):
     process = server(workers=1)
     diagnostics = probe.listen(DiagnosticArray, '/diagnostics')
     goals = Goals(probe)
@@ -247,7 +247,7 @@ def test_a_killed_worker_costs_one_request(server, probe):
     probe.wait_for(lambda: diagnostics and int(values(diagnostics[-1])['workers replaced']) >= 1)
 
 
-def test_a_killed_worker_leaves_the_best_path_it_had(server, probe):
+def test_a_killed_worker_leaves_its_best_path(server, probe):
     process = server(workers=1)
     request = message(problems.read('free_flying_robot'))
     for seconds in (1.0, 2.0, 4.0, 8.0, 16.0):
@@ -268,7 +268,7 @@ def test_a_killed_worker_leaves_the_best_path_it_had(server, probe):
     assert solve(probe, scalar()[0]).status == 'solved'
 
 
-def test_a_worker_without_memory_costs_one_request(server, probe):
+def test_a_worker_without_memory_loses_one_request(server, probe):
     process = server(workers=1)
     for pid in children(process.pid):
         status = Path(f'/proc/{pid}/status').read_text()
@@ -281,7 +281,7 @@ def test_a_worker_without_memory_costs_one_request(server, probe):
     assert solve(probe, scalar()[0]).status == 'solved'
 
 
-def test_the_queue_has_a_length(server, probe, clock):
+def test_a_full_queue_refuses_requests(server, probe, clock):
     server(workers=1, queue_length=2)
     goals = Goals(probe)
     goals.wait_until_solving(goals.send(endless()))
@@ -295,7 +295,7 @@ def test_the_queue_has_a_length(server, probe, clock):
     assert {answer.result.status for answer in answers} == {'cancelled'}
 
 
-def test_twenty_clients_at_once(server, probe):
+def test_twenty_concurrent_clients_get_their_solutions(server, probe):
     server(workers=2)
     requests, futures = [], []
     for k in range(20):
@@ -311,7 +311,7 @@ def test_twenty_clients_at_once(server, probe):
         assert future.result().objective == pytest.approx(cost, rel=1e-6)
 
 
-def test_a_client_that_is_killed_does_no_harm(server, spawn, probe, tmp_path):
+def test_a_killed_client_does_not_affect_the_server(server, spawn, probe, tmp_path):
     server(workers=1)
     diagnostics = probe.listen(DiagnosticArray, '/diagnostics')
     file = tmp_path / 'slow.yaml'
@@ -325,7 +325,7 @@ def test_a_client_that_is_killed_does_no_harm(server, spawn, probe, tmp_path):
     assert solve(probe, scalar()[0]).status == 'solved'
 
 
-def test_a_request_of_50_megabytes_is_answered_in_words(server, probe):
+def test_a_request_of_50_megabytes_is_refused(server, probe):
     server(workers=1)
     problem = scalar()[0]
     problem.running_cost = 'u + ' * 12_500_000 + 'u'
@@ -338,7 +338,7 @@ def test_a_request_of_50_megabytes_is_answered_in_words(server, probe):
     assert solve(probe, scalar()[0]).status == 'solved'
 
 
-def test_no_worker_outlives_a_killed_server(server):
+def test_the_workers_of_a_killed_server_end(server):
     process = server(workers=2)
     pids = children(process.pid)
     assert len(pids) == 3
@@ -349,7 +349,7 @@ def test_no_worker_outlives_a_killed_server(server):
         time.sleep(0.01)
 
 
-def test_ctrl_c_while_solving(server, probe, clock):
+def test_ctrl_c_ends_a_solving_server(server, probe, clock):
     process = server(workers=1)
     goals = Goals(probe)
     goals.wait_until_solving(goals.send(endless()))
@@ -361,7 +361,7 @@ def test_ctrl_c_while_solving(server, probe, clock):
     assert 'Traceback' not in process.output()
 
 
-def test_whoever_waits_is_told_that_the_server_ends(server, probe):
+def test_shutdown_answers_all_waiting_requests(server, probe):
     process = server(workers=1)
     arrays = probe.listen(DiagnosticArray, '/diagnostics')
     goals = Goals(probe)
@@ -370,16 +370,16 @@ def test_whoever_waits_is_told_that_the_server_ends(server, probe):
     probe.wait_for(client.service_is_ready)
     answers = [client.call_async(SolveOptimalControl.Request(problem=endless())) for _ in range(3)]
     answers.append(goals.handles[0].get_result_async())
-    probe.wait_for(lambda: arrays and values(arrays[-1])['queue'] == '3', what='three that wait')
+    probe.wait_for(lambda: arrays and values(arrays[-1])['queue'] == '3', what='three in queue')
     os.kill(process.pid, signal.SIGINT)
-    probe.wait_for(lambda: all(each.done() for each in answers), what='their answers')
+    probe.wait_for(lambda: all(each.done() for each in answers), what='their responses')
     *waited, solved = [each.result() for each in answers]
     assert {each.message for each in waited} == {'the server is shutting down'}
     assert {each.status for each in (*waited, solved.result)} == {'cancelled'}
     assert process.wait(10.0) == 0
 
 
-def test_parameters_are_judged(server, probe, clock):
+def test_parameters_are_checked_and_take_effect(server, probe, clock):
     process = server(workers=1)
     for name, value, words in (
             ('workers', 0, 'workers = 0'), ('workers', 'many', 'workers'),
@@ -389,12 +389,12 @@ def test_parameters_are_judged(server, probe, clock):
         assert not result.successful
         assert words in result.reason
     assert probe.set_parameters(SERVER, workers=2)[0].successful
-    probe.wait_for(lambda: len(children(process.pid)) == 3, what='a second solver')
+    probe.wait_for(lambda: len(children(process.pid)) == 3, what='a second worker')
     assert probe.set_parameters(SERVER, workers=1, time_limit=0.5)[0].successful
     response, begun, end = timed(probe, endless(), time_limit=100.0)
     assert response.status == 'timed_out'
     assert clock.between(begun + 0.5, end) < PROMISE + SLACK
-    probe.wait_for(lambda: len(children(process.pid)) == 2, what='one solver less')
+    probe.wait_for(lambda: len(children(process.pid)) == 2, what='one worker less')
 
 
 def changed(**changes):
@@ -410,15 +410,15 @@ def named(**expressions):
 
 
 MALFORMED = {
-    'nothing at all': (OptimalControlProblem(), 'states'),
+    'empty problem': (OptimalControlProblem(), 'states'),
     'unknown name': (changed(running_cost='u**2 + y'), 'y'),
     'attribute': (changed(running_cost='u.__class__'), 'running_cost'),
     'call of Python': (changed(running_cost="__import__('os').system('true')"), 'running_cost'),
-    'tower': (changed(running_cost='9**9**9**9**9'), 'running_cost'),
+    'power tower': (changed(running_cost='9**9**9**9**9'), 'running_cost'),
     'brackets': (changed(running_cost='(' * 9000 + 'u' + ')' * 9000), 'running_cost'),
     'control characters': (changed(running_cost='u\x07'), 'running_cost'),
     'no equation': (changed(dynamics=[]), 'dynamics'),
-    'equation of nobody': (changed(dynamics=named(x='u', y='u')), 'y'),
+    'equation of an unknown state': (changed(dynamics=named(x='u', y='u')), 'y'),
     'equation twice': (changed(dynamics=named(x='u') * 2), 'is given twice'),
     'name twice': (changed(states=['x', 'x']), 'x'),
     'state and input': (changed(inputs=['x']), 'x'),
@@ -426,16 +426,16 @@ MALFORMED = {
     'division by zero': (changed(parameters=named(a='1/0')), 'parameters.a'),
     'crossed bounds': (changed(
         input_bounds=[NamedBounds(name='u', lower='1', upper='-1')]), 'cross'),
-    'bound of nobody': (changed(input_bounds=[NamedBounds(name='w', lower='1')]), 'w'),
+    'bound of an unknown input': (changed(input_bounds=[NamedBounds(name='w', lower='1')]), 'w'),
     'undefined at the start': (changed(dynamics=named(x='log(x - 2)')), 'dynamics.x'),
-    'guess of nobody': (changed(initial_guess=InitialGuess(
+    'guess of an unknown state': (changed(initial_guess=InitialGuess(
         states=[NamedValues(name='y', values=[1.0])])), 'y'),
     'unknown system': (OptimalControlProblem(system='zeppelin'), 'zeppelin'),
     'file of the server': (OptimalControlProblem(system='/etc/passwd.yaml'), 'system'),
 }
 
 
-def test_malformed_problems_are_answered_in_words(server, probe, clock):
+def test_malformed_problems_are_refused_with_a_reason(server, probe, clock):
     server(workers=1)
     for name, (problem, words) in MALFORMED.items():
         response, begun, end = timed(probe, problem)

@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""lqr_node in its own process: its gains and commands beside those that are computed here."""
+"""lqr_node in its own process: gains and commands, compared with those computed here."""
 
 import math
 from typing import Any
@@ -47,14 +47,14 @@ def one_period(A: Array, B: Array, Qx: Array, Qu: Array, h: float
     return end[:n, :n], end[:n, n:], total[:n, :n], total[n:, n:], total[:n, n:]
 
 
-def test_the_exact_discretisation_and_the_prediction(spawn: Any, probe: Any) -> None:
-    """Example 2.5 at 20 Hz and 50 ms: the optimum of the sampled plant, of the state to come."""
+def test_the_sampled_design_predicts_over_the_delay(spawn: Any, probe: Any) -> None:
+    """Example 2.5 at 20 Hz and 50 ms: optimal gain of the sampled plant, predicted x."""
     bench = Bench(spawn, probe, **EXAMPLE_2_5)
     first, h = bench.design(1), 0.05
     A, B, naive = matrix(first.a, 6), matrix(first.b, 6), matrix(first.k, 2)
     Ad, Bd, Qx, Qu, N = one_period(
         A, B, np.diag(EXAMPLE_2_5['Qx']), np.diag(EXAMPLE_2_5['Qu']), h)
-    # x+ = Ad x + Bd u-, u = -K x: a command takes effect a period late
+    # x+ = Ad x + Bd u-, u = -K x: a command takes effect one period late
     late = np.block([[Ad, Bd], [-naive, np.zeros((2, 2))]])
     assert np.abs(np.linalg.eigvals(late)).max() == pytest.approx(1.11, abs=0.005)
     P = solve_discrete_are(Ad, Bd, Qx, Qu, s=N)
@@ -76,8 +76,8 @@ def test_the_exact_discretisation_and_the_prediction(spawn: Any, probe: Any) -> 
 # Tracking
 
 
-def test_gains_along_a_curve_are_those_of_the_riccati_equation(spawn: Any, probe: Any) -> None:
-    """The vehicle on a bend, faster and faster: u = ud - K(t) (x - xd), P by (2.7) from P1."""
+def test_gains_along_a_curve_solve_the_riccati_equation(spawn: Any, probe: Any) -> None:
+    """The vehicle accelerates on a curve: u = ud - K(t) (x - xd), P by (2.7) backwards from P1."""
     Qx, Qu, P1, T, length = [1.0, 2.0, 0.5], [1.0, 3.0], [5.0, 4.0, 3.0], 4.0, 2.0
     bench = Bench(spawn, probe, system='vehicle', setpoint_input=[10.0, 0.0], Qx=Qx, Qu=Qu, P1=P1)
     t = np.linspace(0.0, T, 401)
@@ -112,14 +112,14 @@ def test_gains_along_a_curve_are_those_of_the_riccati_equation(spawn: Any, probe
         u = bench.answer(x[k] + error, 10.0 + t[k])
         np.testing.assert_allclose(u, [v[k], phi[k]] - K @ error, atol=1e-3 * np.abs(K).max())
         seen.append(K)
-    assert np.abs(np.ptp(seen, axis=0)).max() > 0.3 * np.abs(seen).max()  # they do change
+    assert np.abs(np.ptp(seen, axis=0)).max() > 0.3 * np.abs(seen).max()  # they vary
 
 
 # Integral action
 
 
-def test_integral_action_removes_what_a_constant_push_leaves(spawn: Any, probe: Any) -> None:
-    """The same plant is pushed in two loops: one keeps push / K1 of an error, the other none."""
+def test_integral_action_removes_the_steady_state_error(spawn: Any, probe: Any) -> None:
+    """Under a constant force the plain loop keeps an error of push / K1, with K1 = sqrt(4)."""
     push, states = 0.3, {}
     loops = {'plain': {}, 'integral': {'integral': ['x1'], 'Qi': [1.0]}}
     for name in loops:
@@ -134,14 +134,14 @@ def test_integral_action_removes_what_a_constant_push_leaves(spawn: Any, probe: 
     probe.wait_for(lambda: all(seen[-1].header.stamp.sec >= 35 for seen in states.values()), 40.0)
     assert states['plain'][-1].x[0] == pytest.approx(push / 2.0, rel=1e-6)
     assert np.abs(states['integral'][-1].x).max() < 1e-6
-    assert max(each.x[0] for each in states['integral']) > 0.03  # it was pushed
+    assert max(each.x[0] for each in states['integral']) > 0.03  # the force had an effect
 
 
 # Suggestions
 
 
-def test_all_three_specifications_and_the_table(spawn: Any, probe: Any) -> None:
-    """Rise time, overshoot and peak input are kept; a row of the table is what its scale does."""
+def test_suggested_weights_meet_all_three_specifications(spawn: Any, probe: Any) -> None:
+    """Each row of the table agrees with a dry run of its weights."""
     bench = Bench(spawn, probe, system='double_integrator')
     asked = SuggestWeights.Request(rise_time=1.0, overshoot=0.05, peak_input=[8.0],
                                    x_max=[0.5, 2.0], u_max=[3.0])
@@ -153,12 +153,12 @@ def test_all_three_specifications_and_the_table(spawn: Any, probe: Any) -> None:
         assert design.overshoot[0] <= 0.05
         assert design.peak_input[0] <= 8.0
     assert (matrix(answer.qx, 2) == np.diag(np.diag(matrix(answer.qx, 2)))).all()
-    for k in (0, len(answer.table_scale) // 2, -1):  # Bryson's rule with that scale of the input
+    for k in (0, len(answer.table_scale) // 2, -1):  # Bryson's rule with a scaled input
         row = attempt(probe, qx=[4.0, 0.25], qu=[1 / (3.0 * answer.table_scale[k])**2]).design
         assert row.rise_time[0] == pytest.approx(answer.table_rise_time[k], rel=1e-6)
         assert row.overshoot[0] == pytest.approx(answer.table_overshoot[k], rel=1e-6, abs=1e-9)
         assert row.peak_input[0] == pytest.approx(answer.table_peak_input[k], rel=1e-6)
-    asked.peak_input = [1.0]  # a bang of 1 does not rise in a second
+    asked.peak_input = [1.0]  # |u| <= 1 cannot rise within 1 s
     refused = probe.call(SuggestWeights, '/lqr_node/suggest_weights', asked)
     assert not refused.success
     assert 'together: the minimum ' in refused.message
@@ -168,8 +168,8 @@ def test_all_three_specifications_and_the_table(spawn: Any, probe: Any) -> None:
 # Safety
 
 
-def test_each_choice_outside_the_envelope(spawn: Any, probe: Any) -> None:
-    """Input at rest, the last command or none, and the law again inside; or a stop that stays."""
+def test_each_choice_of_on_envelope_is_obeyed(spawn: Any, probe: Any) -> None:
+    """Inside the envelope the law continues, except after `stop`, which lasts until ~/start."""
     bench = Bench(spawn, probe, x_limits=[1.0] * 6, state_timeout=0.0)
     inside, outside = bench.answer(X), [2.0, 0.0, 0.0, 0.0, 0.0, 0.0]
     for choice, commanded in (('equilibrium', HOVER), ('hold', inside), ('silent', None),
@@ -195,8 +195,8 @@ def test_each_choice_outside_the_envelope(spawn: Any, probe: Any) -> None:
 # What a change does
 
 
-def test_margins_are_those_of_a_frequency_sweep(spawn: Any, probe: Any) -> None:
-    """Each input's loop of the aircraft, the other closed, before and after a dry run."""
+def test_margins_agree_with_a_frequency_sweep(spawn: Any, probe: Any) -> None:
+    """The loop of each input of the aircraft, the other closed, for two designs."""
     bench = Bench(spawn, probe)
     tried = attempt(probe, qx=EXAMPLE_2_5['Qx'], qu=EXAMPLE_2_5['Qu'])
     assert tried.success
@@ -218,7 +218,7 @@ def test_margins_are_those_of_a_frequency_sweep(spawn: Any, probe: Any) -> None:
             least = design.gain_reduction_margin[i]
             for factor, stays in ((0.99 * design.gain_margin[i], True), (1.01 * least, True),
                                   (0.99 * least, False)):
-                if factor < 1e-9:  # any: at 0 a pole is on the border
+                if factor < 1e-9:  # at a factor of 0 a pole may be on the imaginary axis
                     continue
                 changed = K.copy()
                 changed[i] *= min(factor, 1e6)

@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""lqr_node in its own process: horizons, schedules, limits, stamps, references that change."""
+"""lqr_node in its own process: horizons, schedules, limits, stamps, changing references."""
 
 from collections.abc import Callable
 import math
@@ -35,8 +35,8 @@ def double_integrator() -> tuple[Array, Array]:
 # A horizon
 
 
-def test_a_horizon_with_a_terminal_cost(spawn: Any, probe: Any) -> None:
-    """Gains of (2.7) from the first state on, the steady one after it; each change is judged."""
+def test_a_horizon_has_the_gains_of_its_terminal_cost(spawn: Any, probe: Any) -> None:
+    """Gains of (2.7) from the first state on; after the horizon the steady-state gain."""
     bench = Bench(spawn, probe, system='double_integrator', Qx=[1.0, 0.0], Qu=[1.0],
                   horizon=2.0, P1=[50.0, 10.0])
     A, B = double_integrator()
@@ -55,11 +55,11 @@ def test_a_horizon_with_a_terminal_cost(spawn: Any, probe: Any) -> None:
     assert jumps[-1] == pytest.approx(-steady @ x, rel=1e-9)
     assert not bench.set(P1=[1.0, -1.0]).successful
     assert 'P1 has 3 numbers; wanted 2' in bench.set(P1=[1.0, 1.0, 1.0]).reason
-    assert bench.set(setpoint=[1.0, 0.0]).successful  # begins it anew
+    assert bench.set(setpoint=[1.0, 0.0]).successful  # the horizon begins again
     bench.answer([1.0, 0.0], 20.0)
     u = bench.answer([1.4, -0.1], 21.5)
     np.testing.assert_allclose(u, -gain(0.5, P1) @ x, rtol=2e-3)
-    assert bench.set(P1=[]).successful  # what the steady design costs from there on
+    assert bench.set(P1=[]).successful  # default: the cost-to-go of the steady design
     assert bench.answer([1.4, -0.1], 21.5)[0] == pytest.approx(-steady @ x, rel=1e-6)
     assert 'one or the other' in bench.set(schedule='m').reason
     assert bench.set(horizon=0.0).successful
@@ -69,7 +69,7 @@ def test_a_horizon_with_a_terminal_cost(spawn: Any, probe: Any) -> None:
 
 
 def odometry(py: float, theta: float, speed: float, stamp: float) -> Odometry:
-    """Return the pose across the road, and the speed ahead."""
+    """Return odometry with lateral position, heading and forward speed."""
     message = Odometry(child_frame_id='base_link')
     message.header.frame_id = 'odom'
     message.header.stamp.sec, message.header.stamp.nanosec = divmod(round(stamp * 1e9), 10**9)
@@ -80,8 +80,8 @@ def odometry(py: float, theta: float, speed: float, stamp: float) -> Odometry:
     return message
 
 
-def test_the_gain_follows_the_speed_that_odometry_tells(spawn: Any, probe: Any) -> None:
-    """Exercise 2.10 from 1 to 30 m/s, on the grid and between, whatever v it was started for."""
+def test_the_gain_is_scheduled_by_the_speed_of_odometry(spawn: Any, probe: Any) -> None:
+    """Exercise 2.10 at 1 to 30 m/s, on and between the points of the gain table."""
     bench = Bench(spawn, probe, message=Odometry, topic='odom', system='vehicle_lateral',
                   state_source='odom', Qx=[1.0, 0.1], Qu=[1.0], stability=1.0, schedule='v',
                   schedule_range=[1.0, 30.0])
@@ -108,7 +108,7 @@ def test_the_gain_follows_the_speed_that_odometry_tells(spawn: Any, probe: Any) 
 
 
 def closed_loop(system: str, x: Any) -> Callable[[Any], Any]:
-    """Return a plant in this process: called with a command, it is the state 10 ms later."""
+    """Return a function that applies a command for 10 ms and returns the state."""
     from obc_ros.core.closed_loop.simulator import Simulator
     plant = Simulator(registry.get_system(system), x)
 
@@ -120,8 +120,8 @@ def closed_loop(system: str, x: Any) -> Callable[[Any], Any]:
     return move
 
 
-def test_a_vehicle_that_changes_its_speed(spawn: Any, probe: Any) -> None:
-    """The gain follows the speed that is commanded; a reference goes from 1 to 30 m/s."""
+def test_the_gain_is_scheduled_by_the_commanded_speed(spawn: Any, probe: Any) -> None:
+    """A reference accelerates from 1 to 30 m/s; no command jumps."""
     bench = Bench(spawn, probe, system='vehicle', Qx=[1.0, 1.0, 0.1], Qu=[1.0, 1.0],
                   setpoint_input=[1.0, 0.0], stability=0.5, schedule='v',
                   schedule_range=[1.0, 40.0], transition_time=0.5,
@@ -142,7 +142,7 @@ def test_a_vehicle_that_changes_its_speed(spawn: Any, probe: Any) -> None:
     for k in range(300, 1_200):
         u = bench.answer(x, 0.01 * k)
         if before is not None:
-            assert np.abs(u - before).max() < 0.2  # through its beginning and its end
+            assert np.abs(u - before).max() < 0.2  # at the start and the end of the reference too
         x, before = move(u), u
         if k > 600:
             worst = max(worst, abs(x[1]))
@@ -154,12 +154,12 @@ def test_a_vehicle_that_changes_its_speed(spawn: Any, probe: Any) -> None:
 # Limits and weights
 
 
-def test_limits_with_brysons_rule(spawn: Any, probe: Any) -> None:
-    """There u_max is a scale; u_limits limits whatever the weights."""
+def test_u_limits_limit_the_inputs_also_with_brysons_rule(spawn: Any, probe: Any) -> None:
+    """With Bryson's rule u_max is a scale and does not limit the inputs."""
     bench = Bench(spawn, probe, weights='bryson', x_max=[0.1] * 6, u_max=[5.0, 2.0])
     np.testing.assert_allclose(matrix(bench.design(1).qu, 2), np.diag([1 / 25.0, 1 / 4.0]))
     free = bench.answer([1.0, -1.0, 0.0, 0.0, 0.0, 0.0])
-    assert free[1] > HOVER[1] + 2.0  # ten times the acceptable error: more than the scale
+    assert free[1] > HOVER[1] + 2.0  # ten times x_max: more than u_max
     assert bench.set(u_limits=[-3.0, 3.0, 30.0, 41.0]).successful
     limited = bench.answer([1.0, -1.0, 0.0, 0.0, 0.0, 0.0])
     np.testing.assert_allclose(limited, np.clip(free, [-3.0, 30.0], [3.0, 41.0]))
@@ -185,8 +185,8 @@ CHOICES: list[dict[str, Any]] = [
 ]
 
 
-def test_every_choice_of_weights_is_used(spawn: Any, probe: Any) -> None:
-    """Commands are those of the gain that minimises the cost asked for."""
+def test_each_choice_of_weights_gives_its_optimal_gain(spawn: Any, probe: Any) -> None:
+    """Check gain and Riccati equation of the cost, with cross weights and shifts."""
     bench = Bench(spawn, probe)
     for revision, choice in enumerate(CHOICES, start=2):
         assert bench.set(**{**PLAIN, **choice}).successful, choice
@@ -211,8 +211,8 @@ def test_every_choice_of_weights_is_used(spawn: Any, probe: Any) -> None:
 # Time
 
 
-def test_stamps_against_the_clock(spawn: Any, probe: Any) -> None:
-    """A state that is old by its stamp, or of the future, is no state; other clocks are let be."""
+def test_states_with_wrong_stamps_are_dropped(spawn: Any, probe: Any) -> None:
+    """States stamped in the past or future are dropped; stamps of other clocks are accepted."""
     bench = Bench(spawn, probe, state_timeout=0.2, stamp_timeout=0.3,
                   **{'qos_overrides./state.subscription.depth': 10})
     good = bench.answer(X, time.time())
@@ -227,16 +227,16 @@ def test_stamps_against_the_clock(spawn: Any, probe: Any) -> None:
         values['dropped stamped too long ago'], values['dropped stamped in the future'])
         == ('2', '1'))
     assert status.level == b'\x02'
-    assert 'no valid state' in status.message  # on_stale has acted
+    assert 'no valid state' in status.message  # on_stale is in force
     assert (np.array(bench.commands[-1].u) == HOVER).all()
     assert (bench.answer(X, time.time()) == good).all()
-    bench.answer(X, 0.5)  # of a simulation, say
+    bench.answer(X, 0.5)  # the time of a simulation
     assert bench.set(stamp_timeout=0.0).successful
     bench.answer(X, time.time() - 5.0)
 
 
-def test_a_slow_rate_one_by_one(spawn: Any, probe: Any) -> None:
-    """What the refusals say to do leads to a rate that the continuous gain does not bear."""
+def test_a_slow_rate_is_set_as_the_refusals_say(spawn: Any, probe: Any) -> None:
+    """At 5 Hz the continuous gain is unstable; the refusals lead to a sampled design."""
     bench = Bench(spawn, probe, **EXAMPLE_2_5)
     assert 'needs the period' in bench.set(design='sampled').reason
     refusal = 'held for 0.2 s (spectral radius'
@@ -253,17 +253,17 @@ def test_a_slow_rate_one_by_one(spawn: Any, probe: Any) -> None:
     assert probe.get_parameters('/lqr_node', 'sample_time') == {'sample_time': 0.0}
 
 
-# What a robot is sold with
+# Closed loops
 
 
-def test_example_2_5_at_20_hz_with_50_ms_of_delay(spawn: Any, probe: Any) -> None:
-    """The continuous gain throws the aircraft off; the one designed for both holds it."""
+def test_example_2_5_at_20_hz_and_50_ms_needs_a_sampled_design(spawn: Any, probe: Any) -> None:
+    """The continuous gain is unstable; the gain designed for period and delay is stable."""
     loops: dict[str, dict[str, Any]] = {
         'naive': {}, 'sampled': {'design': 'sampled', 'rate': 20.0, 'delay': 0.05}}
     states: dict[str, list[State]] = {}
     for name in loops:
         states[name] = probe.listen(State, f'/{name}/state', 1_000)
-        spawn('plant_simulator', {  # which waits for a command
+        spawn('plant_simulator', {  # it waits for a command
             'lockstep': True, 'speed': 4.0, 'x0': [0.1, 0.0, 0.0, 0.0, 0.0, 0.0],
             'publish_rate': 20.0, 'dt': 0.001, 'input_delay': 0.05}, namespace=f'/{name}')
     probe.wait_for(lambda: all(states.values()), what='the first states')
@@ -278,8 +278,8 @@ def test_example_2_5_at_20_hz_with_50_ms_of_delay(spawn: Any, probe: Any) -> Non
     assert sizes['sampled'] < 0.01, sizes
 
 
-def test_slalom_of_1_m_and_1_hz(spawn: Any, probe: Any) -> None:
-    """Flat feedforward and gains along it: driven to millimetres, joined in the middle."""
+def test_a_slalom_of_1_m_and_1_hz_is_followed(spawn: Any, probe: Any) -> None:
+    """Flat feedforward and gains along it; the vehicle joins the slalom in the middle."""
     bench = Bench(spawn, probe, BEST_EFFORT, system='vehicle_lateral', weights='bryson',
                   x_max=[0.1, 0.1], u_max=[0.2], transition_time=0.2,
                   start_tolerance=[0.3, 0.5])
@@ -299,8 +299,8 @@ def test_slalom_of_1_m_and_1_hz(spawn: Any, probe: Any) -> None:
     assert np.abs(x[:, 0]).max() == pytest.approx(1.0, abs=0.01)
 
 
-def test_a_reference_replaced_while_it_runs_and_its_end(spawn: Any, probe: Any) -> None:
-    """With transition_time no command jumps: at its beginning, in the middle, at its end."""
+def test_commands_do_not_jump_when_references_change_or_end(spawn: Any, probe: Any) -> None:
+    """With transition_time no command jumps at the start, at a replacement or at the end."""
     bench = Bench(spawn, probe, system='double_integrator', Qx=[4.0, 1.0], Qu=[1.0],
                   transition_time=0.5, start_tolerance=[3.0, 3.0])
     publisher = probe.publisher(Trajectory, 'reference', LATCHED)
@@ -315,7 +315,7 @@ def test_a_reference_replaced_while_it_runs_and_its_end(spawn: Any, probe: Any) 
             place = move(commands[-1:])
 
     drive(10.0, 10.5)
-    # begins half a second ago, a metre from where the plant is
+    # the reference began 0.5 s ago, 1 m from the plant
     publisher.publish(reference(t, np.stack([1.0 + t, 1.0 + 0 * t], axis=1), 0 * t, 10.0))
     bench.process.wait_for_output('a reference of 2 s')
     drive(10.5, 11.0)
@@ -326,14 +326,14 @@ def test_a_reference_replaced_while_it_runs_and_its_end(spawn: Any, probe: Any) 
         -0.5 * w * w * np.cos(w * s), 11.0))
     bench.process.wait_for_output('a reference of 1.5 s, then its end is held')
     drive(11.0, 16.0)
-    # half of the jump within half of the transition: 1.5 times its mean slope
+    # the steepest slope of the transition is 1.5 times its mean slope
     largest = 1.5 * 0.01 / 0.5 * 15.0
     assert max(np.abs(np.diff(commands))) < largest
     assert place == pytest.approx([-1.0, 0.0], abs=2e-2)
 
 
-def test_what_is_tried_is_what_comes(spawn: Any, probe: Any) -> None:
-    """The predicted poles, step and peak input are those of the flight after it is adopted."""
+def test_a_dry_run_predicts_the_response(spawn: Any, probe: Any) -> None:
+    """Poles, step response and peak input of the dry run are those after the change."""
     bench = Bench(spawn, probe, system='double_integrator')
     weights = LqrWeights(qx=[16.0, 1.0], qu=[0.5])
     tried = probe.call(TryDesign, '/lqr_node/try_design', TryDesign.Request(weights=weights))
@@ -354,8 +354,8 @@ def test_what_is_tried_is_what_comes(spawn: Any, probe: Any) -> None:
     assert max(map(abs, inputs)) == pytest.approx(design.peak_input[0], rel=1e-3)
 
 
-def test_any_order_of_single_sets(spawn: Any, probe: Any) -> None:
-    """From one valid choice to another, one parameter after the other, in three orders."""
+def test_the_order_of_single_changes_does_not_matter(spawn: Any, probe: Any) -> None:
+    """Six parameters are set one after the other in three orders, with equal results."""
     bench = Bench(spawn, probe)
     end = {'Qx': [2.0] * 6, 'Qu': [3.0, 4.0], 'u_limits': [4.0, 60.0],
            'setpoint': [1.0, 2.0, 0.0, 0.0, 0.0, 0.0], 'rate': 50.0, 'stability': 0.1}

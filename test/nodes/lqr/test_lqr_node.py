@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""lqr_node in its own process: states, commands, and parameters that change meanwhile."""
+"""lqr_node in its own process: states, commands, and changes of parameters."""
 
 import math
 from pathlib import Path
@@ -25,8 +25,8 @@ EXAMPLE_2_5 = {'Qx': [100.0, 1.0, 2 * math.pi / 9, 0.0, 0.0, 0.0], 'Qu': [0.1, 0
 NAMES = ('px', 'py', 'theta', 'vx', 'vy', 'omega')
 
 
-def test_the_gain_follows_its_parameters(spawn: Any, probe: Any) -> None:
-    """Diagonals, integers, full matrices: each is designed for, used and told."""
+def test_a_change_of_weights_changes_the_gain(spawn: Any, probe: Any) -> None:
+    """Diagonals, integers, full matrices and text are accepted and reported in ~/design."""
     bench = Bench(spawn, probe)
     first = bench.design(1)
     assert tuple(first.state_names) == NAMES
@@ -101,8 +101,8 @@ REFUSED = [
 ]
 
 
-def test_each_refusal_says_why(spawn: Any, probe: Any) -> None:
-    """A refused change leaves the gain running, the revision as it is, and is told."""
+def test_each_refusal_has_its_reason(spawn: Any, probe: Any) -> None:
+    """A refusal leaves gain and revision unchanged, and diagnostics report it."""
     bench = Bench(spawn, probe)
     before = bench.answer(X)
     for values, sentence in REFUSED:
@@ -117,8 +117,8 @@ def test_each_refusal_says_why(spawn: Any, probe: Any) -> None:
     assert 'Traceback' not in bench.process.output()
 
 
-def test_bryson_one_by_one(spawn: Any, probe: Any) -> None:
-    """As in five minutes of tuning: what is not given yet is 1 each."""
+def test_brysons_rule_is_set_one_parameter_at_a_time(spawn: Any, probe: Any) -> None:
+    """Scales that are not given are 1."""
     bench = Bench(spawn, probe)
     for values in ({'weights': 'bryson'}, {'x_max': [0.1, 0.1, 0.1, 1.0, 1.0, 1.0]},
                    {'u_max': [5, 5]}):
@@ -129,8 +129,8 @@ def test_bryson_one_by_one(spawn: Any, probe: Any) -> None:
     np.testing.assert_allclose(matrix(found.qu, 2), 0.04 * np.eye(2))
 
 
-def test_all_or_none(spawn: Any, probe: Any) -> None:
-    """What only fits together is set atomically; what fits alone may be set one by one."""
+def test_atomic_changes_are_accepted_or_refused_as_a_whole(spawn: Any, probe: Any) -> None:
+    """Values that fit only together are set atomically; others may be set one by one."""
     bench = Bench(spawn, probe)
     assert not bench.set(Qx=[2.0] * 6, Qu=[1.0, -1.0]).successful
     assert probe.get_parameters('/lqr_node', 'Qx') == {'Qx': []}
@@ -146,8 +146,7 @@ def test_all_or_none(spawn: Any, probe: Any) -> None:
     np.testing.assert_allclose(matrix(bench.design(5).qu, 2), 2 * np.eye(2))
 
 
-def test_values_at_the_start(spawn: Any, probe: Any) -> None:
-    """A file's values go the same way."""
+def test_the_node_starts_with_given_values(spawn: Any, probe: Any) -> None:
     bench = Bench(spawn, probe, system='double_integrator', Qx=[4, 0], Qu=[1],
                   setpoint=[1, 0], u_limits=[0.5])
     design = bench.design(1)
@@ -156,8 +155,8 @@ def test_values_at_the_start(spawn: Any, probe: Any) -> None:
     assert bench.answer([-1.0, 0.0]) == 0.5
 
 
-def test_values_on_the_command_line(spawn: Any, probe: Any) -> None:
-    """Arguments of a launch file or of a shell go the same way as a file's values."""
+def test_the_node_starts_with_values_of_the_command_line(spawn: Any, probe: Any) -> None:
+    """A bad value of the command line ends the node with status 1."""
     designs = probe.listen(LqrDesign, '/lqr_node/design', LATCHED)
     spawn('lqr_node', arguments=['--ros-args', '-p', 'system:=double_integrator',
                                  '-p', 'Qx:=[4.0, 0.0]', '-p', 'Qu:=[1]'])
@@ -176,8 +175,8 @@ def test_values_on_the_command_line(spawn: Any, probe: Any) -> None:
      "lqr_node: state_source = 'imu': wanted 'state' or 'odom'"),
     ({'Qx': [1, 2.5]}, 'should be of same type'),
 ])
-def test_a_bad_start_is_one_sentence(spawn: Any, parameters: Any, sentence: str) -> None:
-    """Exit status 1 and no traceback."""
+def test_a_bad_start_ends_with_one_sentence(spawn: Any, parameters: Any, sentence: str) -> None:
+    """The exit status is 1, and there is no traceback."""
     process = spawn('lqr_node', parameters)
     assert process.wait() == 1
     lines = [line for line in process.output().splitlines() if '[rcl]' not in line]
@@ -186,8 +185,8 @@ def test_a_bad_start_is_one_sentence(spawn: Any, parameters: Any, sentence: str)
 
 
 @pytest.mark.parametrize('qos', [10, BEST_EFFORT], ids=['reliable', 'best effort'])
-def test_bad_states_are_dropped(spawn: Any, probe: Any, qos: Any) -> None:
-    """They are counted and told; the next one is answered; any publisher is heard."""
+def test_invalid_states_are_dropped_and_counted(spawn: Any, probe: Any, qos: Any) -> None:
+    """The next valid state is answered, from reliable and best-effort publishers."""
     bench = Bench(spawn, probe, qos, **{'qos_overrides./state.subscription.depth': 10})
     good = bench.ask(X)
     for bad in ([math.nan, *X[1:]], [*X[1:], math.inf], X[1:], [*X, 0.0], []):
@@ -199,8 +198,8 @@ def test_bad_states_are_dropped(spawn: Any, probe: Any, qos: Any) -> None:
     bench.process.wait_for_output('a state with px = nan was dropped')
 
 
-def test_stale_states(spawn: Any, probe: Any) -> None:
-    """After state_timeout on_stale acts, three ways, each changed while it runs."""
+def test_each_choice_of_on_stale_is_obeyed(spawn: Any, probe: Any) -> None:
+    """on_stale takes effect after state_timeout; returning states end it."""
     bench = Bench(spawn, probe, state_timeout=0.1)
     good = bench.answer(X)
     for action, expected in (('equilibrium', HOVER), ('hold', good), ('silent', None)):
@@ -213,18 +212,18 @@ def test_stale_states(spawn: Any, probe: Any) -> None:
         commanded = [np.array(each.u) for each in bench.commands[seen:]]
         assert bool(commanded) == (expected is not None)
         assert all((u == expected).all() for u in commanded)
-    assert bench.answer(X) == pytest.approx(good)  # it recovers by itself
+    assert bench.answer(X) == pytest.approx(good)  # recovers without ~/start
     bench.report('states', lambda status, _: status.level != b'\x02' or bench.send(X))
 
 
 def test_stop_is_latched_until_start(spawn: Any, probe: Any) -> None:
-    """While stopped every state is answered with the input at rest."""
+    """While stopped the node answers every state with the equilibrium input."""
     bench = Bench(spawn, probe)
     good = bench.answer(X)
     assert (bench.probe.call(Trigger, '/lqr_node/stop').message).startswith('stopped at ')
     for _ in range(3):
         assert (bench.answer(X) == HOVER).all()
-    assert bench.set(Qx=[2.0] * 6).successful  # a change does not start it
+    assert bench.set(Qx=[2.0] * 6).successful  # a change of parameters does not start it
     assert (bench.answer(X) == HOVER).all()
     bench.report('commands', lambda status, _: 'stopped: by ~/stop' in status.message)
     assert bench.set(Qx=[1.0] * 6).successful
@@ -233,8 +232,8 @@ def test_stop_is_latched_until_start(spawn: Any, probe: Any) -> None:
     assert bench.probe.call(Trigger, '/lqr_node/start').message == 'it was not stopped'
 
 
-def test_the_design_is_latched_and_a_last_command_is_left(spawn: Any, probe: Any) -> None:
-    """Who comes later sees the design in use; SIGINT leaves the plant the input at rest."""
+def test_the_design_is_latched_and_sigint_commands_rest(spawn: Any, probe: Any) -> None:
+    """A late subscriber gets the design; the last command at SIGINT is the equilibrium input."""
     bench = Bench(spawn, probe)
     assert bench.set(Qx=[2.0] * 6).successful
     bench.design(2)
@@ -253,8 +252,8 @@ def test_the_design_is_latched_and_a_last_command_is_left(spawn: Any, probe: Any
     assert 'Traceback' not in bench.process.output()
 
 
-def test_in_lockstep_the_loop_is_that_of_one_process(spawn: Any, probe: Any) -> None:
-    """States over DDS are those of the same loop integrated here, to 1e-12."""
+def test_the_loop_in_lockstep_equals_the_loop_in_one_process(spawn: Any, probe: Any) -> None:
+    """The states agree to 1e-12 with those of the same loop integrated here."""
     bench = Bench(spawn, probe, **EXAMPLE_2_5)
     design = bench.design(1)
     start = [0.5, -0.3, 0.1, 0.0, 0.0, 0.0]
@@ -266,7 +265,7 @@ def test_in_lockstep_the_loop_is_that_of_one_process(spawn: Any, probe: Any) -> 
     K, plant = matrix(design.k, 2), Simulator(registry.get_system('aircraft'), start)
     worst, compared = 0.0, 0
     for k in range(max(over_dds) // 5_000_000):
-        if k * 5_000_000 in over_dds:  # the first ones came before the probe was connected
+        if k * 5_000_000 in over_dds:  # the first states precede the connection of the probe
             compared += 1
             worst = max(worst, np.abs(plant.x - over_dds[k * 5_000_000]).max())
         plant.command(np.array(design.ue) - K @ (plant.x - np.array(design.xe)))
@@ -276,7 +275,7 @@ def test_in_lockstep_the_loop_is_that_of_one_process(spawn: Any, probe: Any) -> 
 
 
 def test_a_killed_node_is_replaced(spawn: Any, probe: Any) -> None:
-    """SIGKILL, and another one: the plant flies on without being touched."""
+    """After SIGKILL a new node takes over the plant in lockstep."""
     bench = Bench(spawn, probe)
     states: list[State] = probe.listen(State, 'state')
     spawn('plant_simulator', {'lockstep': True, 'speed': 0.0, 'publish_clock': True, 'x0': X})
@@ -288,8 +287,8 @@ def test_a_killed_node_is_replaced(spawn: Any, probe: Any) -> None:
     probe.wait_for(lambda: states[-1].header.stamp.sec > before.sec + 1)
 
 
-def test_random_changes(spawn: Any, probe: Any) -> None:
-    """Good and bad changes in any order: each command is that of the last accepted design."""
+def test_commands_follow_the_last_accepted_of_random_changes(spawn: Any, probe: Any) -> None:
+    """Valid and invalid changes are mixed; every accepted gain stabilises."""
     bench = Bench(spawn, probe)
     rng = random.Random(1)
     revision, seen = 1, []
@@ -312,7 +311,7 @@ def test_random_changes(spawn: Any, probe: Any) -> None:
 
 
 def _change(rng: random.Random) -> tuple[bool, dict[str, Any]]:
-    """Return whether a change is good, and the change."""
+    """Return whether a change is valid, and the change."""
     good = [
         {'Qx': [10**rng.uniform(-3, 3) for _ in range(6)]},
         {'Qu': [10**rng.uniform(-3, 3) for _ in range(2)]},
@@ -332,8 +331,7 @@ def _change(rng: random.Random) -> tuple[bool, dict[str, Any]]:
     return is_good, rng.choice(good if is_good else bad)
 
 
-def test_ten_thousand_refusals(spawn: Any, probe: Any) -> None:
-    """The gain stays, and so does the memory."""
+def test_ten_thousand_refusals_leave_gain_and_memory(spawn: Any, probe: Any) -> None:
     bench = Bench(spawn, probe)
     before = bench.answer(X)
 
@@ -345,7 +343,7 @@ def test_ten_thousand_refusals(spawn: Any, probe: Any) -> None:
         assert len(results) == count
         assert not any(each.successful for each in results)
 
-    refuse(1_000)  # whatever is kept once is there now
+    refuse(1_000)  # memory that is allocated once is allocated now
     memory = _resident(bench.process.pid)
     for _ in range(9):
         refuse(1_000)
@@ -360,8 +358,8 @@ def _resident(pid: int) -> int:
     return int(status.split('VmRSS:')[1].split()[0])
 
 
-def test_imports_are_quick() -> None:
-    """What takes long is imported only where it is used."""
+def test_the_node_has_no_slow_imports() -> None:
+    """Packages that load slowly are imported only where they are used."""
     script = ('import sys, obc_ros.nodes.lqr_node\n'
               "slow = ('control', 'matplotlib', 'scipy.optimize', 'scipy.signal',\n"
               "        'scipy.integrate', 'pandas', 'rich', 'mcap')\n"
@@ -371,8 +369,8 @@ def test_imports_are_quick() -> None:
     assert done.stdout.strip() == '[]'
 
 
-def test_commands_carry_the_stamp_of_their_state(spawn: Any, probe: Any) -> None:
-    """Stamps of any size come back as they are."""
+def test_commands_have_the_stamp_of_their_state(spawn: Any, probe: Any) -> None:
+    """Stamps from 0 to the present epoch are unchanged."""
     bench = Bench(spawn, probe)
     for stamp in (0.0, 1e-9, 12.5, 1_700_000_000.123456789):
         bench.answer(X, stamp)

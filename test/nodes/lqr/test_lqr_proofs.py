@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""Running nodes accept no gain without its proof: a published collection, and random systems."""
+"""A running server verifies every gain: a published collection and random systems."""
 
 from collections.abc import Callable
 from typing import Any
@@ -22,7 +22,7 @@ Array = NDArray[np.float64]
 
 @pytest.fixture
 def design(spawn: Any, probe: Any) -> Callable[..., Any]:
-    """Return what asks a running server for a design of A, B, Qx, Qu."""
+    """Return a function that requests a design of A, B, Qx, Qu from a running server."""
     spawn('trajectory_server', {'workers': 1})
 
     def ask(A: Any, B: Any, Qx: Any, Qu: Any) -> Any:
@@ -35,12 +35,12 @@ def design(spawn: Any, probe: Any) -> Callable[..., Any]:
 
 
 def check(answer: Any, *problem: Any) -> Array:
-    """Put an accepted design back into its equation, in more digits, and return P."""
+    """Check the Riccati residual of an accepted design in extended precision; return P."""
     A, B, Qx, Qu = (np.asarray(each, dtype=float) for each in problem)
     K, P = matrix(answer.design.k, B.shape[1]), matrix(answer.design.p, len(A))
     assert np.linalg.eigvals(A - B @ K).real.max() < 0.0 > max(answer.design.poles_real)
-    more = P.astype(np.longdouble)
-    terms = (A.T @ more, more @ A, -(more @ B) @ np.linalg.solve(Qu, B.T @ P), Qx)
+    P_long = P.astype(np.longdouble)
+    terms = (A.T @ P_long, P_long @ A, -(P_long @ B) @ np.linalg.solve(Qu, B.T @ P), Qx)
     size = max(float(np.linalg.norm(term)) for term in terms)
     assert np.linalg.norm(np.sum(terms, axis=0)) <= 1e-8 * size
     assert answer.design.residual <= 1e-8
@@ -49,10 +49,10 @@ def check(answer: Any, *problem: Any) -> Array:
 
 
 def test_ill_conditioned_problems_are_solved_or_refused(design: Any) -> None:
-    """The collection of Benner, Laub and Mehrmann: never a wrong answer."""
+    """The collection of Benner, Laub and Mehrmann (CAREX): no accepted design is wrong."""
     for name, (*data, exact) in EXACT.items():
         P = check(design(*data), *data)
-        if not name.startswith('10'):  # whose condition number is 1 / d^2
+        if not name.startswith('10'):  # example 10 has the condition number 1 / d^2
             assert np.linalg.norm(P - exact) <= 1e-12 * np.linalg.norm(exact), name
     for data in OTHERS.values():
         check(design(*data), *data)
@@ -63,13 +63,13 @@ def test_ill_conditioned_problems_are_solved_or_refused(design: Any) -> None:
         assert any(each in answer.message for each in words.split('|')), answer.message
 
 
-def test_random_systems(design: Any) -> None:
-    """Accepted gains stabilise and are optimal, refusals are right; both come about."""
+def test_random_systems_are_solved_or_refused(design: Any) -> None:
+    """Accepted gains stabilise and are optimal; refused problems are hard; both cases occur."""
     accepted = []
 
     @settings(max_examples=150, deadline=None)
     @given(problems())
-    def judge(problem: Any) -> None:
+    def check_one(problem: Any) -> None:
         A, B, Qx, Qu = problem
         answer = design(*problem)
         accepted.append(answer.success)
@@ -78,8 +78,8 @@ def test_random_systems(design: Any) -> None:
             assert is_hard(*problem), answer.message
             return
         P = check(answer, *problem)
-        again = cost_of(matrix(answer.design.k, B.shape[1]), A, B, Qx, Qu)
-        assert np.abs(again - P).max() <= 1e-2 * np.abs(P).max()
+        cost = cost_of(matrix(answer.design.k, B.shape[1]), A, B, Qx, Qu)
+        assert np.abs(cost - P).max() <= 1e-2 * np.abs(P).max()
 
-    judge()
+    check_one()
     assert 20 < sum(accepted) < len(accepted) - 20

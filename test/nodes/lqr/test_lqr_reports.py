@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""lqr_node in its own process: what it says of a design and of itself, and what it refuses."""
+"""lqr_node in its own process: diagnostics, figures of the design, refusals, smooth starts."""
 
 import math
 import time
@@ -20,8 +20,8 @@ X = [0.3, -0.2, 0.1, 0.05, -0.04, 0.02]
 
 
 @pytest.mark.alone
-def test_diagnostics_at_1_hz(spawn: Any, probe: Any) -> None:
-    """Rate, state age, latency, share at a limit, revision and last refusal, once a second."""
+def test_diagnostics_report_the_loop_at_1_hz(spawn: Any, probe: Any) -> None:
+    """They contain rate, state age, latency, share at a limit, revision and last refusal."""
     bench = Bench(spawn, probe, u_limits=[-1.0, 1.0, 30.0, 50.0])
     assert bench.set(Qx=[2.0] * 6).successful
     assert not bench.set(Qu=[1.0, -1.0]).successful
@@ -57,8 +57,8 @@ def test_diagnostics_at_1_hz(spawn: Any, probe: Any) -> None:
     assert 'revision 2: aircraft: spectral abscissa -' in status.message
 
 
-def test_a_plant_that_is_not_the_one_of_the_design(spawn: Any, probe: Any) -> None:
-    """Without x_limits nothing stops it, but diagnostics warn; the right plant is left alone."""
+def test_diagnostics_warn_of_a_plant_unlike_the_design(spawn: Any, probe: Any) -> None:
+    """The cost-to-go grows with the wrong plant; with the right plant there is no warning."""
     reports = probe.listen(DiagnosticArray, '/diagnostics', 100)
     for name, a in (('right', -1.0), ('wrong', 1.5)):  # the design is for a = -1
         spawn('plant_simulator', {'system': 'scalar', 'system_parameters.a': a, 'x0': [1e-3],
@@ -76,8 +76,8 @@ def test_a_plant_that_is_not_the_one_of_the_design(spawn: Any, probe: Any) -> No
     assert words('right') == {'within the limits'}
 
 
-def test_the_numbers_of_exercise_2_10(spawn: Any, probe: Any) -> None:
-    """Across the road, py'' = (v^2 / l) phi: the figures of ~/design are those of Example 2.4."""
+def test_the_design_reports_the_figures_of_exercise_2_10(spawn: Any, probe: Any) -> None:
+    """Lateral motion py'' = (v^2 / l) phi has the closed forms of Example 2.4."""
     bench = Bench(spawn, probe, system='vehicle_lateral', Qx=[0.01, 0.0], Qu=[1.0])
     unit = math.sqrt(1.0 + math.sqrt(2.0))
     assert bench.set(Qx=[1.0, 0.0]).successful
@@ -91,7 +91,7 @@ def test_the_numbers_of_exercise_2_10(spawn: Any, probe: Any) -> None:
         assert design.phase_margin[0] == pytest.approx(math.atan(math.sqrt(2.0) * unit), rel=1e-9)
         assert design.gain_margin[0] == math.inf
         assert design.gain_reduction_margin[0] == pytest.approx(0.0, abs=1e-9)
-        # |1 + L| > 1 for any regulator (Kalman): no peak above 1, and so at least half a disk
+        # |1 + L| > 1 for any LQR (Kalman), so that |S| has no peak above 1
         assert design.sensitivity_peak == pytest.approx(1.0, abs=1e-6)
         # S - T = (s^2 - a s - b) / (s^2 + a s + b), a^2 = 2 b; its square on s = jw is
         # (w^4 + 4 b w^2 + b^2) / (w^4 + b^2), at most 3
@@ -106,17 +106,17 @@ def test_the_numbers_of_exercise_2_10(spawn: Any, probe: Any) -> None:
     ([0.0, 1.0, 0.0, 0.0], [0.0, 1.0], [1.0, 1.0], [-1.0], 'Qu[0] = -1: Qu must be positive'),
     ([0.0, 1.0, 0.0, 0.0], [0.0, 1.0], [1.0, 2.0, 3.0, 1.0], [1.0], 'Qx must be symmetric'),
 ])
-def test_a_design_that_cannot_be_proved(spawn: Any, A: Any, B: Any, Qx: Any, Qu: Any,
-                                        sentence: str) -> None:
-    """The node does not start with it, and says what stands against it."""
+def test_the_node_does_not_start_with_an_invalid_design(spawn: Any, A: Any, B: Any, Qx: Any,
+                                                        Qu: Any, sentence: str) -> None:
+    """The error names the violated condition of the design."""
     process = spawn('lqr_node', {'system': 'linear', 'system_parameters.A': A,
                                  'system_parameters.B': B, 'Qx': Qx, 'Qu': Qu})
     assert process.wait() == 1, process.output()
     assert sentence in process.output(), process.output()
 
 
-def test_weights_that_fool_the_usual_solver(spawn: Any, probe: Any) -> None:
-    """Where others answer with an unstable gain, this one stabilises: the closed form."""
+def test_extreme_weights_give_the_closed_form_gain(spawn: Any, probe: Any) -> None:
+    """K = (sqrt(q/r), sqrt(2 sqrt(q/r))); common Riccati solvers return an unstable gain."""
     bench = Bench(spawn, probe, system='double_integrator', Qx=[1e16, 1e-16], Qu=[1e-16])
     design = bench.design(1)
     assert list(design.k) == pytest.approx([1e16, math.sqrt(2e16)], rel=1e-12)
@@ -128,20 +128,20 @@ def test_weights_that_fool_the_usual_solver(spawn: Any, probe: Any) -> None:
     assert (bench.answer([1e-16, 0.0]) == u).all()
 
 
-def test_anti_windup(spawn: Any, probe: Any) -> None:
-    """An input at its limit leaves it at once when the error turns."""
+def test_the_integral_does_not_wind_up_at_a_limit(spawn: Any, probe: Any) -> None:
+    """The input leaves its limit at once when the error changes its sign."""
     bench = Bench(spawn, probe, system='double_integrator', integral=['x1'], Qi=[1.0],
                   u_limits=[-1.0, 1.0])
     for k in range(100):
         u = bench.answer([5.0, 0.0], 0.05 * k)
     assert u == -1.0
-    assert bench.answer([-0.2, 0.0], 5.0)[0] > 0.2  # wound up it would stay at -1 for long
+    assert bench.answer([-0.2, 0.0], 5.0)[0] > 0.2  # with windup it would stay at -1
 
 
-def test_odometry_of_the_aircraft(spawn: Any, probe: Any) -> None:
-    """Its velocity is in the frame of the body; the loop closed over odom is that over state."""
+def test_the_loop_over_odometry_equals_that_over_states(spawn: Any, probe: Any) -> None:
+    """Odometry has the velocity in the body frame; commands are those of the state."""
     spawn('plant_simulator', {'lockstep': True, 'speed': 0.5, 'publish_clock': True,
-                              'x0': [1.0, 0.5, 0.6, 1.0, -1.0, 0.3]})  # it waits for a command
+                              'x0': [1.0, 0.5, 0.6, 1.0, -1.0, 0.3]})  # waits for a command
     states: list[State] = probe.listen(State, 'state', 1_000)
     probe.wait_for(lambda: states, what='a state')
     bench = Bench(spawn, probe, message=Odometry, topic='odom', state_source='odom')
@@ -158,8 +158,8 @@ def test_odometry_of_the_aircraft(spawn: Any, probe: Any) -> None:
     assert max(np.abs(x[3:5]).max() for _, x in answered()) > 1e-2
 
 
-def test_stop_and_start_of_a_smooth_loop(spawn: Any, probe: Any) -> None:
-    """With transition_time a start takes over from the input at rest without a jump."""
+def test_start_after_stop_is_smooth_with_transition_time(spawn: Any, probe: Any) -> None:
+    """After ~/start the command blends from the equilibrium input into the law."""
     bench = Bench(spawn, probe, transition_time=1.0)
     law = bench.answer(X, 1.0)
     assert probe.call(Trigger, '/lqr_node/stop').success

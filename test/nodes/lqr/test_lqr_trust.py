@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""lqr_node in its own process: what a robot needs besides the gain."""
+"""lqr_node in its own process: safety, dry runs, references, lifecycle and messages."""
 
 import math
 from typing import Any
@@ -27,13 +27,13 @@ X = [0.3, -0.2, 0.1, 0.05, -0.04, 0.02]
 ACTIVE, UNCONFIGURED = 'active', 'unconfigured'
 
 
-def test_stamps(spawn: Any, probe: Any) -> None:
-    """Late, repeated and reset stamps, and a rate, each over DDS."""
+def test_late_repeated_and_reset_stamps_are_counted(spawn: Any, probe: Any) -> None:
+    """Late states are dropped, repeated ones answered; `rate` drops states between periods."""
     bench = Bench(spawn, probe, **{'qos_overrides./state.subscription.depth': 10})
     first = bench.answer(X, 10.0)
-    assert (bench.answer(X, 10.0) == first).all()  # asked again
+    assert (bench.answer(X, 10.0) == first).all()  # a repeated state
     bench.answer(X, 10.1)
-    bench.send(X, 10.05)  # overtaken
+    bench.send(X, 10.05)  # a late state
     bench.answer(X, 10.2)
     assert nanoseconds(bench.commands[-2]) == 10_100_000_000
     bench.answer(X, 0.0)  # the plant was reset
@@ -48,8 +48,8 @@ def test_stamps(spawn: Any, probe: Any) -> None:
     assert nanoseconds(bench.commands[-2]) == 1_000_000_000
 
 
-def test_envelope(spawn: Any, probe: Any) -> None:
-    """Outside x_limits it stops until ~/start, or does what on_envelope says."""
+def test_outside_x_limits_the_loop_stops_or_holds(spawn: Any, probe: Any) -> None:
+    """By default the node stops until ~/start; on_envelope chooses otherwise."""
     bench = Bench(spawn, probe, x_limits=[5.0, 5.0, 0.5, 9.0, 9.0, 9.0])
     good, tilted = bench.answer(X), [0.0, 0.0, 0.6, 0.0, 0.0, 0.0]
     assert (bench.answer(tilted) == HOVER).all()
@@ -64,8 +64,8 @@ def test_envelope(spawn: Any, probe: Any) -> None:
     assert not (bench.answer(tilted) == good).all()
 
 
-def test_transition_and_the_jump_it_hides(spawn: Any, probe: Any) -> None:
-    """The size of the jump is told before; with transition_time the command does not jump."""
+def test_transition_time_removes_the_predicted_jump(spawn: Any, probe: Any) -> None:
+    """A dry run predicts the jump; with transition_time the command is continuous."""
     bench = Bench(spawn, probe, transition_time=1.0)
     before = bench.answer(X, 1.0)
     tried = probe.call(TryDesign, '/lqr_node/try_design', TryDesign.Request(
@@ -80,8 +80,8 @@ def test_transition_and_the_jump_it_hides(spawn: Any, probe: Any) -> None:
     assert bench.design(2).input_jump == pytest.approx(tried.design.input_jump, rel=1e-9)
 
 
-def test_try_design(spawn: Any, probe: Any) -> None:
-    """A dry run answers what a change would do, or why it would be refused; nothing changes."""
+def test_a_dry_run_reports_the_design_and_changes_nothing(spawn: Any, probe: Any) -> None:
+    """A dry run reports the design of a change, or the reason of its refusal."""
     bench = Bench(spawn, probe)
     before = bench.answer(X)
 
@@ -117,8 +117,8 @@ def test_try_design(spawn: Any, probe: Any) -> None:
     assert len(bench.designs) == 1
 
 
-def test_integral_action(spawn: Any, probe: Any) -> None:
-    """An error that stays is fed back ever more, and less once it is gone."""
+def test_the_integral_of_the_error_is_fed_back(spawn: Any, probe: Any) -> None:
+    """The command grows while the error lasts; a stop clears the integral."""
     bench = Bench(spawn, probe, system='double_integrator', integral=['x1'], Qi=[1.0])
     x = [0.1, 0.0]
     first = bench.answer(x, 0.0)
@@ -126,7 +126,7 @@ def test_integral_action(spawn: Any, probe: Any) -> None:
         last = bench.answer(x, 0.1 * k)
     assert last[0] < first[0] - 0.05
     assert len(bench.design(1).poles_real) == 3
-    assert bench.set(Qi=[4.0]).successful  # the integral stays
+    assert bench.set(Qi=[4.0]).successful  # the integral is kept
     assert bench.answer(x, 1.0)[0] < last[0]
     assert bench.probe.call(Trigger, '/lqr_node/stop').success
     bench.answer(x, 1.1)
@@ -134,8 +134,8 @@ def test_integral_action(spawn: Any, probe: Any) -> None:
     assert bench.answer([0.0, 0.0], 1.2)[0] == pytest.approx(0.0, abs=1e-15)
 
 
-def test_suggested_weights(spawn: Any, probe: Any) -> None:
-    """Weights that meet specifications, with the trade-off; the loop runs meanwhile."""
+def test_suggested_weights_meet_the_specifications(spawn: Any, probe: Any) -> None:
+    """The response has a table of the trade-off; the running loop is unchanged."""
     bench = Bench(spawn, probe, system='double_integrator')
     before = bench.answer([0.1, 0.0])
 
@@ -160,8 +160,8 @@ def test_suggested_weights(spawn: Any, probe: Any) -> None:
     assert bench.design(2).rise_time[0] == pytest.approx(answer.design.rise_time[0])
 
 
-def test_what_is_tried_beside_bryson(spawn: Any, probe: Any) -> None:
-    """With Bryson's rule u_max is no limit: neither to suggestions nor to a dry run."""
+def test_dry_runs_and_suggestions_work_beside_brysons_rule(spawn: Any, probe: Any) -> None:
+    """With Bryson's rule u_max does not limit suggestions and dry runs."""
     bench = Bench(spawn, probe, weights='bryson', x_max=[0.1] * 6, u_max=[5.0, 5.0])
     answer = probe.call(SuggestWeights, '/lqr_node/suggest_weights',
                         SuggestWeights.Request(rise_time=1.5, peak_input=[10.0, 10.0]))
@@ -177,8 +177,8 @@ def test_what_is_tried_beside_bryson(spawn: Any, probe: Any) -> None:
     assert len(bench.designs) <= 1
 
 
-def test_sampled_and_delayed(spawn: Any, probe: Any) -> None:
-    """A design for the rate and the delay is another gain; without a rate it is refused."""
+def test_a_sampled_design_uses_period_and_delay(spawn: Any, probe: Any) -> None:
+    """The gain differs from the continuous one; without a rate the design is refused."""
     bench = Bench(spawn, probe)
     assert 'needs the period' in bench.set(design='sampled').reason
     assert 'needs the period' in bench.set(delay=0.05).reason
@@ -188,7 +188,7 @@ def test_sampled_and_delayed(spawn: Any, probe: Any) -> None:
     assert design.max_gain_change > 0.01
     assert max(design.poles_real) < 0.0
     u = [bench.answer(X, 1.0 + 0.05 * k) for k in range(3)]
-    # the same state, but each time another command is on its way
+    # the state is the same, but the pending command differs each time
     assert np.abs(u[1] - u[0]).max() > 1e-3
     assert np.abs(u[2] - u[1]).max() > 1e-3
 
@@ -196,10 +196,10 @@ def test_sampled_and_delayed(spawn: Any, probe: Any) -> None:
 # References
 
 
-def test_a_reference_is_followed(spawn: Any, probe: Any) -> None:
-    """Joined in the middle, replaced while it runs, held at its end, ended by a set point."""
+def test_references_are_joined_replaced_and_held(spawn: Any, probe: Any) -> None:
+    """A reference may be joined in the middle; its end is held; a set point ends it."""
     bench = Bench(spawn, probe, system='double_integrator', Qx=[4, 0], Qu=[1],
-                  start_tolerance=[3.0, 2.0])  # the plant of this test jumps
+                  start_tolerance=[3.0, 2.0])  # the states of this test jump
     publisher = probe.publisher(Trajectory, 'reference', LATCHED)
     K = matrix(bench.design(1).k, 1)
     t, dt = np.linspace(0.0, 10.0, 101), 1e-9
@@ -210,15 +210,15 @@ def test_a_reference_is_followed(spawn: Any, probe: Any) -> None:
 
     assert bench.answer([0.0, 0.0], 99.0) == pytest.approx(0.0)
     follow(reference(t, np.stack([t, np.ones(101)], axis=1), 0 * t, 97.0), 'of 10 s')
-    # px = t, vx = 1; the gain is that of the steady state long before the end
+    # x1 = t, x2 = 1; long before the end the gain is the steady-state gain
     assert bench.answer([2.5, 1.0], 99.5) == pytest.approx(0.0, abs=1e-9)
     assert bench.answer([2.9, 1.2], 99.9) == pytest.approx(-K @ [0.0, 0.2], rel=1e-4)
     follow(reference(t[:51], np.stack([t[:51] * 0 + 3.0, t[:51] * 0], axis=1), 0 * t[:51], 100.5,
                      state_names=['x1', 'x2'], input_names=['u'], interpolation='zoh',
                      system='double_integrator'), 'of 5 s')
-    assert bench.answer([3.4, 1.0], 100.4) == pytest.approx(0.0, abs=1e-9)  # still the first
+    assert bench.answer([3.4, 1.0], 100.4) == pytest.approx(0.0, abs=1e-9)  # still the first one
     assert bench.answer([3.1, 0.0], 100.5) == pytest.approx(-K @ [0.1, 0.0], rel=1e-3)
-    assert bench.set(Qx=[9, 0]).successful  # along the reference too
+    assert bench.set(Qx=[9, 0]).successful  # also while a reference is followed
     K = matrix(bench.design(2).k, 1)
     for stamp in (105.5 - dt, 105.5, 105.5 + dt, 200.0):
         assert bench.answer([3.1, 0.0], stamp) == pytest.approx(-K @ [0.1, 0.0], rel=1e-6)
@@ -233,8 +233,8 @@ def test_a_reference_is_followed(spawn: Any, probe: Any) -> None:
     assert bench.answer([1.1, 0.0]) == pytest.approx(-K @ [0.1, 0.0], rel=1e-9)
 
 
-def test_a_reference_from_now_on_and_a_stop(spawn: Any, probe: Any) -> None:
-    """Stamp zero begins at once; ~/stop forgets it."""
+def test_a_reference_with_stamp_0_begins_at_once(spawn: Any, probe: Any) -> None:
+    """~/stop discards the reference."""
     bench = Bench(spawn, probe, system='double_integrator')
     publisher = probe.publisher(Trajectory, 'reference', LATCHED)
     bench.answer([0.0, 1.0], 50.0)
@@ -251,8 +251,8 @@ def test_a_reference_from_now_on_and_a_stop(spawn: Any, probe: Any) -> None:
 # Lifecycle
 
 
-def test_lifecycle(spawn: Any, probe: Any) -> None:
-    """Without autostart it waits; deactivated it leaves a command at rest and is silent."""
+def test_lifecycle_transitions_start_and_silence_the_loop(spawn: Any, probe: Any) -> None:
+    """Without autostart the node waits; deactivation commands the equilibrium input once."""
     bench = Bench(spawn, probe, autostart=False)
 
     def change(label: str) -> bool:
@@ -272,7 +272,7 @@ def test_lifecycle(spawn: Any, probe: Any) -> None:
 
     assert state() == UNCONFIGURED
     assert is_silent()
-    assert bench.set(Qx=[2.0] * 6).successful  # parameters live in every state
+    assert bench.set(Qx=[2.0] * 6).successful  # parameters can be set in every lifecycle state
     assert not change('activate')
     assert change('configure')
     assert is_silent()
@@ -298,28 +298,28 @@ def test_lifecycle(spawn: Any, probe: Any) -> None:
     assert change('shutdown')
 
 
-# Others on its topics
+# Other publishers
 
 
-def test_a_second_publisher_is_told(spawn: Any, probe: Any) -> None:
-    """Two sources of states, or two controllers of one plant, are named."""
+def test_a_second_publisher_is_reported(spawn: Any, probe: Any) -> None:
+    """Diagnostics name two sources of states, and two controllers of one plant."""
     bench = Bench(spawn, probe)
     other = probe.node.create_publisher(State, 'state', 10)
     bench.report('states', lambda status, _: status.level == b'\x01'
                  and '2 publishers on /state: /probe, /probe' in status.message)
     probe.node.destroy_publisher(other)
     bench.report('states', lambda status, _: 'publishers' not in status.message)
-    spawn('lqr_node', {}, name='rival')
-    bench.report('states', lambda status, _: '2 publishers on /command: /lqr_node, /rival'
+    spawn('lqr_node', {}, name='second')
+    bench.report('states', lambda status, _: '2 publishers on /command: /lqr_node, /second'
                  in status.message)
 
 
-def test_qos_overrides_and_what_does_not_fit(spawn: Any, probe: Any) -> None:
-    """The QoS is set by parameters; who cannot be heard for it is named with the topic."""
+def test_qos_overrides_apply_and_mismatches_are_reported(spawn: Any, probe: Any) -> None:
+    """Diagnostics name a publisher of incompatible QoS, and missed deadlines."""
     parameters = {'qos_overrides./state.subscription.reliability': 'reliable',
                   'qos_overrides./state.subscription.deadline': 200_000_000}
     process = spawn('lqr_node', parameters, name='careful')
-    deaf = probe.node.create_publisher(State, 'state', BEST_EFFORT)
+    unfit = probe.node.create_publisher(State, 'state', BEST_EFFORT)
     reports = probe.listen(DiagnosticArray, '/diagnostics')
     assert probe.get_parameters('/careful', 'qos_overrides./state.subscription.reliability') == {
         'qos_overrides./state.subscription.reliability': 'reliable'}
@@ -329,7 +329,7 @@ def test_qos_overrides_and_what_does_not_fit(spawn: Any, probe: Any) -> None:
 
     probe.wait_for(lambda: reported(
         '/careful receives nothing from /probe on /state: incompatible QoS (best effort'))
-    probe.node.destroy_publisher(deaf)
+    probe.node.destroy_publisher(unfit)
     good = probe.publisher(State, 'state', QoSProfile(
         depth=1, deadline=Duration(seconds=0.2)))
     commands = probe.listen(Command, 'command')
@@ -355,8 +355,8 @@ def odometry(px: float, py: float, yaw: float, frame: str = 'odom', child: str =
     return message
 
 
-def test_odometry_in_and_twist_out(spawn: Any, probe: Any) -> None:
-    """The vehicle is driven by what robots speak; frames are checked."""
+def test_odometry_is_read_and_twist_is_published(spawn: Any, probe: Any) -> None:
+    """The vehicle is controlled by odometry and cmd_vel; wrong frames are dropped."""
     bench = Bench(spawn, probe, message=Odometry, topic='odom', sink=TwistStamped,
                   commands='cmd_vel', system='vehicle', state_source='odom',
                   command_sink='cmd_vel', setpoint_input=[10.0, 0.0], transition_time=0.0,
@@ -395,8 +395,8 @@ def test_odometry_in_and_twist_out(spawn: Any, probe: Any) -> None:
     ('vehicle', lambda v, phi: (v, v / 2.0 * math.tan(phi))),
     ('two_wheeled', lambda v, omega: (v, omega)),
 ])
-def test_twist_without_a_stamp(spawn: Any, probe: Any, system: str, inputs: Any) -> None:
-    """What many bases listen to; its numbers are those of the command that it stands for."""
+def test_an_unstamped_twist_is_published(spawn: Any, probe: Any, system: str, inputs: Any) -> None:
+    """Many mobile bases subscribe to Twist; it has the values of the command."""
     at_rest = {'system': system, 'setpoint': [0.0, 0.0, 0.0], 'setpoint_input': [1.0, 0.0]}
     bench = Bench(spawn, probe, sink=Twist, commands='cmd_vel', command_sink='cmd_vel',
                   cmd_vel_stamped=False, unlimited=True, transition_time=0.0, **at_rest)
@@ -410,8 +410,8 @@ def test_twist_without_a_stamp(spawn: Any, probe: Any, system: str, inputs: Any)
     assert probe.get_parameters('/lqr_node', 'cmd_vel_stamped') == {'cmd_vel_stamped': False}
 
 
-def test_odometry_of_another_body_is_named() -> None:
-    """The twist is one of the body: in no fixed frame, and of the same body each time."""
+def test_odometry_of_another_body_is_refused() -> None:
+    """The child frame must differ from the fixed frame and must not change."""
     read = make_body_reader('odom', registry.get_system('vehicle'))
     with pytest.raises(FrameError, match="child_frame_id = header.frame_id = 'odom': the twist"):
         read(odometry(0.0, 0.0, 0.0, child='odom'))
@@ -421,8 +421,8 @@ def test_odometry_of_another_body_is_named() -> None:
     assert read(odometry(1.0, 2.0, 0.5)) == pytest.approx([1.0, 2.0, 0.5])
 
 
-def test_wrench_out(spawn: Any, probe: Any) -> None:
-    """The aircraft's forces as a wrench in the frame of its body."""
+def test_the_forces_are_published_as_a_wrench(spawn: Any, probe: Any) -> None:
+    """The wrench of the aircraft is in the frame of its body."""
     bench = Bench(spawn, probe, sink=WrenchStamped, commands='wrench', command_sink='wrench',
                   frame_id='map', u_limits=[20.0, 60.0], transition_time=0.0,
                   **{'qos_overrides./state.subscription.depth': 10})
@@ -443,8 +443,9 @@ def test_wrench_out(spawn: Any, probe: Any) -> None:
     ({'system': 'aircraft', 'command_sink': 'cmd_vel'}, 'this message does not carry the inputs'),
     ({'system': 'vehicle', 'command_sink': 'wrench'}, 'this message does not carry the inputs'),
 ])
-def test_messages_that_do_not_fit(spawn: Any, parameters: Any, sentence: str) -> None:
-    """A system without a pose, or inputs that a message cannot carry, is refused at the start."""
+def test_messages_unfit_for_the_system_are_refused(spawn: Any, parameters: Any, sentence: str
+                                                   ) -> None:
+    """The node does not start without a pose, or with inputs that the message lacks."""
     process = spawn('lqr_node', parameters)
     assert process.wait() == 1
     assert sentence in process.output()

@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""A robot does not move by surprise: set points that move, limits, the first command, the log."""
+"""A safe start of a robot: moving set points, limits, the first command, the log."""
 
 import math
 from pathlib import Path
@@ -50,9 +50,9 @@ UNLIMITED = 'command_sink = cmd_vel: the inputs of a robot need limits, and u_li
     ({'cmd_vel_stamped': False}, 'cmd_vel_stamped is not used with command_sink = command; write '
      'command_sink: cmd_vel as well, or leave cmd_vel_stamped out'),
 ])
-def test_a_start_that_would_surprise_is_refused(spawn: Any, tmp_path: Path, parameters: Any,
-                                                sentence: str) -> None:
-    """With a sentence that shows the line to write, and nothing was commanded."""
+def test_an_unsafe_start_is_refused(spawn: Any, tmp_path: Path, parameters: Any, sentence: str
+                                    ) -> None:
+    """The error shows the parameter to add."""
     for name, text in {
             'drifting': 'states: [p, v]\ninputs: [a]\ndynamics: {p: v, v: a}\n'
                         'units: {p: m, v: m/s}\nsetpoint: {v: 2}\n',
@@ -68,8 +68,8 @@ def test_a_start_that_would_surprise_is_refused(spawn: Any, tmp_path: Path, para
     assert sentence in lines[0], process.output()
 
 
-def test_the_line_that_is_shown_limits_as_before(spawn: Any, probe: Any) -> None:
-    """What was u_min and u_max is u_limits, whatever the weights."""
+def test_u_limits_limit_with_any_weights(spawn: Any, probe: Any) -> None:
+    """u_limits replaces u_min and u_max and does not depend on the weights."""
     bench = Bench(spawn, probe, u_limits=[-math.inf, 5.0, 30.0, math.inf])
     for revision, (x, y) in enumerate(((9.0, -9.0), (-9.0, 9.0), (9.0, 9.0)), start=1):
         state = [x, y, 0.0, 0.0, 0.0, 0.0]
@@ -83,7 +83,7 @@ def test_the_line_that_is_shown_limits_as_before(spawn: Any, probe: Any) -> None
 
 
 class Robot:
-    """A vehicle that does what cmd_vel says, told by its odometry, with the page's own command."""
+    """A simulated robot with odometry and cmd_vel, controlled by the command of the page."""
 
     def __init__(self, spawn: Any, probe: Any) -> None:
         command, = re.findall(r'^\$ (ros2 run obc_ros lqr_node .*command_sink:=cmd_vel.*)$',
@@ -97,7 +97,7 @@ class Robot:
         self.x, self.stamp, self.length = np.array([3.0, 0.0, 0.0]), 0, 2.0
 
     def step(self) -> tuple[float, float]:
-        """Tell where the robot is, and move it for 20 ms as it is told; return (v, omega)."""
+        """Publish the odometry, and apply the twist for 20 ms; return (v, omega)."""
         self.stamp += 20_000_000
         message = Odometry(child_frame_id='base_link')
         message.header.frame_id = 'odom'
@@ -106,7 +106,7 @@ class Robot:
         message.pose.pose.orientation.z = math.sin(self.x[2] / 2)
         message.pose.pose.orientation.w = math.cos(self.x[2] / 2)
         seen = len(self.twists)
-        while len(self.twists) == seen:  # it may not hear us, or we it, at first
+        while len(self.twists) == seen:  # at first DDS may lose messages
             self.odom.publish(message)
             self.probe.spin_until(lambda: len(self.twists) > seen, 0.05)
         twist = self.twists[-1].twist
@@ -115,24 +115,23 @@ class Robot:
         return v, omega
 
 
-def test_the_example_of_the_page_is_safe(spawn: Any, probe: Any) -> None:
-    """It starts from rest, within its limits, straight on at the speed that the page tells."""
+def test_the_command_of_the_page_starts_smoothly(spawn: Any, probe: Any) -> None:
+    """The robot accelerates from rest, within its limits, to the 0.5 m/s of the page."""
     robot = Robot(spawn, probe)
     v = np.array([robot.step()[0] for _ in range(150)])
     assert v[0] == 0.0
     assert (np.diff(v) >= -1e-12).all()
     assert np.diff(v).max() < 0.5 * 1.5 * 0.02 * 1.01
-    assert v[25] == pytest.approx(0.25, abs=0.01)   # the middle of the second that it takes
-    assert v[51:] == pytest.approx(0.5, abs=1e-9)   # no way to make up for, as it waited
+    assert v[25] == pytest.approx(0.25, abs=0.01)   # half of the transition of 1 s
+    assert v[51:] == pytest.approx(0.5, abs=1e-9)   # the set point has not run ahead
     assert robot.x[1:] == pytest.approx([0.0, 0.0], abs=1e-12)
-    robot.x[0] -= 50.0  # as if it had been carried back: the limit holds
+    robot.x[0] -= 50.0  # carried back by 50 m: the limit holds
     assert robot.step()[0] <= 1.0
     for _ in range(50):
         assert 0.0 <= robot.step()[0] <= 1.0
 
 
-def test_the_first_line_of_the_log(spawn: Any, probe: Any) -> None:
-    """It names what is about to be done."""
+def test_the_first_log_line_names_set_point_and_limits(spawn: Any, probe: Any) -> None:
     robot = Robot(spawn, probe)
     robot.process.wait_for_output('revision 1')
     first = robot.process.output().splitlines()[0]
@@ -141,8 +140,8 @@ def test_the_first_line_of_the_log(spawn: Any, probe: Any) -> None:
         'source: odom; sink: cmd_vel; frame: that of the first state' in first
 
 
-def test_limits_and_moving_set_points_cannot_be_taken_away(spawn: Any, probe: Any) -> None:
-    """What the start demands is demanded of every change."""
+def test_required_limits_and_set_points_cannot_be_removed(spawn: Any, probe: Any) -> None:
+    """A change must satisfy the conditions of the start."""
     bench = Bench(spawn, probe, sink=TwistStamped, commands='cmd_vel', system='vehicle',
                   command_sink='cmd_vel', setpoint_input=[1.0, 0.0], u_limits=[2.0, 0.5])
     assert UNLIMITED + 'is missing' in bench.set(u_limits=[]).reason
@@ -155,15 +154,15 @@ def test_limits_and_moving_set_points_cannot_be_taken_away(spawn: Any, probe: An
     assert probe.get_parameters('/lqr_node', 'transition_time') == {'transition_time': 1.0}
 
 
-def test_what_is_accepted_is_in_use(spawn: Any, probe: Any) -> None:
-    """The two changes that said successful and did nothing, and the way that the refusal tells."""
+def test_unused_weights_are_refused_or_reset(spawn: Any, probe: Any) -> None:
+    """Changes without effect are refused; the change that the refusal suggests is accepted."""
     bench = Bench(spawn, probe, system='vehicle', setpoint_input=[10.0, 0.0], weights='bryson',
                   x_max=[1.0, 0.2, 0.1], u_max=[1.0, 0.1])
     words = '{} is not used with weights = bryson; set weights to matrices first, or both with ' \
         'set_parameters_atomically'
     assert bench.set(Qx=[1, 2, 1]).reason == words.format('Qx')
     assert bench.set(Qu='[-1, 1]').reason == words.format('Qu')
-    assert bench.set(Qx=[], x_max=[1.0, 0.2, 0.1]).successful  # as they are
+    assert bench.set(Qx=[], x_max=[1.0, 0.2, 0.1]).successful  # the present values
     assert bench.design(1).revision == len(bench.designs)
     assert not bench.set(weights='matrices', Qx=[1, 2, 1], Qu=[-1, 1]).successful
     assert bench.set(weights='matrices', Qx=[1, 2, 1]).successful
@@ -176,8 +175,8 @@ def test_what_is_accepted_is_in_use(spawn: Any, probe: Any) -> None:
     assert tried.message == 'x_max is not used with weights = matrices'
 
 
-def test_what_comes_in_one_request_is_judged_together(spawn: Any, probe: Any) -> None:
-    """As `ros2 param load` sends a file, by the alphabet; of others a bad one alone is refused."""
+def test_values_of_one_request_are_checked_together(spawn: Any, probe: Any) -> None:
+    """`ros2 param load` sends a file in alphabetical order; only invalid values are refused."""
     bench = Bench(spawn, probe)
     file = {'design': 'sampled', 'delay': 0.05, 'sample_time': 0.05, 'u_max': [5.0, 5.0],
             'weights': 'bryson', 'x_max': [2.0] * 6}
@@ -194,15 +193,15 @@ def test_what_comes_in_one_request_is_judged_together(spawn: Any, probe: Any) ->
     np.testing.assert_allclose(found.qu, (np.eye(2) / 4.0).ravel())
 
 
-def test_a_frame_and_a_wheelbase_are_used_once_accepted(spawn: Any, probe: Any) -> None:
-    """States of the frame before are dropped; the twist is made with the new wheelbase."""
+def test_an_accepted_frame_and_wheelbase_take_effect(spawn: Any, probe: Any) -> None:
+    """States of the previous frame are dropped; the twist uses the new wheelbase."""
     robot = Robot(spawn, probe)
     robot.step()
     robot.x[:] = 3.0, 0.1, 0.0
     for _ in range(60):
         v, omega = robot.step()
     assert probe.set_parameters('/lqr_node', **{'system_parameters.l': 4.0})[0].successful
-    robot.x[:] = robot.x[0], 0.5, 0.0   # as far aside as the wheels can turn
+    robot.x[:] = robot.x[0], 0.5, 0.0   # the steering is at its limit
     for _ in range(55):
         robot.x[1:] = 0.5, 0.0
         v, omega = robot.step()

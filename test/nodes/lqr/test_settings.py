@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""The parameters of lqr_node without the node: any sequence of changes, good and bad."""
+"""The parameters of lqr_node without the node: sequences of valid and invalid changes."""
 
 from dataclasses import fields, replace
 from fractions import Fraction
@@ -24,7 +24,7 @@ wild = strategies.one_of(weights, strategies.floats(), strategies.floats(1e-12, 
 
 
 def lists(*sizes: int, of: Any = weights) -> Any:
-    """Return lists of one of some sizes, as tuples."""
+    """Return a strategy of tuples with one of the sizes."""
     return strategies.one_of([strategies.lists(of, min_size=size, max_size=size).map(tuple)
                               for size in sizes])
 
@@ -60,7 +60,7 @@ ANY = strategies.one_of(
 @settings(max_examples=60, deadline=None)
 @given(strategies.lists(strategies.one_of(GOOD, ANY), min_size=1, max_size=8))
 def test_commands_are_those_of_the_last_accepted_design(changes: list[dict[str, Any]]) -> None:
-    """What is accepted is proved and used at once; what is refused leaves no trace."""
+    """An accepted gain stabilises and is used at once; a refused change has no effect."""
     now = Settings(transition_time=0.0)
     accepted = judge_lqr_settings(now)
     loop = ControlLoop(accepted.control)
@@ -74,21 +74,21 @@ def test_commands_are_those_of_the_last_accepted_design(changes: list[dict[str, 
         else:
             now, accepted = replace(now, **change), candidate
             loop.adopt(candidate.control)
-            _check_proof(candidate)
-        u = loop.answer((k + 1) * 10**14, X, float(k))  # later than any horizon or period
+            _check_stability(candidate)
+        u = loop.answer((k + 1) * 10**14, X, float(k))  # after any horizon or period
         assert u is not None
         assert any(np.allclose(u, wanted, rtol=1e-9, atol=1e-9) for wanted in _expected(accepted))
 
 
-def _check_proof(candidate: Any) -> None:
-    """Judge the gain by other means: Routh's criterion for its closed loop, without rounding."""
+def _check_stability(candidate: Any) -> None:
+    """Check the closed loop with Routh's criterion in exact arithmetic."""
     found = candidate.design.lqr
     A, B, K = (np.vectorize(Fraction, otypes=[object])(each) for each in (
         found.A, found.B, found.K))
     M = A - B @ K
-    unit = max(each.denominator for each in M.flat)   # a power of two, as those of all floats
+    unit = max(each.denominator for each in M.flat)   # a power of two, as for floats
     polynomial = _characteristic(np.vectorize(int, otypes=[object])(M * unit))
-    assert _is_hurwitz(_left(polynomial, unit) if found.period else polynomial)
+    assert _is_hurwitz(_map_disk_to_half_plane(polynomial, unit) if found.period else polynomial)
     assert found.period or found.residual < 1e-8
 
 
@@ -97,13 +97,13 @@ def _characteristic(M: Any) -> list[int]:
     one = np.diag([1] * len(M)).astype(object)
     found, N = [1], one
     for k in range(1, len(M) + 1):
-        found.append(-np.trace(M @ N) // k)   # there is no remainder
+        found.append(-np.trace(M @ N) // k)   # exact division
         N = M @ N + found[-1] * one
     return found
 
 
-def _left(polynomial: list[int], radius: int) -> Any:
-    """Return the polynomial in w of z = radius (1 + w)/(1 - w): |z| < radius is w to the left."""
+def _map_disk_to_half_plane(polynomial: list[int], radius: int) -> Any:
+    """Return the polynomial in w, z = radius (1 + w)/(1 - w): |z| < radius iff Re w < 0."""
     n, found = len(polynomial) - 1, np.zeros(len(polynomial), dtype=object)
     for k, each in enumerate(polynomial):
         term = np.array([each], dtype=object)
@@ -126,19 +126,18 @@ def _is_hurwitz(polynomial: Any) -> bool:
     return not row
 
 
-def test_routh_without_rounding() -> None:
-    """The tests' own means, held to roots that are known."""
+def test_the_exact_routh_test_agrees_with_known_roots() -> None:
     for roots in ([-1, -2, -3], [-1, -1, 2], [0, -1], [1, -2, -5, -7], [-2] * 5):
         polynomial = _characteristic(np.diag(roots).astype(object))
         assert polynomial == np.poly(roots).tolist()
         assert _is_hurwitz(polynomial) == all(root < 0 for root in roots)
         for radius in (2, 3, 8):
-            assert _is_hurwitz(_left(polynomial, radius)) == all(
+            assert _is_hurwitz(_map_disk_to_half_plane(polynomial, radius)) == all(
                 abs(root) < radius for root in roots)
 
 
 def _expected(accepted: Any) -> list[Any]:
-    """Return what the design commands for the state X; over a horizon, at its ends."""
+    """Return the commands of the design at the state X; with a horizon, at both of its ends."""
     at, limits, horizon = (accepted.design.plant.equilibrium, accepted.control.limits,
                            accepted.control.horizon)
     gains = [accepted.design.K, *([np.array(horizon.gains.K[0])] if horizon is not None else [])]
@@ -149,13 +148,13 @@ def _expected(accepted: Any) -> list[Any]:
 
 @settings(max_examples=60, deadline=None)
 @given(GOOD)
-def test_what_is_right_is_accepted(change: dict[str, Any]) -> None:
-    """Positive weights, levels to hover at, limits around hovering: no refusal is a whim."""
+def test_valid_changes_are_accepted(change: dict[str, Any]) -> None:
+    """Positive weights, hover set points and limits around hover are never refused."""
     assert judge_lqr_settings(replace(Settings(), **change)).design.lqr.residual < 1e-8
 
 
 def test_every_parameter_is_described() -> None:
-    """A sentence and, where there is one, a unit for each."""
+    """The description of each parameter is a sentence."""
     for each in fields(Settings):
         if 'entry' in each.metadata:
             assert len(each.metadata['entry'].description) > 15, each.name
@@ -168,8 +167,7 @@ def test_every_parameter_is_described() -> None:
     ({'schedule': 'm', 'schedule_range': (3.0, 5.0)}, 'a State does not contain this'),
     ({'sample_time': 0.01, 'rate': 20.0}, 'with rate = 20 commands are 0.05 s apart or more'),
 ])
-def test_what_does_not_go_together(change: dict[str, Any], sentence: str) -> None:
-    """Each has its sentence."""
+def test_contradictory_settings_are_refused(change: dict[str, Any], sentence: str) -> None:
     with pytest.raises(ObcError) as error:
         judge_lqr_settings(replace(Settings(), **change))
     assert sentence in str(error.value)
@@ -178,8 +176,8 @@ def test_what_does_not_go_together(change: dict[str, Any], sentence: str) -> Non
 @pytest.mark.parametrize(('frame', 'states', 'sentence'), [
     ('map', 'odom', "frame_id = 'map': wanted the frame of the states, 'odom'"),
     ('odom', 'odom', ''), ('', 'odom', ''), ('map', '', '')])
-def test_the_frame_of_a_reference(frame: str, states: str, sentence: str) -> None:
-    """It is that of the states, as far as both are known."""
+def test_a_reference_needs_the_frame_of_the_states(frame: str, states: str, sentence: str) -> None:
+    """The frames must agree if both are known."""
     message = Trajectory(t=[0.0, 1.0], x=[0.0] * 4, u=[0.0] * 2)
     message.header.frame_id = frame
     system = registry.get_system('double_integrator')
