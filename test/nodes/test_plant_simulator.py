@@ -367,7 +367,8 @@ def test_with_use_sim_time_the_plant_follows_the_clock(spawn, probe):
     probe.wait_for(tick)
     delays = read_nanoseconds(message.clock) - stamps(states)
     assert (delays >= 0).all()
-    assert_allclose(np.diff(stamps(states)) % 20_000_000, 0)
+    # A plant that is held up after its first state begins a new grid.
+    assert_allclose(np.diff(stamps(states))[1:] % 20_000_000, 0)
 
 
 def test_two_controllers_are_reported(spawn, probe):
