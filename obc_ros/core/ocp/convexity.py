@@ -15,8 +15,10 @@ from dataclasses import dataclass, replace
 
 import casadi as ca
 import numpy as np
+from obc_ros.core.numerics.interval_arithmetic import enclose_outputs
 from obc_ros.core.ocp.nonconvexity import is_semidefinite
 from obc_ros.core.ocp.problem import Problem
+from obc_ros.core.ocp.structure import find_clocks
 
 _MOST_TERMS = 2000   # of a sum; shared parts can make their number exponential in the depth
 
@@ -54,6 +56,7 @@ def is_convex_problem(problem: Problem) -> bool:
 
     They are if the final time is given, dynamics and terminal constraints are affine, costs are
     convex, and path constraints are convex and depend on the states alone or the inputs alone.
+    States with constant rates are functions of time, on which all of these may depend.
 
     Parameters
     ----------
@@ -71,35 +74,50 @@ def is_convex_problem(problem: Problem) -> bool:
     Control 4, 1966.
 
     """
-    z, values = ca.vertcat(problem.x, problem.u), ca.DM(problem.p_value)
+    if problem.final_time.free:
+        return False
+    values = ca.DM(problem.p_value)
     f, psi, path, L, V = (ca.substitute(expression, problem.p, values) for expression in (
         problem.f, problem.psi, problem.path, problem.L, problem.V))
-    if problem.final_time.free or ca.depends_on(ca.jacobian(ca.vertcat(f, psi), z), z):
-        return False
     reader = _Reader(problem)
+    if ca.depends_on(ca.jacobian(ca.vertcat(f, psi), reader.z), reader.z):
+        return False
     if not (reader.read(L).convex and reader.read(V).convex):
         return False
     for row, c in enumerate(ca.vertsplit(path)):
         shape = reader.read(c)
         if (np.isfinite(problem.path_upper[row]) and not shape.convex
                 or np.isfinite(problem.path_lower[row]) and not shape.concave
-                or ca.depends_on(c, problem.x) and ca.depends_on(c, problem.u)):
+                or not reader.is_apart(c)):
             return False
     return True
 
 
 class _Reader:
-    """Shapes of expressions in the states and inputs of a problem, within their bounds."""
+    """
+    Shapes of expressions in the states and inputs of a problem, within their bounds.
+
+    `z`: these without the clocks (`find_clocks`). Expressions of clocks alone are constants.
+    """
 
     def __init__(self, problem: Problem) -> None:
-        self._x, self._u = problem.x, problem.u
-        self._z = ca.vertcat(problem.x, problem.u)
-        lower = np.concatenate([problem.x_lower, problem.u_lower])
-        upper = np.concatenate([problem.x_upper, problem.u_upper])
+        clocks = find_clocks(problem)
+        moving = np.flatnonzero(~clocks)
+        self._x, self._u = problem.x[moving.tolist()], problem.u
+        self.z, self._all = ca.vertcat(self._x, self._u), ca.vertcat(problem.x, problem.u)
+        lower = np.concatenate([problem.x_lower[moving], problem.u_lower])
+        upper = np.concatenate([problem.x_upper[moving], problem.u_upper])
         # Expressions are stored too: no other has the same hash while they exist.
         self._known = {
             symbol.element_hash(): (symbol, Shape(True, True, low >= 0.0, high <= 0.0))
-            for symbol, low, high in zip(ca.vertsplit(self._z), lower, upper, strict=True)}
+            for symbol, low, high in zip(ca.vertsplit(self.z), lower, upper, strict=True)}
+        self._clocks = problem.x[np.flatnonzero(clocks).tolist()]
+        rates = ca.substitute(problem.f[np.flatnonzero(clocks).tolist()], problem.p,
+                              ca.DM(problem.p_value))
+        ends = problem.x0[clocks], problem.x0[clocks] + (
+            ca.DM(rates).full().ravel() * np.nan_to_num(problem.final_time.value))
+        self._span = np.nextafter(np.minimum(*ends), -np.inf), np.nextafter(
+            np.maximum(*ends), np.inf)
 
     def read(self, expression: ca.SX) -> Shape:
         """Return the shape of a sum."""
@@ -121,13 +139,13 @@ class _Reader:
 
     def _is_quadratic(self, expression: ca.SX) -> bool:
         """Return whether second derivatives are constant and the gradient is continuous."""
-        slope = ca.gradient(expression, self._z)
-        return not (ca.depends_on(ca.jacobian(slope, self._z), self._z)
-                    or _jumps(slope, self._z))
+        slope = ca.gradient(expression, self.z)
+        return not (ca.depends_on(ca.jacobian(slope, self.z), self._all)
+                    or _jumps(slope, self._all))
 
     def _quadratic(self, expression: ca.SX) -> Shape:
         """Return the shape of an expression with constant second derivatives."""
-        H = ca.DM(ca.hessian(expression, self._z)[0]).full()
+        H = ca.DM(ca.hessian(expression, self.z)[0]).full()
         if not np.isfinite(H).all():
             return Shape()
         return Shape(is_semidefinite(H), is_semidefinite(-H))
@@ -141,6 +159,8 @@ class _Reader:
     def _operation(self, term: ca.SX) -> Shape:
         if term.is_constant():
             return _constant(float(term))
+        if not ca.depends_on(term, self.z):
+            return self._of_time(term)
         if term.is_symbolic():
             return Shape()
         operation, first = term.op(), term.dep(0)
@@ -154,7 +174,7 @@ class _Reader:
             return (_power(self._shape(first), float(exponent)) if exponent.is_constant()
                     else Shape())
         if operation == ca.OP_FABS:   # its derivative is discontinuous: see `_apart`
-            return _absolute(self._shape(first)) if self._apart(first) else Shape(above=True)
+            return _absolute(self._shape(first)) if self.is_apart(first) else Shape(above=True)
         if operation == ca.OP_SQRT and self._is_norm(first):
             return Shape(convex=True, above=True)
         apply = _UNARY.get(operation)
@@ -167,6 +187,10 @@ class _Reader:
             if operation == ca.OP_DIV:
                 return a.times(factor) if factor else Shape()
             return a.times(factor)
+        if not ca.depends_on(second, self.z):
+            return _scaled(a, b)
+        if operation == ca.OP_MUL and not ca.depends_on(first, self.z):
+            return _scaled(b, a)
         if first.is_constant():
             inverse = _power(b, -1.0) if operation == ca.OP_DIV else b
             return inverse.times(float(first))
@@ -177,7 +201,16 @@ class _Reader:
         above = a.above and b.above or a.below and b.below
         return Shape(above=above, below=a.above and b.below or a.below and b.above)
 
-    def _apart(self, term: ca.SX) -> bool:
+    def _of_time(self, term: ca.SX) -> Shape:
+        """Return the shape of an expression of clocks alone: that of a constant."""
+        function = ca.Function('of_time', [self._clocks], [term], {'allow_free': True})
+        if function.has_free():
+            return Shape()
+        low, high = self._span
+        found, = enclose_outputs(function, [(low, high)])
+        return Shape(True, True, found.low >= 0.0, found.high <= 0.0)
+
+    def is_apart(self, term: ca.SX) -> bool:
         """
         Return whether a term depends on states alone or on inputs alone.
 
@@ -188,10 +221,11 @@ class _Reader:
 
     def _is_norm(self, square: ca.SX) -> bool:
         """Return whether an expression is the square of the norm of affine expressions."""
-        if not (self._is_quadratic(square) and self._apart(square)):
+        if not (self._is_quadratic(square) and self.is_apart(square)) or (
+                ca.depends_on(square, self._clocks)):
             return False
-        H, slope = ca.hessian(square, self._z)
-        at_zero = ca.substitute(ca.vertcat(square, slope), self._z, ca.SX.zeros(self._z.shape))
+        H, slope = ca.hessian(square, self.z)
+        at_zero = ca.substitute(ca.vertcat(square, slope), self.z, ca.SX.zeros(self.z.shape))
         value = ca.DM(at_zero).full().ravel()
         whole = np.block([[ca.DM(H).full() / 2, value[1:, None] / 2],
                           [value[None, 1:] / 2, value[:1, None]]])
@@ -249,6 +283,13 @@ def _constant(value: float) -> Shape:
 def _add(a: Shape, b: Shape) -> Shape:
     return Shape(a.convex and b.convex, a.concave and b.concave, a.above and b.above,
                  a.below and b.below)
+
+
+def _scaled(a: Shape, factor: Shape) -> Shape:
+    """Return the shape of a times, or divided by, a factor that is constant at each time."""
+    if factor.above or factor.below:
+        return a if factor.above else a.negative()
+    return Shape(a.affine, a.affine)
 
 
 def _power(a: Shape, exponent: float) -> Shape:

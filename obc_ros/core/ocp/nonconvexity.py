@@ -14,6 +14,7 @@ import numpy as np
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.numerics.vectorized import VectorizedFunction
 from obc_ros.core.ocp.problem import Problem
+from obc_ros.core.ocp.structure import find_clocks
 
 _POINTS, _HALVINGS = 64, 4   # samples; halvings of their distance, to find small regions
 _DOWN = 1e-6        # of the largest curvature: negative curvature above rounding
@@ -32,10 +33,12 @@ def has_convex_paths(problem: Problem) -> bool:
     Returns
     -------
     bool
-        Whether dynamics and constraints are affine and T is given; costs are not examined.
+        Whether dynamics and constraints are affine and T is given; costs are not examined. States
+        with constant rates are functions of time, on which these may depend.
 
     """
-    z = ca.vertcat(problem.x, problem.u)
+    moving = np.flatnonzero(~find_clocks(problem)).tolist()
+    z = ca.vertcat(problem.x[moving], problem.u)
     slopes = ca.jacobian(ca.vertcat(problem.f, problem.psi, problem.path), z)
     return not problem.final_time.free and not ca.depends_on(slopes, z)
 

@@ -96,6 +96,25 @@ def find_shared_inputs(problem: Problem) -> Mask:
     return found
 
 
+def find_clocks(problem: Problem) -> Mask:
+    """
+    Return the states whose rates are constant, for example a time.
+
+    Parameters
+    ----------
+    problem : Problem
+        Any problem.
+
+    Returns
+    -------
+    ndarray of bool, shape (n,)
+        With T given, such a state is a known function of time.
+
+    """
+    z = ca.vertcat(problem.x, problem.u)
+    return np.array([not ca.depends_on(rate, z) for rate in ca.vertsplit(problem.f)])
+
+
 def find_branching_inputs(problem: Problem) -> Mask:
     """
     Return the bounded inputs in which H may have several minima.

@@ -72,7 +72,9 @@ def solve_coarse(bench: Bench, pool: StartPool, why_not: Callable[[Problem], str
     CoarseResult
 
     """
-    most = bench.monitor.max_intervals
+    most, convex = bench.monitor.max_intervals, bench.kit.convex(bench.problem)
+    if not bench.stages and bench.kit.guesser.is_stiff(bench.problem, COARSE):
+        bench = replace(bench, stages=3)
     levels = [(min(COARSE, most), bench.stages)] + [
         (intervals, 3) for intervals in (2 * COARSE, 4 * COARSE) if intervals <= most]
     found: list[TranscriptionOutcome] = []
@@ -83,7 +85,8 @@ def solve_coarse(bench: Bench, pool: StartPool, why_not: Callable[[Problem], str
         converged = [outcome for outcome in found if outcome.converged]
         pool.fill([min(converged, key=lambda outcome: outcome.objective).path]
                   if converged else ())
-        longer = lengthen_horizon(bench, COARSE) if found and intervals == levels[1][0] else None
+        again = found and intervals == levels[1][0] and not convex
+        longer = lengthen_horizon(bench, COARSE) if again else None
         if longer:
             return CoarseResult(bench, [longer], True)
         bench, found = _solve_first(bench, pool)
@@ -116,6 +119,8 @@ def _solve_first(bench: Bench, pool: StartPool) -> tuple[Bench, list[Transcripti
         if not good and bench.believed(outcome):
             good, bench = True, replace(bench, typical=outcome.iterations)
             bench.keep(outcome)
+        if outcome.converged and bench.kit.convex(bench.problem):
+            return bench, found   # a convex program has no other minimum
         if number == 1 and not (bench.quick and good):
             around = start_around(bench, pool, outcome)
         patient = bench.work - begun < _PATIENCE * (1 + bench.stages)

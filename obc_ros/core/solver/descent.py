@@ -81,8 +81,7 @@ class Descent:
 
         """
         trace = self._bench.trace
-        descent = trace.begin(
-            'descent', f'from cost {start.objective:.6g} on {start.mesh.layout.describe()}')
+        descent = trace.begin('descent', f'from cost {start.objective:.6g}')
         with trace.under(descent):
             best = solve_at_once(self._bench, any(self._switching), start)
         if best is not None:

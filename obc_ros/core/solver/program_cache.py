@@ -11,6 +11,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 from obc_ros.core.numerics.arrays import Array
+from obc_ros.core.ocp.convexity import is_convex_problem
 from obc_ros.core.ocp.nonconvexity import has_convex_paths, Uneven
 from obc_ros.core.ocp.problem import Problem, SYMBOLIC
 from obc_ros.core.ocp.solution import Optimality
@@ -132,6 +133,7 @@ class Kit:
         self.touched_up = False   # whether solutions were refined by the indirect method
         self.several = False   # whether several minima were found for one of the problems
         self._problem, self._smooth = problem, smooth
+        self._convex: tuple[Problem | None, bool] = None, False
         self._pieces: dict[tuple[int, bool, bool], Pieces] = {}
         self._fitters: dict[bool, Fitter] = {}
         self._transcriptions: OrderedDict[tuple[Layout, bool], Transcription] = OrderedDict()
@@ -259,12 +261,23 @@ class Kit:
             problem, *self.guesser.room(problem, self.integrator, cost))
 
     def convex(self, problem: Problem) -> bool:
-        """Return whether Pontryagin's conditions are sufficient: a convex problem."""
-        return self._convex_paths and self._uneven.upwards(problem)
+        """
+        Return whether Pontryagin's conditions are sufficient: a convex problem.
+
+        Parameters
+        ----------
+        problem : Problem
+            In the symbols of this kit. For the last one the result is kept.
+
+        """
+        if self._convex[0] is not problem:
+            self._convex = problem, self._convex_paths and (
+                self._uneven.upwards(problem) or is_convex_problem(problem))
+        return self._convex[1]
 
     @cached_property
     def _convex_paths(self) -> bool:
-        return self.affine and not self.twin and has_convex_paths(self._problem)
+        return not self.twin and has_convex_paths(self._problem)
 
     @cached_property
     def indirect(self) -> Indirect:

@@ -110,7 +110,8 @@ def _descend(coarse: CoarseResult, pool: StartPool) -> tuple[Candidate, Bench, l
             reason := explain_contradiction(bench.stated)):
         # The discretised problem may have paths although the stated one has none.
         return Candidate(Solution(Status.INFEASIBLE, reason)), bench, []
-    explored = explore_starts(bench, pool, first, floor, outcomes[1:])
+    explored = explore_starts(
+        bench, pool, first, floor, outcomes[1:], sound=coarse.sound)
     return explored.best, bench, explored.minima
 
 

@@ -41,7 +41,8 @@ NAMES = (
     'friction_circle', 'invest_or_produce', 'power_limit', 'power_and_speed_limit', 'hover_hold',
     'jerk_and_braking_limits', 'sphere_geodesic',
     'terminal_wells_plane', 'dubins_point_inside', 'two_stage_cstr', 'pendulum_long',
-    'stock_with_capacity', 'car_linear_limits')
+    'stock_with_capacity', 'car_linear_limits', 'heated_rod', 'heated_rod_limit',
+    'battery_with_losses')
 # For these an integration by SciPy must reproduce the cost from the input.
 REPLAYED = ('goddard', 'jacobson_state_bound', 'robot_arm', 'catalyst_mixing')
 SLOW = (
@@ -54,7 +55,8 @@ SLOW = (
     'production_to_stock', 'snap_limited', 'mars_descent', 'goddard_pressure_limit',
     'epidemic_beds', 'friction_circle', 'power_limit', 'power_and_speed_limit', 'hover_hold',
     'jerk_and_braking_limits', 'sphere_geodesic', 'dubins_point_inside', 'two_stage_cstr',
-    'pendulum_long', 'stock_with_capacity', 'car_linear_limits', *REPLAYED)
+    'pendulum_long', 'stock_with_capacity', 'car_linear_limits', 'heated_rod_limit',
+    'battery_with_losses', *REPLAYED)
 
 
 def replay(problem, solution):

@@ -272,3 +272,31 @@ def bound_first_reach(A: Array, B: Array, T: float) -> Array:
         found = np.maximum(found, np.abs(moved).max(axis=1, initial=0.0))
         moved = A @ moved * (T / (k + 2))
     return found
+
+
+def bound_reach(A: Array, B: Array, T: float) -> Array:
+    """
+    Return the largest change of each state by inputs of the size 1 within a time T.
+
+    Parameters
+    ----------
+    A, B : ndarray, shape (n, n) and (n, m)
+        Linear system, from x(0) = 0.
+    T : float
+        Duration [s].
+
+    Returns
+    -------
+    ndarray, shape (n,)
+        For inputs that are constant in equal parts of T.
+
+    """
+    n, m = B.shape
+    Z = np.zeros((n + m, n + m))
+    Z[:n, :n], Z[:n, n:] = A, B
+    step = compute_exponential(Z * (T / _PARTS))
+    moved, found = step[:n, n:], np.zeros(n)
+    for _ in range(_PARTS):
+        found += np.abs(moved).sum(axis=1)
+        moved = step[:n, :n] @ moved
+    return found

@@ -59,11 +59,11 @@ _SAME = 1e-5          # relative increase of the cost by tangential junctions th
 _DEARER = 1e-3        # relative increase of the cost from the detected path that is accepted
 _NO_DEARER = 1e-6     # relative increase from a certified solution that is accepted
 _ITERATIONS = 150     # maximum number of iterations of a solve
+_OPENED = 0.25        # length of a free arc that is inserted, as part of the shorter neighbour
 _LIMIT = 1e-3         # distance from the least length of a phase at which it is reached, relative
 _NO_JUMP = 0.05       # relative change of an input from which on it is a jump
 _NEARLY = 0.1         # relative rate at a junction up to which it may be tangential
-_AT_ONCE = 45_000     # work (see `descent`) for the arcs of a coarse mesh
-_PATIENCE = 100_000   # least work for the arcs of any mesh
+_AT_ONCE = 45_000     # work (see `descent`) for the arcs of a coarse mesh; at least, for any other
 _FINER = 4, 2         # numbers of intervals, in those of the coarse mesh, that are tried as well
 
 
@@ -256,7 +256,7 @@ def _grazing(problem: Problem, program: PhasedProgram, found: Phased, sizes: Pro
     """Solve again with tangential junctions; return the former path if that costs more."""
     if not where or monitor.stopped:
         return found
-    monitor.limit(_ITERATIONS)
+    monitor.limit(_ITERATIONS, len(found.h) * DEGREE)
     new = program.solve(
         problem, found.arcs, found.meshes, join_phases(found), sizes, pinned, monitor, where)
     same = new.converged and len(tidy_arcs(new.arcs)) == len(new.arcs) and not is_below(
@@ -301,7 +301,7 @@ def solve_along_bounds(bench: Bench, outcome: TranscriptionOutcome, known: Candi
         cost = known.solution.objective
         allowed = cost + _NO_DEARER * abs(cost)
     seen: set[tuple[Signature, float, int]] = set()
-    bench = replace(bench, monitor=bench.monitor.part(max(_PATIENCE, bench.work)))
+    bench = replace(bench, monitor=bench.monitor.part(max(_AT_ONCE, bench.work)))
     for gap in _GAPS:
         arcs = read_spans(problem, program, outcome, value, bench.margin, bench.kit.switching, gap)
         with bench.trace.attempt('boundary arcs', f'{len(arcs)} arcs') as attempt:
@@ -493,8 +493,49 @@ def reread_arcs(problem: Problem, program: PhasedProgram, integrator: CostateInt
         cut.append(Arc(start, float(end), level.levels, on.on,
                        jump=on.jump and abs(start - on.start) <= 1e-9 * times[-1]))
         start = float(end)
-    return add_touching_arcs(problem, hold_constraints(tidy_arcs(cut), found, bounds), found,
-                             bounds, answer.t, value)
+    held = hold_constraints(tidy_arcs(cut), found, bounds)
+    return add_touching_arcs(problem, _open_junctions(problem, program, held, found, answer),
+                             found, bounds, answer.t, value)
+
+
+def _open_junctions(problem: Problem, program: PhasedProgram, arcs: list[Arc], found: Phased,
+                    answer: Solution) -> list[Arc]:
+    """
+    Insert free arcs next to boundary arcs whose junction has an impulse of the wrong sign.
+
+    With inputs at their bounds before a boundary arc, such an impulse shows that they leave these
+    earlier, also if the free arc is too short to be detected. The same holds after it.
+    """
+    bounds, T = program.bounds, arcs[-1].end
+    none, scale = (0,) * bounds.count, np.abs(answer.x).max(axis=0)
+    largest = (np.abs(answer.lam) * scale).max()
+    new = list(arcs)
+    for before, after in pairwise(found.arcs):
+        pair = np.flatnonzero((np.diff(answer.t) == 0) & (
+            np.abs(answer.t[:-1] - after.start) <= 1e-9 * T))
+        place = next((k for k, arc in enumerate(new)
+                      if k and abs(arc.start - after.start) <= 1e-9 * T), 0)
+        changed = np.array(after.on or none) - np.array(before.on or none)
+        for row in np.flatnonzero((bounds.orders > 0) & (changed != 0)) if pair.size else ():
+            sign = (after.on or none)[row] or (before.on or none)[row]
+            side = place - 1 if after.on and after.on[row] else place
+            levels, deciding = np.array(new[side].levels), bounds.deciding[row]
+            slope = program.gradients[int(row)](
+                answer.x[pair[0]], problem.p_value).full()[:, 0]
+            jump = answer.lam[pair[0]] - answer.lam[pair[0] + 1]
+            impulse = sign * (jump @ slope) / (slope @ slope) * (np.abs(slope) @ scale)
+            if not place or np.isnan(levels[deciding]).any() or impulse > -_WEIGHS * largest:
+                continue
+            levels[deciding] = np.nan
+            length = _OPENED * min(arc.end - arc.start for arc in new[place - 1:place + 1])
+            time = after.start + (-length if side < place else length)
+            kept = new[side]
+            new[side:side + 1] = [
+                replace(kept, end=time, levels=kept.levels if side < place else tuple(levels)),
+                replace(kept, start=time, met=(), jump=False,
+                        levels=tuple(levels) if side < place else kept.levels)]
+            break
+    return new
 
 
 def add_touching_arcs(problem: Problem, arcs: list[Arc], found: Phased, bounds: BoundRates,

@@ -19,9 +19,10 @@ from obc_ros.core.ocp.guess import Guess
 from obc_ros.core.ocp.least_time_form import get_final_time
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.solver.adjoint.costates import CostateIntegrator
-from obc_ros.core.solver.exact.reachable_set import bound_first_reach
+from obc_ros.core.solver.exact.reachable_set import bound_first_reach, bound_reach
 from obc_ros.core.solver.transcription.mesh import Path
 from obc_ros.core.solver.transcription.program import ProblemScales
+from obc_ros.core.solver.transcription.runge_kutta import compute_amplification
 
 _POINTS = 21       # points of a guess
 _SCATTERED = 3.0   # range of states and inputs that are searched, in their reach or size
@@ -47,6 +48,8 @@ class Guesser:
             ca.jacobian(problem.L, u)], 1)
         self._all = VectorizedFunction([x, u, p], [ca.vertcat(problem.f, problem.L, problem.path)],
                                        1)
+        z = ca.vertcat(x, u)
+        self._linear = not ca.depends_on(ca.jacobian(problem.f, z), z)
         self._last: tuple[Problem, Array, NDArray[np.bool_]] | None = None
         self._last_line: tuple[Problem, float, Path] | None = None
 
@@ -172,19 +175,52 @@ class Guesser:
 
     def _within_reach(self, problem: Problem, path: Path, u_size: Array) -> Array:
         """
-        Return the reach (n,) of each state by inputs of a size in the time of the fastest mode.
+        Return the reach (n,) of each state by inputs of a size, from the linearisation at x(0).
 
-        It follows from powers of the linearisation at x(0), so that it scales with the units of
-        the statement.
+        If the dynamics are linear this is the reach in T, or in the time of the fastest growth.
+        Otherwise it is that in the time of the fastest mode, from powers of the linearisation, so
+        that it scales with the units of the statement.
         """
-        x, u, p = path.x[0], path.ua[0], problem.p_value
-        _, by_u, by_x, _ = (out[0] for out in self._rest(x, u, p))
-        A = by_x.reshape(problem.n, problem.n).T
-        B = by_u.reshape(problem.m, problem.n).T * u_size
+        A, B = self._linearised(problem, path)
+        B, T = B * u_size, float(path.t[-1])
         if not (np.all(np.isfinite(A)) and np.all(np.isfinite(B))):
             return np.zeros(problem.n)
-        T = path.t[-1] / (1 + path.t[-1] * np.abs(np.linalg.eigvals(A)).max(initial=0.0))
-        return bound_first_reach(A, B, T)
+        poles = np.linalg.eigvals(A)
+        if self._linear:
+            return bound_reach(A, B, T / (1 + T * poles.real.max(initial=0.0)))
+        return bound_first_reach(A, B, T / (1 + T * np.abs(poles).max(initial=0.0)))
+
+    def _linearised(self, problem: Problem, path: Path) -> tuple[Array, Array]:
+        """Return the derivatives of f by x and by u at the start of a path, (n, n), (n, m)."""
+        _, by_u, by_x, _ = (out[0] for out in self._rest(path.x[0], path.ua[0], problem.p_value))
+        return by_x.reshape(problem.n, -1).T, by_u.reshape(problem.m, -1).T
+
+    def is_stiff(self, problem: Problem, intervals: int) -> bool:
+        """
+        Return whether explicit steps amplify a decaying mode of linear dynamics.
+
+        Parameters
+        ----------
+        problem : Problem
+            In the symbols of this structure.
+        intervals : int
+            Number of equal steps in T.
+
+        Returns
+        -------
+        bool
+            False for nonlinear dynamics, whose modes depend on the path.
+
+        """
+        if not self._linear:
+            return False
+        T = get_final_time(problem)
+        A, _ = self._linearised(problem, self.line(problem, T))
+        if not np.all(np.isfinite(A)):
+            return False
+        z = np.linalg.eigvals(A).astype(np.complex128) * (T / intervals)
+        grown = intervals * np.log(compute_amplification(z))
+        return bool(np.any((z.real < 0) & (grown > 1.0)))
 
     def _beside(self, problem: Problem, path: Path, sizes: ProblemScales) -> float:
         """Return the cost at states and inputs of typical size, for a path on which L is 0."""

@@ -111,7 +111,8 @@ class Explored:
 
 
 def explore_starts(bench: Bench, pool: StartPool, first: Candidate, floor: float,
-                   others: Sequence[TranscriptionOutcome] = ()) -> Explored:
+                   others: Sequence[TranscriptionOutcome] = (), *, sound: bool = False
+                   ) -> Explored:
     """
     Try further initial guesses, and return the best solution.
 
@@ -130,6 +131,9 @@ def explore_starts(bench: Bench, pool: StartPool, first: Candidate, floor: float
         Its cost on the coarse mesh.
     others : sequence of TranscriptionOutcome
         Outcomes on the coarse mesh that were not refined yet.
+    sound : bool
+        Whether coarse outcomes have a small discretisation error: a convex problem then needs no
+        further start, certified or not.
 
     Returns
     -------
@@ -137,17 +141,17 @@ def explore_starts(bench: Bench, pool: StartPool, first: Candidate, floor: float
 
     """
     with bench.trace.attempt('multistart') as attempt:
-        found = _explore(bench, pool, first, floor, others)
+        found = _explore(bench, pool, first, floor, others, sound)
         attempt.end(Verdict.REJECTED if found.best is first else Verdict.ACCEPTED, found.why,
                     cost=found.best.solution.objective)
     return found
 
 
 def _explore(bench: Bench, pool: StartPool, best: Candidate, floor: float,
-             others: Sequence[TranscriptionOutcome]) -> Explored:
+             others: Sequence[TranscriptionOutcome], sound: bool) -> Explored:
     """Do what `explore_starts` does."""
     spent, kit = 0, bench.kit
-    alone = best.certified and kit.convex(bench.stated)
+    alone = (best.certified or sound) and kit.convex(bench.stated)
     before, bent = bench.work, not alone and _disproportion(bench, best) > _BENT
     uneven = kit.uneven_costs(bench.problem, abs(floor))
     promising, lengths = ([], []) if alone else _lined_up(

@@ -51,6 +51,14 @@ _STARTS: dict[str, dict[str, object]] = {
              'warm_start_bound_frac': 1e-8, 'warm_start_slack_bound_frac': 1e-8}}
 
 
+# Why a solve ended, by the status of the interior-point method and of IPOPT.
+_ENDS = {
+    'stopped': 'iterations used up or a known minimum', 'too slow': 'converges too slowly',
+    'no step': 'no step improves the iterate',
+    'User_Requested_Stop': 'iterations used up or a known minimum',
+    'Infeasible_Problem_Detected': 'locally infeasible'}
+
+
 @dataclass(frozen=True, eq=False)
 class TranscriptionOutcome:
     """
@@ -108,7 +116,8 @@ class TranscriptionOutcome:
         """Return the verdict on the iterate, and why the solve ended if it did not converge."""
         if self.converged:
             return Verdict.CONVERGED, ''
-        return Verdict.NOT_CONVERGED, f'{self.status}, infeasibility {self.infeasibility:.1e}'
+        reason = _ENDS.get(self.status, self.status.replace('_', ' ').lower())
+        return Verdict.NOT_CONVERGED, f'{reason}, infeasibility {self.infeasibility:.1e}'
 
     def pressure(self) -> Array:
         """Return the derivative of J by the tightening of each bound of x and of c, (n + l,)."""

@@ -6,6 +6,9 @@ from collections.abc import Callable, Sequence
 from functools import lru_cache
 
 import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.ocp.problem import Problem
 
 # Returns f and L at x and u.
@@ -101,3 +104,23 @@ def step_of(problem: Problem) -> ca.Function:
                        [ca.vertcat(problem.f, problem.L)])
     return ca.Function('step', [problem.x, ua, ub, h, problem.p], [
         *step(lambda z, u: _called(rate, z, u, problem.p)[0], problem.x, (ua, ub), h)])
+
+
+def compute_amplification(z: NDArray[np.complex128]) -> Array:
+    """
+    Return the absolute factors by which a step changes the solutions of dx/dt = lambda x.
+
+    Parameters
+    ----------
+    z : ndarray of complex, shape (n,)
+        lambda times the length of the step.
+
+    Returns
+    -------
+    ndarray, shape (n,)
+
+    """
+    slopes = np.zeros((len(C), len(z)), dtype=complex)
+    for k, row in enumerate(TABLEAU_A):
+        slopes[k] = z * (1 + np.array(row) @ slopes[:k])
+    return np.asarray(np.abs(1 + np.array(TABLEAU_B) @ slopes))

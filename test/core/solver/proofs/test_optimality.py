@@ -58,6 +58,39 @@ def test_convexity_is_not_claimed_without_proof(changes):
     assert not is_convex_problem(problems.build(BLOCK, **changes))
 
 
+CLOCK = BLOCK | {'states': ['x', 'v', 't'], 'dynamics': {'x': 'v', 'v': 'u - sin(t)', 't': '1'},
+                 'initial_state': {'x': 1, 'v': 0, 't': 1}}
+
+
+@pytest.mark.parametrize('changes', [
+    {}, {'running_cost': '(2 + sin(9*t))*(x - cos(t))**2 + u**2'},
+    {'running_cost': 'sin(t)*u + exp(-t)*abs(x) + t**3*sin(t)'},
+    {'running_cost': '(x - t)**2/t + u**2*t', 'terminal_cost': 't*x**2'},
+    {'running_cost': 'x**2 - (0.9 - t)*u**2'},
+    {'dynamics': {'x': 't*v', 'v': 'u/t - x*sin(t)', 't': '1'}},
+    {'path_constraints': [{'expr': 't*u', 'upper': 1}, {'expr': 'x**2 - sin(t)', 'upper': 9}]},
+    {'parameters': {'w': 3}, 'dynamics': {'x': 'v', 'v': 'u', 't': 'w'}},
+])
+def test_a_function_of_time_is_a_constant_at_each_time(changes):
+    assert is_convex_problem(problems.build(CLOCK, **changes))
+
+
+@pytest.mark.parametrize('changes', [
+    {'running_cost': 'sin(2*t)*x**2 + u**2'},                  # negative from t = pi/2
+    {'running_cost': '(t - 2)*abs(u)'}, {'running_cost': 'x**2/(t - 2) + u**2'},
+    {'running_cost': 't*x*v + u**2'},
+    {'running_cost': 't*x**2 + u**2', 'initial_state': {'x': 1, 'v': 0, 't': -1}},
+    {'running_cost': 'u**2 - sqrt(t)*x**2'},
+    {'running_cost': 't*x**2 + u**2', 'dynamics': {'x': 'v', 'v': 'u', 't': '-1'}},
+    {'running_cost': 't*x**2 + u**2', 'dynamics': {'x': 'v', 'v': 'u', 't': '1 + u'}},
+    {'dynamics': {'x': 'v', 'v': 't*u*x', 't': '1'}},
+    {'path_constraints': [{'expr': 't*u**2', 'lower': 0.1}]},
+    {'path_constraints': [{'expr': 't*x + u', 'upper': 3}]},
+])
+def test_a_function_of_time_may_be_negative(changes):
+    assert not is_convex_problem(problems.build(CLOCK, **changes))
+
+
 @st.composite
 def expressions(draw):
     """Draw an expression of x, v and u."""
