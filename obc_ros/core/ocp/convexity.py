@@ -103,7 +103,7 @@ class _Reader:
     def __init__(self, problem: Problem) -> None:
         clocks = find_clocks(problem)
         moving = np.flatnonzero(~clocks)
-        self._x, self._u = problem.x[moving.tolist()], problem.u
+        self._x, self._u = problem.x[moving.tolist(), 0], problem.u
         self.z, self._all = ca.vertcat(self._x, self._u), ca.vertcat(problem.x, problem.u)
         lower = np.concatenate([problem.x_lower[moving], problem.u_lower])
         upper = np.concatenate([problem.x_upper[moving], problem.u_upper])
@@ -111,13 +111,13 @@ class _Reader:
         self._known = {
             symbol.element_hash(): (symbol, Shape(True, True, low >= 0.0, high <= 0.0))
             for symbol, low, high in zip(ca.vertsplit(self.z), lower, upper, strict=True)}
-        self._clocks = problem.x[np.flatnonzero(clocks).tolist()]
-        rates = ca.substitute(problem.f[np.flatnonzero(clocks).tolist()], problem.p,
+        self._clocks = problem.x[np.flatnonzero(clocks).tolist(), 0]
+        rates = ca.substitute(problem.f[np.flatnonzero(clocks).tolist(), 0], problem.p,
                               ca.DM(problem.p_value))
-        ends = problem.x0[clocks], problem.x0[clocks] + (
-            ca.DM(rates).full().ravel() * np.nan_to_num(problem.final_time.value))
-        self._span = np.nextafter(np.minimum(*ends), -np.inf), np.nextafter(
-            np.maximum(*ends), np.inf)
+        moved = ca.DM(rates).full().ravel() * np.nan_to_num(problem.final_time.value)
+        ends, error = (problem.x0[clocks], problem.x0[clocks] + moved), np.spacing(np.abs(moved))
+        self._span = np.nextafter(np.minimum(*ends) - error, -np.inf), np.nextafter(
+            np.maximum(*ends) + error, np.inf)
 
     def read(self, expression: ca.SX) -> Shape:
         """Return the shape of a sum."""

@@ -38,7 +38,7 @@ def has_convex_paths(problem: Problem) -> bool:
 
     """
     moving = np.flatnonzero(~find_clocks(problem)).tolist()
-    z = ca.vertcat(problem.x[moving], problem.u)
+    z = ca.vertcat(problem.x[moving, 0], problem.u)
     slopes = ca.jacobian(ca.vertcat(problem.f, problem.psi, problem.path), z)
     return not problem.final_time.free and not ca.depends_on(slopes, z)
 

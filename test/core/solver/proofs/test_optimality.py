@@ -91,6 +91,19 @@ def test_a_function_of_time_may_be_negative(changes):
     assert not is_convex_problem(problems.build(CLOCK, **changes))
 
 
+@pytest.mark.parametrize('states', [['t'], ['t', 's']])
+def test_a_problem_whose_states_are_all_times_is_judged_by_its_inputs(states):
+    given = problems.build({
+        'states': states, 'inputs': ['u'], 'dynamics': dict.fromkeys(states, '1'),
+        'running_cost': '(u - sin(t))**2', 'initial_state': dict.fromkeys(states, 0),
+        'final_time': {'free': False, 'value': 2}})
+    assert is_convex_problem(given)
+    assert not is_convex_problem(problems.build({
+        'states': states, 'inputs': ['u'], 'dynamics': dict.fromkeys(states, '1'),
+        'running_cost': '(u**2 - 1)**2', 'initial_state': dict.fromkeys(states, 0),
+        'final_time': {'free': False, 'value': 2}}))
+
+
 @st.composite
 def expressions(draw):
     """Draw an expression of x, v and u."""
