@@ -27,10 +27,11 @@ from obc_ros.core.solver.adjoint.mesh_refinement import (
 )
 from obc_ros.core.solver.arcs.control_discontinuities import find_switching_times
 from obc_ros.core.solver.nlp.progress import ProgressMonitor
-from obc_ros.core.solver.program_cache import Answered, Kit
+from obc_ros.core.solver.program_cache import Answered, ProgramCache
 from obc_ros.core.solver.starts.initial_guess import estimate_scales
+from obc_ros.core.solver.task import Task
 from obc_ros.core.solver.trace import Trace
-from obc_ros.core.solver.transcription.local_minima import Familiar
+from obc_ros.core.solver.transcription.local_minima import LocalMinima
 from obc_ros.core.solver.transcription.mesh import Mesh, Path
 from obc_ros.core.solver.transcription.program import ProblemScales, TranscriptionOutcome
 from obc_ros.core.solver.transcription.tightening import TightenedLimits
@@ -42,7 +43,7 @@ COARSE_ITERATIONS = 150   # maximum number of iterations on a coarse mesh
 _COURSES_KEPT = 8       # integrated costates that are cached
 # Discretisation error of a coarse outcome that is small enough: relative local error of a step,
 # and excess of the cost over max(|J|, 1).
-_BELIEVED, _ABSURD = 1e-2, 1e6
+_ACCURATE, _ABSURD = 1e-2, 1e6
 _LEAST = 1e-6           # floor of |J| as the scale of the loss in the refinement
 _LOST = 3e-7, 1e-7      # relative loss of all intervals that it aims at: without, with bounds of x
 _DRIFT = 2e-5           # variation of H relative to its terms that it aims at in each interval
@@ -119,11 +120,9 @@ class Bench:
     Attributes
     ----------
     stated, problem : Problem
-        The problem as stated, and the one that is solved: its smooth reformulation if |.| occurs.
-    kit : Kit
-        Programs and functions built for the structure of the problem.
-    monitor : ProgressMonitor
-        Limits of iterations, work and time.
+        That of the task, and the one that is solved: its smooth reformulation if |.| occurs.
+    programs, monitor
+        As in `Task`; the monitor may be a part of that of the task.
     tally : Tally
         The work of this search.
     pinned : ndarray of bool, shape (n,)
@@ -143,7 +142,7 @@ class Bench:
 
     stated: Problem
     problem: Problem
-    kit: Kit
+    programs: ProgramCache
     monitor: ProgressMonitor
     tally: Tally
     pinned: Mask
@@ -173,7 +172,7 @@ class Bench:
     @property
     def switching(self) -> tuple[bool, ...]:
         """Return the inputs that may be held at bounds between switching times."""
-        return tuple(self.may_hold and each for each in self.kit.switching)
+        return tuple(self.may_hold and each for each in self.programs.switching)
 
     def without_margin(self) -> 'Bench':
         """Return the bench with the bounds as stated."""
@@ -183,7 +182,7 @@ class Bench:
                   near: bool = False, sizes: ProblemScales | None = None, most: int = 500,
                   warm: TranscriptionOutcome | None = None,
                   guide: TranscriptionOutcome | None = None,
-                  rough: float = 0.0, once: bool = False, known: Familiar | None = None,
+                  rough: float = 0.0, once: bool = False, known: LocalMinima | None = None,
                   least: Array | float = 0.0) -> TranscriptionOutcome:
         """
         Solve the transcription on a mesh from a path.
@@ -210,7 +209,7 @@ class Bench:
             Relative error of the cost at which the iteration may end; 0: the usual tolerance.
         once : bool
             Try the faster method only.
-        known : Familiar, optional
+        known : LocalMinima, optional
             Local minima; the iteration ends once it is seen to lead to one of them.
         least : ndarray, shape (phases,), or float
             Lower bound of the lengths of the phases [s].
@@ -222,9 +221,9 @@ class Bench:
 
         """
         problem, final = self.problem, self.problem.final_time
-        program = self.kit.transcription(problem, mesh.layout)
+        program = self.programs.transcription(problem, mesh.layout)
         if sizes is None:
-            sizes = self.kit.guesser.sizes(problem, start)
+            sizes = self.programs.guesser.sizes(problem, start)
         if durations is None:
             durations = start.durations
         usual = durations.sum() / mesh.layout.intervals
@@ -245,10 +244,10 @@ class Bench:
                 outcome = program.solve(problem, mesh, w, sizes, limits, self.monitor)
             attempt.end(*outcome.judge(), cost=outcome.objective)
         self.tally.spend(outcome.iterations * each)
-        self.kit.worked(outcome.iterations, mesh.layout)
+        self.programs.worked(outcome.iterations, mesh.layout)
         return outcome
 
-    def believed(self, outcome: TranscriptionOutcome) -> bool:
+    def is_accurate(self, outcome: TranscriptionOutcome) -> bool:
         """
         Return whether the discretisation error of a coarse outcome is small enough.
 
@@ -268,11 +267,11 @@ class Bench:
             return False
         course = self.course(outcome)
         error, loss = course.local.max(), self.judged(course).lost.sum()
-        if error < _BELIEVED and loss < _ABSURD * max(abs(outcome.objective), 1.0):
+        if error < _ACCURATE and loss < _ABSURD * max(abs(outcome.objective), 1.0):
             return True
         with self.trace.attempt('check', 'discretisation error') as attempt:
             attempt.end(Verdict.REJECTED, f'relative error of a step {error:.1e}, allowed '
-                        f'{_BELIEVED:.0e}; Hamiltonian loss {loss:.1e}', cost=outcome.objective)
+                        f'{_ACCURATE:.0e}; Hamiltonian loss {loss:.1e}', cost=outcome.objective)
         return False
 
     def course(self, outcome: TranscriptionOutcome, *, stated: bool = False) -> Extremal:
@@ -295,10 +294,10 @@ class Bench:
         problem = self.stated if stated else self.problem
         if (course := self._memo.course(problem, outcome)) is not None:
             return course
-        integrator = self.kit.judge if stated else self.kit.integrator
+        integrator = self.programs.judge if stated else self.programs.integrator
         course = integrator.extremal(problem, outcome, 4 if self.stages else 2)
         if self.bounded:
-            course = self.kit.fitter(problem, stated).fit(problem, outcome, course)
+            course = self.programs.fitter(problem, stated).fit(problem, outcome, course)
         self._memo.keep_course(problem, outcome, course)
         return course
 
@@ -306,8 +305,8 @@ class Bench:
         """Return the Hamiltonian loss of a course; the last one is cached."""
         if (verdict := self._memo.judgement(self.problem, course)) is None:
             slack = None if course.density_path is None else (
-                self.kit.fitter(self.problem).slack(self.problem, course))
-            verdict = measure_loss(self.problem, self.kit.integrator, course, slack)
+                self.programs.fitter(self.problem).slack(self.problem, course))
+            verdict = measure_loss(self.problem, self.programs.integrator, course, slack)
             self._memo.keep_judgement(self.problem, course, verdict)
         return verdict
 
@@ -321,7 +320,7 @@ class Bench:
             return np.inf
         lost = self.judged(course).lost.sum()
         if self.margin.any():
-            lost += outcome.pressure() @ self.margin
+            lost += outcome.tightening_costs() @ self.margin
         return float(lost / max(abs(outcome.objective), 1e-3))
 
     def sizes(self, outcome: TranscriptionOutcome) -> ProblemScales:
@@ -343,7 +342,7 @@ class Bench:
         """
         if not self.bounded:
             return self, np.zeros(0)
-        value = self.kit.fitter(self.problem).values(self.problem, course)
+        value = self.programs.fitter(self.problem).values(self.problem, course)
         margin, exceeded = compute_tightening(self.problem, value, course, self.margin)
         return replace(self, margin=margin), exceeded
 
@@ -393,12 +392,12 @@ class Bench:
         """
         problem, record = self.stated, self.record(outcome, extremal)
         course = self.course(outcome)
-        if self.kit.twin:
-            outcome = self.kit.twin.back(outcome, problem)
+        if self.programs.twin:
+            outcome = self.programs.twin.back(outcome, problem)
             course = self.course(outcome, stated=True)
         times = (np.cumsum(record.extremal.lengths)[:-1] if record.extremal else
                  find_switching_times(outcome))
-        found = replace(self.kit.judge.samples(problem, course), switching_times=times,
+        found = replace(self.programs.judge.samples(problem, course), switching_times=times,
                         iterations=self.monitor.iterations)
         if self.monitor.stopped:   # to certify a path far from a solution may take long
             return Candidate(found, record)
@@ -430,30 +429,26 @@ def is_bounded(problem: Problem) -> bool:
         np.isfinite(problem.x_lower) | np.isfinite(problem.x_upper)))
 
 
-def build_bench(problem: Problem, kit: Kit, monitor: ProgressMonitor, *, with_arcs: bool = True,
-                quick: bool = False) -> Bench:
+def build_bench(task: Task, *, with_arcs: bool = True, quick: bool = False) -> Bench:
     """
     Return the bench of a search.
 
     Parameters
     ----------
-    problem : Problem
-        In the symbols of `kit`.
-    kit : Kit
-        Programs and functions built for the structure of the problem.
-    monitor : ProgressMonitor
-        Limits of iterations, work and time.
+    task : Task
+        The problem.
     with_arcs : bool
         Whether inputs may be held at bounds between switching times.
     quick : bool
         One start and a few meshes, for paths that need not be optimal.
 
     """
-    smooth, bounded = problem if kit.twin is None else kit.twin.problem(problem, 0), is_bounded(
-        problem)
+    problem, programs, bounded = task.problem, task.programs, is_bounded(task.problem)
+    smooth = programs.twin.problem(problem, 0) if programs.twin else problem
     return Bench(
-        stated=problem, problem=smooth, kit=kit, monitor=monitor, tally=Tally(), quick=quick,
+        stated=problem, problem=smooth, programs=programs, monitor=task.monitor, tally=Tally(),
+        quick=quick,
         may_hold=with_arcs, stages=3 if bounded else 0,
         margin=np.zeros(problem.n + int(problem.path.numel())),
-        pinned=(kit.guesser.final_state(smooth)[1] if bounded
+        pinned=(programs.guesser.final_state(smooth)[1] if bounded
                 else np.zeros(problem.n, dtype=bool)))

@@ -72,8 +72,8 @@ def solve_coarse(bench: Bench, pool: StartPool, why_not: Callable[[Problem], str
     CoarseResult
 
     """
-    most, convex = bench.monitor.max_intervals, bench.kit.convex(bench.problem)
-    if not bench.stages and bench.kit.guesser.is_stiff(bench.problem, COARSE):
+    most, convex = bench.monitor.max_intervals, bench.programs.convex(bench.problem)
+    if not bench.stages and bench.programs.guesser.is_stiff(bench.problem, COARSE):
         bench = replace(bench, stages=3)
     levels = [(min(COARSE, most), bench.stages)] + [
         (intervals, 3) for intervals in (2 * COARSE, 4 * COARSE) if intervals <= most]
@@ -90,7 +90,7 @@ def solve_coarse(bench: Bench, pool: StartPool, why_not: Callable[[Problem], str
         if longer:
             return CoarseResult(bench, [longer], True)
         bench, found = _solve_first(bench, pool)
-        good = [outcome for outcome in found if bench.believed(outcome)]
+        good = [outcome for outcome in found if bench.is_accurate(outcome)]
         if good:
             return CoarseResult(bench, _by_cost(good), True)
         if intervals <= COARSE and not bench.quick:
@@ -116,10 +116,10 @@ def _solve_first(bench: Bench, pool: StartPool) -> tuple[Bench, list[Transcripti
     for number in count(1):
         outcome = solve_next_start(bench, pool, once=good)
         found.append(outcome)
-        if not good and bench.believed(outcome):
+        if not good and bench.is_accurate(outcome):
             good, bench = True, replace(bench, typical=outcome.iterations)
             bench.keep(outcome)
-        if outcome.converged and bench.kit.convex(bench.problem):
+        if outcome.converged and bench.programs.convex(bench.problem):
             return bench, found   # a convex program has no other minimum
         if number == 1 and not (bench.quick and good):
             around = start_around(bench, pool, outcome)
@@ -141,7 +141,7 @@ def solve_next_start(bench: Bench, pool: StartPool, *, once: bool,
     bench : Bench
         With the coarse mesh.
     pool : StartPool
-        The outcome is recorded in its `familiar`.
+        The outcome is recorded in its `known_minima`.
     once : bool
         Allow few iterations, in proportion to `bench.typical`, of the faster method only.
     hard : bool
@@ -165,11 +165,11 @@ def solve_next_start(bench: Bench, pool: StartPool, *, once: bool,
             start, rough = join_whole_turns(stepped.path, pool.periods), 0.0
         # Without terminal constraints a cheap rollout may be near another minimum: allow both
         # methods.
-        once = once and not (pool.familiar.daring and not bench.problem.q)
+        once = once and not (pool.known_minima.from_rollout and not bench.problem.q)
         outcome = bench.collocate(
             build_uniform_mesh(bench.problem, bench.intervals, bench.stages), start, most=most,
-            rough=rough, once=once, known=pool.familiar)
-        pool.familiar.ended(outcome.objective, outcome.infeasibility,
+            rough=rough, once=once, known=pool.known_minima)
+        pool.known_minima.ended(outcome.objective, outcome.infeasibility,
                             outcome.path if outcome.converged else None)
         attempt.end(*outcome.judge(), cost=outcome.objective)
     return outcome

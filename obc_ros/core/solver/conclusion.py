@@ -11,8 +11,6 @@ from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.ocp.solution import Condition, Solution, Status, Verdict
 from obc_ros.core.solver.diagnosis.explanation import explain, is_proved_infeasible
 from obc_ros.core.solver.diagnosis.unboundedness import explain_larger_inputs
-from obc_ros.core.solver.nlp.progress import ProgressMonitor
-from obc_ros.core.solver.program_cache import Kit
 from obc_ros.core.solver.proofs.existence import advise_bounds, find_constant_cost
 from obc_ros.core.solver.proofs.optimality import add_optimality
 from obc_ros.core.solver.search import search
@@ -38,7 +36,7 @@ _NO_PATH = 1e-2         # residual of the dynamics above which no mesh is fine e
 _LEAST = 0.5            # [s] of the time limit that must be left for a diagnosis
 
 
-def conclude(task: Task, found: Solution, *, explained: bool, larger_inputs: bool) -> Solution:
+def conclude(task: Task, found: Solution, *, searched: bool) -> Solution:
     """
     Return what a method has found with its certificate, status and message.
 
@@ -48,10 +46,9 @@ def conclude(task: Task, found: Solution, *, explained: bool, larger_inputs: boo
         The problem.
     found : Solution
         The result of a method.
-    explained : bool
-        Whether a reason is looked for if it is not certified.
-    larger_inputs : bool
-        Whether the cost may fall without end as inputs grow: then an extremal is no minimum.
+    searched : bool
+        Whether it comes from a search. Then the cost may fall without end as inputs grow, so that
+        an extremal is no minimum; and the reason is looked for if it is not certified.
 
     Returns
     -------
@@ -62,10 +59,10 @@ def conclude(task: Task, found: Solution, *, explained: bool, larger_inputs: boo
     late = monitor.stopped and (monitor.stopped == 'cancelled' or not np.isfinite(found.objective))
     if found.status is not Status.INFEASIBLE and (found.certificate or not late):
         found = judge(problem, found)
-    sentence = explain_larger_inputs(problem, found, _attempt(monitor)) if (
-        larger_inputs and found.certified and find_constant_cost(problem) is None) else ''
+    sentence = explain_larger_inputs(problem, found, _solver_of_related(task)) if (
+        searched and found.certified and find_constant_cost(problem) is None) else ''
     found = (_without_least(task, found, sentence) if sentence else
-             _ended(task, found, explained))
+             _ended(task, found, searched))
     return add_optimality(problem, found)
 
 
@@ -151,15 +148,16 @@ def _ended(task: Task, found: Solution, explained: bool) -> Solution:
         found = replace(found, message=(
             f'{found.message}; a mesh with more than max_intervals = {monitor.max_intervals} was '
             'needed'))
-    return _explained(problem, found, monitor)
+    return _explained(task, found)
 
 
-def _explained(problem: Problem, found: Solution, monitor: ProgressMonitor) -> Solution:
+def _explained(task: Task, found: Solution) -> Solution:
     """Return a solution with the reason why none was certified, if one is found."""
+    problem, monitor = task.problem, task.monitor
     if monitor.remaining() < _LEAST:
         return found
     with monitor.trace.attempt('explanation', aside=True) as attempt:
-        reason = explain(problem, *_explaining(monitor), found=found)
+        reason = explain(problem, *_explaining(task), found=found)
         proved = reason is not None and reason.infeasible
         attempt.end(Verdict.PROVED if proved else Verdict.NOT_PROVED,
                     reason.sentence if reason else '')
@@ -176,13 +174,13 @@ def _explained(problem: Problem, found: Solution, monitor: ProgressMonitor) -> S
     return Solution(Status.INFEASIBLE, reason.sentence)
 
 
-def look_for_proof(monitor: ProgressMonitor) -> Callable[[Problem], str]:
+def look_for_proof(task: Task) -> Callable[[Problem], str]:
     """
     Return the function that a search calls when its first starts lead nowhere.
 
     Parameters
     ----------
-    monitor : ProgressMonitor
+    task : Task
         A part of its work may be used.
 
     Returns
@@ -192,8 +190,8 @@ def look_for_proof(monitor: ProgressMonitor) -> Callable[[Problem], str]:
 
     """
     def why_not(problem: Problem) -> str:
-        with monitor.trace.attempt('proof', 'that no path exists', aside=True) as attempt:
-            solvers = _explaining(monitor) if is_proved_infeasible(problem) else ()
+        with task.monitor.trace.attempt('proof', 'that no path exists', aside=True) as attempt:
+            solvers = _explaining(task) if is_proved_infeasible(problem) else ()
             reason = explain(problem, *solvers)
             sentence = reason.sentence if reason and reason.infeasible else ''
             attempt.end(Verdict.PROVED if sentence else Verdict.NOT_PROVED, sentence)
@@ -202,26 +200,26 @@ def look_for_proof(monitor: ProgressMonitor) -> Callable[[Problem], str]:
     return why_not
 
 
-def _explaining(monitor: ProgressMonitor) -> tuple[Callable[[Problem], Solution], ...]:
+def _explaining(task: Task) -> tuple[Callable[[Problem], Solution], ...]:
     """Return the quick and the thorough solver of `explain`, which share one budget of work."""
-    part = monitor.part(_EXPLAINING)
-    return _attempt(part), _attempt(part, quick=False)
+    task = replace(task, monitor=task.monitor.part(_EXPLAINING))
+    return _solver_of_related(task), _solver_of_related(task, quick=False)
 
 
-def _attempt(monitor: ProgressMonitor, quick: bool = True) -> Callable[[Problem], Solution]:
+def _solver_of_related(task: Task, quick: bool = True) -> Callable[[Problem], Solution]:
     """
     Return a solver for the problems of a diagnosis.
 
     It also certifies the path at which its own budget of work ends.
     """
-    def attempt(other: Problem) -> Solution:
-        part = monitor.part(_ATTEMPT)
+    def solve_related(other: Problem) -> Solution:
+        part = task.monitor.part(_ATTEMPT)
         begun = not part.stopped
-        with monitor.trace.attempt('related problem', 'quick' if quick else 'thorough',
+        with part.trace.attempt('related problem', 'quick' if quick else 'thorough',
                                    aside=True) as entry:
-            found = search(other, Kit(other), part, quick=quick)[0].solution
+            found = search(task.restate(other, part), quick=quick)[0].solution
             entry.end(*judge_path(found), cost=found.objective)
         unjudged = begun and part.stopped == 'spent' and found.t.size and not found.certificate
         return replace(found, certificate=certify(other, found)) if unjudged else found
 
-    return attempt
+    return solve_related

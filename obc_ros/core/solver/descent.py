@@ -130,7 +130,7 @@ class Descent:
         # At such an excess the certificate may pass although the next mesh would reduce it.
         bench = self._bench
         worth = number and above < _WORTH_A_LOOK and (
-            bench.kit.twin or bench.judged(course).spread < _SPREAD)
+            bench.programs.twin or bench.judged(course).spread < _SPREAD)
         return bool(above < _CLOSE or worth or bench.monitor.stopped)
 
     def _meshes(self, outcome: TranscriptionOutcome,
@@ -149,7 +149,7 @@ class Descent:
             yield outcome, course
             if turn == rounds - 1:
                 return
-            if twin := self._bench.kit.twin:
+            if twin := self._bench.programs.twin:
                 self._state(twin.problem(self._bench.stated, turn + 1))
             if turn and (aligned := self._on_kinks(outcome, course)) is not None:
                 outcome = aligned
@@ -172,7 +172,8 @@ class Descent:
         if not any(self._switching):
             return outcome
         settled = self._iteration().settle(outcome)
-        self._held_in_vain = self._bench.believed(outcome) and not self._bench.believed(settled)
+        self._held_in_vain = (
+            self._bench.is_accurate(outcome) and not self._bench.is_accurate(settled))
         if not self._held_in_vain:
             return settled
         # The arcs are too long for the number of intervals in them.
@@ -232,7 +233,7 @@ def _unwind(bench: Bench, outcome: TranscriptionOutcome, course: Extremal,
 
     On a coarse mesh an input in a direction may turn the long way round between two points.
     """
-    u = follow_minimum(bench.problem, bench.kit.integrator, course)
+    u = follow_minimum(bench.problem, bench.programs.integrator, course)
     mesh = split(build_uniform_mesh(bench.problem, COARSE, bench.stages), np.full(COARSE, 4))
     if not bench.monitor.allows(mesh.layout.intervals):
         return outcome

@@ -18,7 +18,6 @@ from obc_ros.core.solver.exact.time_optimal import solve_time_optimal
 from obc_ros.core.solver.exact.two_wheeled import solve_two_wheeled
 from obc_ros.core.solver.improve.indirect import refine_after_search, refine_indirectly
 from obc_ros.core.solver.linear_quadratic import solve_lq
-from obc_ros.core.solver.program_cache import Kit
 from obc_ros.core.solver.proofs.contradictions import explain_contradiction
 from obc_ros.core.solver.proofs.existence import (
     explain_no_minimum,
@@ -91,9 +90,9 @@ def solve_automatically(task: Task) -> Solution:
 
     """
     for exact in EXACT_METHODS:
-        if exact.affine == task.kit.affine and (found := _try_exact(task, exact)) is not None:
+        if exact.affine == task.programs.affine and (found := _try_exact(task, exact)) is not None:
             return found
-    if not task.kit.answers:   # otherwise a neighbour's path comes first: proofs take longer
+    if not task.programs.answers:   # otherwise a neighbour's path comes first: proofs take longer
         if reason := _prove_infeasible(task):
             return Solution(Status.INFEASIBLE, reason, method='arcs')
         if explain_no_minimum(task.problem):
@@ -130,8 +129,7 @@ def _prove_infeasible(task: Task) -> str:
 def _find_any_path(task: Task, L: float) -> Solution:
     """Return the path of minimum effort of a problem in which all paths have the same cost."""
     other = state_least_effort(task.problem)
-    found = search(other, Kit(other), task.monitor,
-                   why_not=look_for_proof(task.monitor))[0].solution
+    found = search(task.restate(other), why_not=look_for_proof(task))[0].solution
     if not found.t.size:
         return found
     found = drop_multipliers(found, L)
@@ -140,13 +138,12 @@ def _find_any_path(task: Task, L: float) -> Solution:
 
 def _search(task: Task, refine: Refine = refine_after_search) -> Solution:
     """Return the result of a search, refined unless its work was stopped."""
-    found, bench = search(task.problem, task.kit, task.monitor,
-                          why_not=look_for_proof(task.monitor))
+    found, bench = search(task, why_not=look_for_proof(task))
     return (found if bench.monitor.stopped else refine(bench, found)).solution
 
 
 def _transcribe(task: Task) -> Solution:
-    found, _ = search(task.problem, task.kit, task.monitor, with_arcs=False)
+    found, _ = search(task, with_arcs=False)
     return found.solution
 
 

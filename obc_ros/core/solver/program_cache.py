@@ -110,7 +110,7 @@ class Answered:
                          nowhere if self.looked is None else self.looked])
 
 
-class Kit:
+class ProgramCache:
     """
     Programs and functions built for one structure, and solutions of its problems.
 
@@ -142,12 +142,12 @@ class Kit:
 
     def restated(self, problem: Problem) -> Problem:
         """
-        Return a problem of the structure with its own numbers and the symbols of this kit.
+        Return a problem of the structure with its own numbers and the symbols of this cache.
 
         Parameters
         ----------
         problem : Problem
-            With the `structure` of the problem that the kit was built for.
+            With the `structure` of the problem that the cache was built for.
 
         """
         return replace(problem, **{name: getattr(self._problem, name) for name in SYMBOLIC})
@@ -161,7 +161,7 @@ class Kit:
         Parameters
         ----------
         problem : Problem
-            In the symbols of this kit.
+            In the symbols of this cache.
         layout : Layout
             Phases, intervals and scheme.
 
@@ -214,7 +214,7 @@ class Kit:
         Parameters
         ----------
         problem : Problem
-            In the symbols of this kit.
+            In the symbols of this cache.
 
         """
         if not self.answers:
@@ -252,7 +252,7 @@ class Kit:
         Parameters
         ----------
         problem : Problem
-            In the symbols of this kit.
+            In the symbols of this cache.
         cost : float
             Paths up to this cost are considered.
 
@@ -267,7 +267,7 @@ class Kit:
         Parameters
         ----------
         problem : Problem
-            In the symbols of this kit. For the last one the result is kept.
+            In the symbols of this cache. For the last one the result is kept.
 
         """
         if self._convex[0] is not problem:
@@ -296,7 +296,7 @@ class Kit:
         Parameters
         ----------
         problem : Problem
-            In the symbols of this kit.
+            In the symbols of this cache.
         stated : bool
             For the problem as stated, not for its smooth reformulation.
 

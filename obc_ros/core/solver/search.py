@@ -20,12 +20,13 @@ from obc_ros.core.solver.bench import Bench, build_bench, Candidate
 from obc_ros.core.solver.coarse_mesh import CoarseResult, solve_coarse
 from obc_ros.core.solver.descent import descend
 from obc_ros.core.solver.nlp.progress import ProgressMonitor
-from obc_ros.core.solver.program_cache import Kit
+from obc_ros.core.solver.program_cache import ProgramCache
 from obc_ros.core.solver.proofs.contradictions import explain_contradiction
 from obc_ros.core.solver.proofs.optimality import describe_local
 from obc_ros.core.solver.starts.multistart import descend_from_coarse, explore_starts
 from obc_ros.core.solver.starts.neighbour import solve_from_neighbour
 from obc_ros.core.solver.starts.start_pool import StartPool
+from obc_ros.core.solver.task import Task
 from obc_ros.core.solver.transcription.program import TranscriptionOutcome
 
 # Budget of a descent when no coarse outcome had a small discretisation error: times the work so
@@ -39,20 +40,15 @@ _MIXED = 200_000
 _INSIDE, _LASTING = 1e-2, 0.1
 
 
-def search(problem: Problem, kit: Kit, monitor: ProgressMonitor, *, with_arcs: bool = True,
-           quick: bool = False, why_not: Callable[[Problem], str] = explain_contradiction
-           ) -> tuple[Candidate, Bench]:
+def search(task: Task, *, with_arcs: bool = True, quick: bool = False,
+           why_not: Callable[[Problem], str] = explain_contradiction) -> tuple[Candidate, Bench]:
     """
     Search for a solution.
 
     Parameters
     ----------
-    problem : Problem
-        In the symbols of `kit`.
-    kit : Kit
-        Programs and functions built for the structure of the problem.
-    monitor : ProgressMonitor
-        Limits of iterations, work and time.
+    task : Task
+        The problem, its programs, and the limits of the work.
     with_arcs : bool
         Whether inputs may be held at bounds between switching times.
     quick : bool
@@ -70,10 +66,10 @@ def search(problem: Problem, kit: Kit, monitor: ProgressMonitor, *, with_arcs: b
         With the part of the work that the search was allowed.
 
     """
-    bench = build_bench(problem, kit, monitor, with_arcs=with_arcs, quick=quick)
+    bench = build_bench(task, with_arcs=with_arcs, quick=quick)
     if (known := solve_from_neighbour(bench)) is not None:
         return known, bench
-    pool = StartPool(bench.problem, kit)
+    pool = StartPool(bench.problem, bench.programs)
     with bench.trace.attempt('coarse mesh') as attempt:
         coarse = solve_coarse(bench, pool, why_not)
         attempt.end(*_judge_coarse(coarse), cost=coarse.outcomes[0].objective
@@ -131,9 +127,9 @@ def _budget(coarse: CoarseResult) -> ProgressMonitor:
 def _mixes(bench: Bench, outcome: TranscriptionOutcome) -> bool:
     """Return whether an input stays between its bounds for long where H is concave in it."""
     problem, course = bench.problem, bench.course(outcome)
-    if bench.kit.twin or any(ca.depends_on(problem.path, u) for u in ca.vertsplit(problem.u)):
+    if bench.programs.twin or any(ca.depends_on(problem.path, u) for u in ca.vertsplit(problem.u)):
         return False
-    _, _, Huu = bench.kit.integrator.hamiltonian(problem, course.x, course.ua, course.lam)
+    _, _, Huu = bench.programs.integrator.hamiltonian(problem, course.x, course.ua, course.lam)
     curvature, span = np.einsum('kii->ki', Huu), problem.u_upper - problem.u_lower
     with np.errstate(invalid='ignore'):
         inside = np.minimum(course.ua - problem.u_lower,
@@ -158,7 +154,8 @@ def _keep_inside(coarse: CoarseResult) -> Solution | None:
     if problem is bench.stated:
         return None
     with bench.trace.attempt('positivity', 'bounds >= 0 on amounts') as attempt:
-        found, _ = search(problem, Kit(problem), bench.monitor, with_arcs=bench.may_hold)
+        found, _ = search(Task(problem, ProgramCache(problem), bench.monitor),
+                          with_arcs=bench.may_hold)
         answer = found.solution
         if answer.certificate:
             answer = replace(answer, certificate=certify(bench.stated, answer))

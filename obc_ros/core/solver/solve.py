@@ -13,50 +13,49 @@ from collections.abc import Callable
 from dataclasses import replace
 import time
 
-from obc_ros.core.ocp.method_names import AUTO, get_method
+from obc_ros.core.ocp.method_names import get_method
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.ocp.solution import MAX_INTERVALS, Report, Solution
 from obc_ros.core.solver.conclusion import conclude, mark_unfinished
-from obc_ros.core.solver.methods import METHODS
+from obc_ros.core.solver.methods import EXACT_METHODS, METHODS
 from obc_ros.core.solver.nlp.progress import BestPath, ProgressMonitor
-from obc_ros.core.solver.program_cache import Kit
+from obc_ros.core.solver.program_cache import ProgramCache
 from obc_ros.core.solver.task import Task
 
 _JUDGING = 0.05, 0.5    # part of the time limit, at most [s], reserved for the certificate
-_FINAL = 'riccati', 'time_optimal'   # methods whose own message is the reason
 
 
 class Cache:
-    """The kits of the structures solved last, at most `size` of them."""
+    """The program caches of the structures solved last, at most `size` of them."""
 
     def __init__(self, size: int = 32) -> None:
         self._size = size
-        self._kits: OrderedDict[str, Kit] = OrderedDict()
+        self._caches: OrderedDict[str, ProgramCache] = OrderedDict()
 
-    def prepared(self, problem: Problem) -> tuple[Problem, Kit]:
+    def prepared(self, problem: Problem) -> tuple[Problem, ProgramCache]:
         """
-        Return a problem in the symbols of the kit of its structure, and this kit.
+        Return a problem in the symbols of the program cache of its structure, and this cache.
 
         Parameters
         ----------
         problem : Problem
-            Without a `structure` its kit is not kept.
+            Without a `structure` its programs are not kept.
 
         Returns
         -------
         problem : Problem
-        kit : Kit
+        programs : ProgramCache
 
         """
         key = problem.structure
-        kit = self._kits.pop(key, None) if key else None
-        if kit is None:
-            kit = Kit(problem)
+        programs = self._caches.pop(key, None) if key else None
+        if programs is None:
+            programs = ProgramCache(problem)
         if key:
-            self._kits[key] = kit
-            if len(self._kits) > self._size:
-                self._kits.popitem(last=False)
-        return kit.restated(problem), kit
+            self._caches[key] = programs
+            if len(self._caches) > self._size:
+                self._caches.popitem(last=False)
+        return programs.restated(problem), programs
 
 
 def solve(problem: Problem, *, method: str = '', time_limit: float = 60.0,
@@ -101,15 +100,14 @@ def solve(problem: Problem, *, method: str = '', time_limit: float = 60.0,
     name, begun = get_method(method or problem.method), time.monotonic()
     part, most = _JUDGING
     monitor = ProgressMonitor(time_limit - min(part * time_limit, most), report, max_intervals)
-    problem, kit = (cache or Cache(1)).prepared(problem)
+    problem, programs = (cache or Cache(1)).prepared(problem)
     if keep is not None:
         monitor.watch(BestPath(problem, lambda path: keep(mark_unfinished(path))))
-    task = Task(problem, kit, monitor, time_limit)
+    task = Task(problem, programs, monitor, time_limit)
     found = METHODS[name](task)
-    found = conclude(
-        task, found, explained=name not in _FINAL and found.method != 'riccati',
-        larger_inputs=name == AUTO and found.method == 'arcs')
-    built = kit.take_build_time()
+    searched = all(exact.name != (found.method or name) for exact in EXACT_METHODS)
+    found = conclude(task, found, searched=searched)
+    built = programs.take_build_time()
     return replace(found, method=found.method or name, iterations=monitor.iterations,
                    attempts=monitor.trace.attempts(), build_time=built,
                    solve_time=time.monotonic() - begun - built)

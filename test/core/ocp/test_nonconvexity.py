@@ -3,7 +3,7 @@
 """Convex problems, for which Pontryagin's conditions are sufficient for a global minimum."""
 
 from obc_ros.core.ocp.solution import Status
-from obc_ros.core.solver.program_cache import Kit
+from obc_ros.core.solver.program_cache import ProgramCache
 from obc_ros.core.solver.solve import solve
 import problems
 import pytest
@@ -19,7 +19,7 @@ BLOCK = {
 
 def convex(**changes):
     problem = problems.build(BLOCK, **changes)
-    return Kit(problem).convex(problem)
+    return ProgramCache(problem).convex(problem)
 
 
 @pytest.mark.parametrize('changes', [

@@ -304,7 +304,7 @@ class CostateIntegrator:
         V, _, last = self._end(x_end[-1:], outcome.nu[None, :], problem.p_value)
         lam, lam_end = self._costates(
             problem, outcome, (t, x, ua, ub), last[0], parts, single)
-        if not single and path.inner.shape[1] and self._astray(outcome, lam, size, parts):
+        if not single and path.inner.shape[1] and self._failed(outcome, lam, size, parts):
             return self._at_nodes(outcome, float(defect.max()), local)
         return Extremal(
             parts=parts, t=t, x=x, x_end=x_end, ua=ua, ub=ub, lam=lam, lam_end=lam_end,
@@ -327,9 +327,9 @@ class CostateIntegrator:
         return float(J + V[0, 0] + outcome.nu @ psi[0] + gaps.sum())
 
     @staticmethod
-    def _astray(outcome: TranscriptionOutcome, lam: Array, size: Array, parts: int) -> bool:
+    def _failed(outcome: TranscriptionOutcome, lam: Array, size: Array, parts: int) -> bool:
         """Return whether explicit steps lead to other costates than those of the transcription."""
-        found, swept = outcome.costates[:-1], lam[::parts] + outcome.masses(parts)[:-1:parts]
+        found, swept = outcome.costates[:-1], lam[::parts] + outcome.impulses(parts)[:-1:parts]
         with np.errstate(all='ignore'):
             gap = (np.abs(swept - found) * size).max() / max((np.abs(found) * size).max(), 1e-300)
         return not gap <= _STIFF
@@ -337,7 +337,7 @@ class CostateIntegrator:
     def _at_nodes(self, outcome: TranscriptionOutcome, defect: float, local: Array) -> Extremal:
         """Return the states and costates of the collocation at its mesh points."""
         path = outcome.path
-        costates, mass = outcome.costates, outcome.masses(1)
+        costates, mass = outcome.costates, outcome.impulses(1)
         return Extremal(
             parts=1, t=path.t, x=path.x[:-1], x_end=path.x[1:], ua=path.ua, ub=path.ub,
             lam=(costates - mass)[:-1], lam_end=costates[1:], cost=outcome.objective,
@@ -361,7 +361,7 @@ class CostateIntegrator:
                   single: bool) -> tuple[Array, Array]:
         """Return costates at the starts and at the ends of all parts."""
         t, x, ua, ub = course
-        h, mass = np.diff(t), outcome.masses(parts)
+        h, mass = np.diff(t), outcome.impulses(parts)
         if single:
             lam = self._backward(last, x[::-1], ua[::-1], ub[::-1], h[::-1, None],
                                  problem.p_value, mass[-2::-1])[::-1]

@@ -56,7 +56,7 @@ class ArcIteration:
     """
 
     def __init__(self, bench: Bench, switching: tuple[bool, ...], coarse: int) -> None:
-        self.bench, self.problem, self.kit = bench, bench.problem, bench.kit
+        self.bench, self.problem, self.programs = bench, bench.problem, bench.programs
         self.switching, self.coarse, self.touch = switching, coarse, 0
 
     def settle(self, outcome: TranscriptionOutcome) -> TranscriptionOutcome:
@@ -142,7 +142,7 @@ class ArcIteration:
     def shown(self, outcome: TranscriptionOutcome) -> list[Arc]:
         """Return the arcs detected on an outcome."""
         found = find_arcs(self.problem, outcome.path, self.switching,
-                          [not each for each in self.kit.switching])
+                          [not each for each in self.programs.switching])
         return self.broken(self.touching(found, outcome), outcome)
 
     def broken(self, arcs: list[Arc], outcome: TranscriptionOutcome) -> list[Arc]:
@@ -153,11 +153,11 @@ class ArcIteration:
 
     def touching(self, arcs: list[Arc], outcome: TranscriptionOutcome) -> list[Arc]:
         """Return arcs with boundary arcs inserted, for state bounds that switching inputs hold."""
-        free = self.kit.deciding & np.array(self.switching)
+        free = self.programs.deciding & np.array(self.switching)
         if not (self.bench.bounded and free.any()) or self.touch == _NEVER:
             return arcs
         path, problem = outcome.path, self.problem
-        value = self.kit.fitter(problem).at(
+        value = self.programs.fitter(problem).at(
             problem, path.x, np.vstack([path.ua, path.ub[-1:]]))
         found = find_contacts(problem, outcome, value, self.bench.margin, free.any(axis=1),
                               perhaps=self.touch == _PERHAPS)
@@ -182,7 +182,7 @@ class ArcIteration:
         bench = self.bench
         mesh, durations = build_arc_mesh(
             self.problem, arcs, bench.stages, density / outcome.path.t[-1])
-        if not bench.monitor.allows(mesh.layout.intervals) or not self.kit.transcription(
+        if not bench.monitor.allows(mesh.layout.intervals) or not self.programs.transcription(
                 self.problem, mesh.layout).solvable(self.problem, mesh):
             return None
         held = [not np.isnan(arc.levels).any() for arc in arcs]
@@ -196,7 +196,7 @@ class ArcIteration:
         room = _ROOM * abs(outcome.objective)
         if new.objective <= outcome.objective + room:
             return True
-        closed = self.kit.integrator.closed
+        closed = self.programs.integrator.closed
         return closed(self.problem, new) <= closed(self.problem, outcome) + room
 
     def without_vanishing(self, outcome: TranscriptionOutcome) -> TranscriptionOutcome:
@@ -239,8 +239,8 @@ class ArcIteration:
         course = self.bench.course(outcome)
         x, u = (course.x + course.x_end) / 2, (course.ua + course.ub) / 2
         mu = None if course.density_path is None else course.density_path.mean(axis=1)
-        _, Hu, _ = self.kit.integrator.hamiltonian(
+        _, Hu, _ = self.programs.integrator.hamiltonian(
             self.problem, x, u, (course.lam + course.lam_end) / 2, mu)
-        moves = self.kit.switching if moving else (False,) * self.problem.m
-        arcs = open_arcs(arcs, course.t, Hu, self.problem, self.kit.switching, moves)
+        moves = self.programs.switching if moving else (False,) * self.problem.m
+        arcs = open_arcs(arcs, course.t, Hu, self.problem, self.programs.switching, moves)
         return self.broken(self.touching(arcs, outcome), outcome)

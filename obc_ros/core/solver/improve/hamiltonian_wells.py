@@ -56,7 +56,7 @@ def move_to_best_branch(bench: Bench, outcome: TranscriptionOutcome) -> Transcri
         `outcome` if H has no better minimum along it.
 
     """
-    if bench.quick or bench.kit.twin or not bench.kit.branching.any():
+    if bench.quick or bench.programs.twin or not bench.programs.branching.any():
         return outcome
     best = outcome
     for _ in range(_ROUNDS):
@@ -91,7 +91,7 @@ def _least(bench: Bench, outcome: TranscriptionOutcome, rows: Index) -> tuple[Ar
     H = partial(_mean_H, bench, bench.course(outcome), rows)
     now = H(path.ua[rows], path.ub[rows])
     value, least = now.copy(), (path.ua[rows] + path.ub[rows]) / 2
-    for j in np.flatnonzero(bench.kit.branching):
+    for j in np.flatnonzero(bench.programs.branching):
         levels = np.linspace(problem.u_lower[j], problem.u_upper[j], _VALUES)
         tried = np.repeat(least[None], _VALUES, axis=0)
         tried[:, :, j] = levels[:, None]
@@ -114,7 +114,7 @@ def _mean_H(bench: Bench, course: Extremal, rows: Index, ua: Array, ub: Array) -
     u = np.stack([ua, ub], axis=-3)
     points = (np.broadcast_to(each, (*u.shape[:-1], each.shape[-1])).reshape(-1, each.shape[-1])
               for each in (x, u, lam))
-    H = bench.kit.integrator.hamiltonian(bench.problem, *points)[0].reshape(u.shape[:-1])
+    H = bench.programs.integrator.hamiltonian(bench.problem, *points)[0].reshape(u.shape[:-1])
     return np.asarray(H.mean(axis=-2))
 
 
@@ -126,7 +126,7 @@ def _from_inputs(bench: Bench, outcome: TranscriptionOutcome,
     t = np.append(0.0, np.cumsum(np.repeat(h / steps, steps)))
     held = np.repeat((path.ua + path.ub) / 2, steps, axis=0)
     with np.errstate(all='ignore'):
-        (x,), _ = bench.kit.integrator.forward_each(problem, t[None], held[None])
+        (x,), _ = bench.programs.integrator.forward_each(problem, t[None], held[None])
     # With terminal constraints the states of the path stay: those of the new inputs violate them.
     if np.isfinite(x).all() and not problem.q:
         inner = path.t[:-1, None] + h[:, None] * compute_gauss_points(path.inner.shape[1])
@@ -138,7 +138,7 @@ def _from_inputs(bench: Bench, outcome: TranscriptionOutcome,
 
 def _leaps(bench: Bench, outcome: TranscriptionOutcome) -> bool:
     """Return whether an input jumps between local minima of H that are not both at bounds."""
-    problem, path, here = bench.problem, outcome.path, bench.kit.branching
+    problem, path, here = bench.problem, outcome.path, bench.programs.branching
     at = np.clip(np.searchsorted(path.t, find_jumps(path, here.tolist())) - 1, 0, len(path.ua) - 1)
     if not at.size:
         return False
@@ -178,7 +178,7 @@ def _with_jumps(bench: Bench, outcome: TranscriptionOutcome) -> TranscriptionOut
 
 def _apart(bench: Bench, outcome: TranscriptionOutcome) -> list[Arc]:
     """Return arcs that begin where inputs jump, at the ends of phases or in steep intervals."""
-    problem, path, here = bench.problem, outcome.path, bench.kit.branching
+    problem, path, here = bench.problem, outcome.path, bench.programs.branching
     first = np.flatnonzero(np.diff(outcome.mesh.layout.phase_of)) + 1
     ends, least = path.t[first], _VANISHING * path.t[-1]
     span, found = (problem.u_upper - problem.u_lower)[here], find_jumps(path, here.tolist())

@@ -84,8 +84,8 @@ def refine_after_search(bench: Bench, found: Candidate) -> Candidate:
         With a certified solution from the boundary value problem, or `found`.
 
     """
-    kit = bench.kit
-    if (found.record is None or found.nearby or bench.work < _WORTH_IT and not kit.touched_up
+    programs = bench.programs
+    if (found.record is None or found.nearby or bench.work < _WORTH_IT and not programs.touched_up
             or bench.monitor.remaining() < _LEAST or not _is_smooth(bench, found.record)):
         return found
     with bench.trace.attempt('indirect refinement') as attempt:
@@ -96,7 +96,7 @@ def refine_after_search(bench: Bench, found: Candidate) -> Candidate:
         for wanted in (_QUICK, _PRECISE):
             new = _better(bench, found, values, wanted)
             if new is not found:
-                kit.note_refinement()
+                programs.note_refinement()
                 attempt.end(*judge_path(new.solution), cost=new.solution.objective)
                 return new
         attempt.end(Verdict.REJECTED, 'its samples are not certified at this cost')
@@ -105,16 +105,16 @@ def refine_after_search(bench: Bench, found: Candidate) -> Candidate:
 
 def _is_smooth(bench: Bench, last: Answered) -> bool:
     """Return whether no state constraint is active and no absolute value occurs."""
-    return not bench.kit.twin and bench.course(last.outcome).density_x is None
+    return not bench.programs.twin and bench.course(last.outcome).density_x is None
 
 
 def _boundary_values(bench: Bench, last: Answered) -> BoundaryValues | None:
     """Solve the boundary value problem from the last outcome of the descent."""
     outcome, known = last.outcome, last.extremal
     if known is not None:
-        return bench.kit.indirect.refined(
+        return bench.programs.indirect.refined(
             bench.stated, known, outcome.path.t, bench.sizes(outcome))
-    return solve_boundary_values(bench.kit, bench.stated, outcome, bench.course(outcome),
+    return solve_boundary_values(bench.programs, bench.stated, outcome, bench.course(outcome),
                                  bench.sizes(outcome))
 
 
@@ -146,7 +146,7 @@ def _sampled(bench: Bench, found: BoundaryValues, wanted: float) -> Solution:
     x, lam = z[:, :problem.n], z[:, problem.n:]
     free = found.free[k]
     for _ in range(2):
-        _, Hu, Huu = bench.kit.judge.hamiltonian(problem, x, u, lam)
+        _, Hu, Huu = bench.programs.judge.hamiltonian(problem, x, u, lam)
         whole = np.where(free[:, :, None], Huu, np.eye(problem.m))
         u = u - np.linalg.solve(whole, np.where(free, Hu, 0.0)[:, :, None])[:, :, 0]
     off, drift = _in_the_mean(found, t, arc)
@@ -157,7 +157,7 @@ def _sampled(bench: Bench, found: BoundaryValues, wanted: float) -> Solution:
     u = np.clip(u, problem.u_lower, problem.u_upper)
     new = _joined(found, k, u)
     t, x, u, lam = t[new], x[new], u[new], lam[new]
-    H, _, _ = bench.kit.judge.hamiltonian(problem, x, u, lam)
+    H, _, _ = bench.programs.judge.hamiltonian(problem, x, u, lam)
     return Solution(
         status=Status.NOT_CONVERGED, message='', objective=found.cost, t=t, x=x, u=u, lam=lam,
         hamiltonian=H, nu=found.nu, switching_times=np.cumsum(found.lengths)[:-1],

@@ -20,7 +20,7 @@ from obc_ros.core.solver.adjoint.costates import Extremal
 from obc_ros.core.solver.adjoint.mesh_refinement import is_below
 from obc_ros.core.solver.arcs.input_arcs import Arc, find_arcs, insert_free_arcs
 from obc_ros.core.solver.bench import Bench
-from obc_ros.core.solver.program_cache import Answered, Kit
+from obc_ros.core.solver.program_cache import Answered, ProgramCache
 from obc_ros.core.solver.transcription.mesh import build_uniform_mesh, Mesh, Path
 from obc_ros.core.solver.transcription.program import ProblemScales, TranscriptionOutcome
 
@@ -30,7 +30,7 @@ _WORSE = 1e-5      # relative increase of the cost on such a mesh that is accept
 _LONGEST = 32      # minimum number of intervals
 
 
-def solve_boundary_values(kit: Kit, problem: Problem, outcome: TranscriptionOutcome,
+def solve_boundary_values(programs: ProgramCache, problem: Problem, outcome: TranscriptionOutcome,
                           course: Extremal,
                           scales: ProblemScales, *, rough: bool = False) -> BoundaryValues | None:
     """
@@ -38,7 +38,7 @@ def solve_boundary_values(kit: Kit, problem: Problem, outcome: TranscriptionOutc
 
     Parameters
     ----------
-    kit : Kit
+    programs : ProgramCache
         Of the structure of the problem.
     problem : Problem
         As stated.
@@ -59,14 +59,15 @@ def solve_boundary_values(kit: Kit, problem: Problem, outcome: TranscriptionOutc
     """
     arcs = find_arcs(problem, outcome.path, (True,) * problem.m)
     singular = any(linear and np.isnan(level) for arc in arcs
-                   for linear, level in zip(kit.switching, arc.levels, strict=True))
+                   for linear, level in zip(programs.switching, arc.levels, strict=True))
     if singular or outcome.mesh.layout.intervals * (6 * problem.n)**2 > _LARGEST:
         return None
-    arcs = _with_slopes(kit, problem, arcs, course)
-    return kit.indirect.solve(problem, arcs, course, outcome.path.t, scales, rough=rough)
+    arcs = _with_slopes(programs, problem, arcs, course)
+    return programs.indirect.solve(problem, arcs, course, outcome.path.t, scales, rough=rough)
 
 
-def _with_slopes(kit: Kit, problem: Problem, arcs: Sequence[Arc], course: Extremal) -> list[Arc]:
+def _with_slopes(programs: ProgramCache, problem: Problem, arcs: Sequence[Arc],
+                 course: Extremal) -> list[Arc]:
     """Return arcs with free ones inserted in which an input crosses within a mesh interval."""
     x, u, lam = (np.vstack([start, end[-1:]]) for start, end in (
         (course.x, course.x_end), (course.ua, course.ub), (course.lam, course.lam_end)))
@@ -75,9 +76,9 @@ def _with_slopes(kit: Kit, problem: Problem, arcs: Sequence[Arc], course: Extrem
         for i in np.flatnonzero(np.isfinite(bound)):
             held = u.copy()
             held[:, i] = bound[i]
-            slopes[side, :, i] = kit.judge.hamiltonian(problem, x, held, lam)[1][:, i]
+            slopes[side, :, i] = programs.judge.hamiltonian(problem, x, held, lam)[1][:, i]
     return insert_free_arcs(arcs, course.t, (slopes[0], slopes[1]),
-                            [not each for each in kit.switching])
+                            [not each for each in programs.switching])
 
 
 def build_points(found: BoundaryValues, error: float, longest: float, most: int
@@ -115,14 +116,14 @@ def build_points(found: BoundaryValues, error: float, longest: float, most: int
     return np.interp(inner, total, np.append(0.0, np.cumsum(found.h))), arc
 
 
-def start_from_neighbour(kit: Kit, problem: Problem, last: Answered
+def start_from_neighbour(programs: ProgramCache, problem: Problem, last: Answered
                          ) -> tuple[BoundaryValues, TranscriptionOutcome] | None:
     """
     Solve the boundary value problem from that of a neighbouring problem.
 
     Parameters
     ----------
-    kit : Kit
+    programs : ProgramCache
         Of the structure of both problems.
     problem : Problem
         As stated.
@@ -141,7 +142,7 @@ def start_from_neighbour(kit: Kit, problem: Problem, last: Answered
         return None
     levels = np.where(known.levels == last.problem.u_lower, problem.u_lower,
                       np.where(known.levels == last.problem.u_upper, problem.u_upper, np.nan))
-    found = kit.indirect.follow(problem, known, levels, last.sizes)
+    found = programs.indirect.follow(problem, known, levels, last.sizes)
     if found is None:
         return None
     before, after = (np.append(0.0, np.cumsum(each.lengths)) for each in (known, found))
@@ -194,9 +195,9 @@ def solve_on_kinks(bench: Bench, outcome: TranscriptionOutcome,
 
     """
     layout = outcome.mesh.layout
-    if bench.bounded or bench.kit.twin or len(layout.phases) > 1 or layout.stages:
+    if bench.bounded or bench.programs.twin or len(layout.phases) > 1 or layout.stages:
         return None
-    found = solve_boundary_values(bench.kit, bench.stated, outcome, course,
+    found = solve_boundary_values(bench.programs, bench.stated, outcome, course,
                                   bench.sizes(outcome),
                                   rough=True)
     if found is None or len(found.lengths) == 1:

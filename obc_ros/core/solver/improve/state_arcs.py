@@ -267,7 +267,7 @@ def _grazing(problem: Problem, program: PhasedProgram, found: Phased, sizes: Pro
 def _may_have_arcs(bench: Bench) -> bool:
     """Return whether boundary arcs may be used for this problem."""
     return bench.bounded and bench.may_hold and not (
-        bench.quick or bench.kit.twin or bench.monitor.stopped)
+        bench.quick or bench.programs.twin or bench.monitor.stopped)
 
 
 def solve_along_bounds(bench: Bench, outcome: TranscriptionOutcome, known: Candidate | None = None
@@ -293,8 +293,8 @@ def solve_along_bounds(bench: Bench, outcome: TranscriptionOutcome, known: Candi
     problem = bench.problem
     if not _may_have_arcs(bench):
         return None
-    program = bench.kit.phased
-    value = bench.kit.fitter(problem).at(
+    program = bench.programs.phased
+    value = bench.programs.fitter(problem).at(
         problem, outcome.path.x, np.vstack([outcome.path.ua, outcome.path.ub[-1:]]))
     allowed = outcome.objective + _DEARER * abs(outcome.objective)
     if known is not None and known.certified:
@@ -303,7 +303,8 @@ def solve_along_bounds(bench: Bench, outcome: TranscriptionOutcome, known: Candi
     seen: set[tuple[Signature, float, int]] = set()
     bench = replace(bench, monitor=bench.monitor.part(max(_AT_ONCE, bench.work)))
     for gap in _GAPS:
-        arcs = read_spans(problem, program, outcome, value, bench.margin, bench.kit.switching, gap)
+        arcs = read_spans(problem, program, outcome, value, bench.margin,
+                          bench.programs.switching, gap)
         with bench.trace.attempt('boundary arcs', f'{len(arcs)} arcs') as attempt:
             answer = _settled_on(bench, outcome, arcs, allowed, seen)
             if answer is not None:
@@ -357,7 +358,8 @@ def _settled_on(bench: Bench, outcome: TranscriptionOutcome, arcs: list[Arc], al
     `allowed`: maximum cost. `seen`: arcs and meshes that were tried and are not tried again.
     """
     problem, monitor, pinned = bench.problem, bench.monitor, bench.pinned
-    program, judge, fitter = bench.kit.phased, bench.kit.judge, bench.kit.fitter(problem)
+    program, judge = bench.programs.phased, bench.programs.judge
+    fitter = bench.programs.fitter(problem)
     turn, sizes = _Turn(arcs, sharpen_steps(outcome.path, arcs), spread_like(outcome.path)), (
         bench.sizes(outcome))
     for number in range(_ROUNDS + _GRADED):

@@ -89,7 +89,7 @@ def start_from_rollouts(bench: Bench, pool: StartPool, T: float) -> list[Transcr
         Those with a small discretisation error.
 
     """
-    if bench.quick or not bench.problem.q or bench.kit.twin:
+    if bench.quick or not bench.problem.q or bench.programs.twin:
         return []
     with bench.trace.attempt('cross-entropy search') as attempt:
         found = _solve_rollouts(bench, pool, T)
@@ -113,11 +113,11 @@ def _solve_rollouts(bench: Bench, pool: StartPool, T: float) -> list[Transcripti
         with bench.trace.attempt('initial guess', path.origin) as attempt:
             outcome = bench.collocate(
                 build_uniform_mesh(problem, _INTERVALS, bench.stages), path,
-                most=min(usual, _ITERATIONS), known=pool.familiar)
-            pool.familiar.ended(outcome.objective, outcome.infeasibility,
+                most=min(usual, _ITERATIONS), known=pool.known_minima)
+            pool.known_minima.ended(outcome.objective, outcome.infeasibility,
                                 outcome.path if outcome.converged else None)
             attempt.end(*outcome.judge(), cost=outcome.objective)
-        if bench.believed(outcome):
+        if bench.is_accurate(outcome):
             found.append(outcome)
     if found:   # the remaining rollouts may lead to other minima
         pool.put_first(paths)
@@ -154,12 +154,12 @@ def interleave_rollouts(bench: Bench, last: Candidate, pool: StartPool, seen: li
 def _interleave(pool: StartPool, starts: Iterator[Path], rollouts: Iterator[Path],
                 patience: int) -> Iterator[Path]:
     """Yield rollouts and starts in turn, then starts only."""
-    vain, known = 0, pool.familiar.minima
+    vain, known = 0, pool.known_minima.minima
     for start in rollouts:
-        pool.familiar.dare(True)
+        pool.known_minima.mark_rollout(True)
         yield start
-        pool.familiar.dare(False)
-        vain, known = 0 if pool.familiar.minima > known else vain + 1, pool.familiar.minima
+        pool.known_minima.mark_rollout(False)
+        vain, known = 0 if pool.known_minima.minima > known else vain + 1, pool.known_minima.minima
         yield next(starts)
         if vain == patience:
             break
@@ -170,10 +170,10 @@ def _promising(bench: Bench, last: Candidate, seen: list[RolloutEnd], rough: Cal
                bent: bool) -> Iterator[Path]:
     """Yield rollouts of the brief search, and of a longer one if that is worth it."""
     yield from (each.path for each in seen[:1])
-    if last.record is not None and bench.problem.q and not bench.kit.twin:
+    if last.record is not None and bench.problem.q and not bench.programs.twin:
         outcome = last.record.outcome
         problem, T = _within(bench.problem, outcome.path), outcome.path.t[-1]
-        rest = bench.kit.guesser.rest(bench.problem)
+        rest = bench.programs.guesser.rest(bench.problem)
         look = _LONG if rough() else _SHORT if bent else None
         if look:
             cheap = iter(search_rollouts(problem, T, outcome.objective, rest, look))
@@ -200,7 +200,7 @@ def search_rollouts_briefly(bench: Bench, last: Candidate, bent: bool) -> list[R
     terminal constraints the cheapest rollouts of each kind are refined. Only those cheaper than
     the last outcome are returned, unless there are no terminal constraints and `bent` is set.
     """
-    if last.record is None or bench.kit.twin:
+    if last.record is None or bench.programs.twin:
         return []
     outcome, chance = last.record.outcome, np.random.default_rng(4)
     problem, most, T = _within(bench.problem, outcome.path), outcome.objective, outcome.path.t[-1]
@@ -238,7 +238,7 @@ def _drawn_again(bench: Bench, problem: Problem, drawn: '_Drawn', steps: int,
 def _glanced(bench: Bench, problem: Problem, T: float, chance: np.random.Generator,
              count: int) -> '_Drawn':
     """Return random inputs, at a random distance from rest; half not moved to rest without psi."""
-    rest = _part_at(problem, bench.kit.guesser.rest(bench.problem))
+    rest = _part_at(problem, bench.programs.guesser.rest(bench.problem))
     part = _parts(chance, count, problem.m)
     away = chance.uniform(0, 1, (count, 1, 1))
     if not problem.q:
@@ -253,7 +253,7 @@ class _Led:
     """Rollouts by the integrator of the driver, with costs and distances from psi = 0."""
 
     def __init__(self, bench: Bench, problem: Problem, drawn: '_Drawn', steps: int) -> None:
-        self.drawn, integrator = drawn, bench.kit.integrator
+        self.drawn, integrator = drawn, bench.programs.integrator
         self._u = np.repeat(_inputs(problem, drawn.part), steps, axis=1)
         self._t = drawn.length[:, None] * np.linspace(0.0, 1.0, steps * _PIECES + 1)
         self._x, running = integrator.forward_each(problem, self._t, self._u)

@@ -83,7 +83,7 @@ def _lengths(bench: Bench, outcome: TranscriptionOutcome) -> list[float]:
     upper = final.upper
     if not ca.depends_on(problem.V, problem.x):
         inputs = path.ua, path.ub, np.clip(0.0 * path.ua, problem.u_lower, problem.u_upper)
-        least = min(float(bench.kit.integrator.hamiltonian(
+        least = min(float(bench.programs.integrator.hamiltonian(
             problem, path.x[:-1], u, 0.0 * path.x[:-1])[0].min()) for u in inputs)
         if least > 0:   # a lower bound of L on the path: the cost grows with T
             upper = min(upper, outcome.objective / least)

@@ -44,9 +44,9 @@ def lengthen_horizon(bench: Bench, intervals: int) -> TranscriptionOutcome | Non
 
     """
     whole, final = bench.problem, bench.problem.final_time
-    if bench.quick or whole.q or final.free or bench.kit.twin:
+    if bench.quick or whole.q or final.free or bench.programs.twin:
         return None
-    start = bench.kit.guesser.line(whole, final.value)
+    start = bench.programs.guesser.line(whole, final.value)
     with bench.trace.attempt('horizon continuation') as attempt:
         outcome = _lengthen(bench, intervals, start)
         attempt.end(Verdict.REJECTED if outcome is None else Verdict.ACCEPTED,
@@ -66,7 +66,8 @@ def _lengthen(bench: Bench, intervals: int, start: Path) -> TranscriptionOutcome
             mesh = build_uniform_mesh(bench.problem, intervals, bench.stages)
             path = replace(start, t=start.t / 2**halvings, durations=np.array([length]))
         else:
-            mesh, path = _longer(bench.problem, bench.kit.integrator, outcome, intervals, length)
+            mesh, path = _longer(bench.problem, bench.programs.integrator, outcome, intervals,
+                                 length)
         bench, outcome = _solve_finely(bench, mesh, path)
         if outcome is None and halvings < _HALVINGS:
             break
@@ -86,7 +87,7 @@ def _solve_finely(bench: Bench, mesh: Mesh,
         outcome = bench.collocate(mesh, path, most=_ITERATIONS)
         if not outcome.converged:
             break
-        if bench.believed(outcome):
+        if bench.is_accurate(outcome):
             return bench, outcome
         if number < _REFINED - 1:
             course = bench.course(outcome)

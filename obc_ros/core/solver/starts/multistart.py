@@ -93,7 +93,7 @@ def descend_from_coarse(bench: Bench, pool: StartPool, first: TranscriptionOutco
     cheapest = first
     for _ in range(_LOOKS):
         outcome = solve_next_start(bench, pool, once=True, hard=True)
-        if is_below(outcome.objective, cheapest.objective, ANOTHER) and bench.believed(outcome):
+        if is_below(outcome.objective, cheapest.objective, ANOTHER) and bench.is_accurate(outcome):
             cheapest = outcome
     other = None if cheapest is first else descend(bench, cheapest)
     if other is None or not other.certified:
@@ -150,13 +150,13 @@ def explore_starts(bench: Bench, pool: StartPool, first: Candidate, floor: float
 def _explore(bench: Bench, pool: StartPool, best: Candidate, floor: float,
              others: Sequence[TranscriptionOutcome], sound: bool) -> Explored:
     """Do what `explore_starts` does."""
-    spent, kit = 0, bench.kit
-    alone = (best.certified or sound) and kit.convex(bench.stated)
+    spent, programs = 0, bench.programs
+    alone = (best.certified or sound) and programs.convex(bench.stated)
     before, bent = bench.work, not alone and _disproportion(bench, best) > _BENT
-    uneven = kit.uneven_costs(bench.problem, abs(floor))
+    uneven = programs.uneven_costs(bench.problem, abs(floor))
     promising, lengths = ([], []) if alone else _lined_up(
         bench, pool, best, floor, uneven=uneven, bent=bent)
-    found, ground = list[TranscriptionOutcome](), floor   # coarse cost of the best solution
+    found, coarse = list[TranscriptionOutcome](), floor   # coarse cost of the best solution
     ties = [floor]   # coarse costs of the outcomes that were refined
     # Costs of the certified solutions that they led to.
     refined = [best.solution.objective] if best.certified else []
@@ -175,41 +175,41 @@ def _explore(bench: Bench, pool: StartPool, best: Candidate, floor: float,
             bench, floor, solve_next_start(
                 bench, pool, once=best.certified, hard=uneven or before > _HARD))
         lower = is_below(outcome.objective, floor, ANOTHER)
-        falls = lower and not outcome.converged and outcome.infeasibility <= _MET
+        descends = lower and not outcome.converged and outcome.infeasibility <= _MET
         tied = (outcome.converged and len(ties) < _TIES
-                and outcome.objective < _tie(best.solution, ground)
+                and outcome.objective < _tie(best.solution, coarse)
                 and all(abs(outcome.objective - other) > _SAME * abs(other) for other in ties))
         differs = not best.certified and all(
             abs(outcome.objective - other) > ANOTHER * abs(other) for other in ties)
-        if falls or (lower or tied or differs) and bench.believed(outcome) and (
-                differs or _may_be_better(bench, outcome, best, ground, lower=lower)):
+        if descends or (lower or tied or differs) and bench.is_accurate(outcome) and (
+                differs or _may_be_better(bench, outcome, best, coarse, lower=lower)):
             ties.append(outcome.objective)
             floor = min(floor, outcome.objective)
-            other = bench.certify(outcome) if falls else descend(bench, outcome)
+            other = bench.certify(outcome) if descends else descend(bench, outcome)
             refined += [other.solution.objective] if other.certified else []
             if better(best.solution, other.solution) is other.solution:
-                best, ground = other, outcome.objective
+                best, coarse = other, outcome.objective
                 wanted = max(wanted, number + 1 + _AFTER)
         found.append(outcome)
         spent += bench.work - started
-    minima = refined + _others(bench, found, ties, ground)
+    minima = refined + _others(bench, found, ties, coarse)
     if best.certified and best.record:
-        _remember(bench, pool, best, minima, found, ground)
+        _remember(bench, pool, best, minima, found, coarse)
     return Explored(best, minima, why)
 
 
 def _remember(bench: Bench, pool: StartPool, best: Candidate, minima: list[float],
-              found: list[TranscriptionOutcome], ground: float) -> None:
+              found: list[TranscriptionOutcome], coarse: float) -> None:
     """Keep a solution for neighbouring problems."""
     record, cost = best.record, best.solution.objective
     assert record is not None
     if record.extremal:
-        record = replace(record, extremal=bench.kit.indirect.thinned(
+        record = replace(record, extremal=bench.programs.indirect.thinned(
             bench.stated, record.extremal, record.sizes))
-    bench.kit.remember(replace(
-        record, rivals=_rivals(found, ground), refined=cost / ground if ground else 1,
+    bench.programs.remember(replace(
+        record, rivals=_rivals(found, coarse), refined=cost / coarse if coarse else 1,
         looked=collect_numbers(bench.stated), optimality=describe_local(pool.tried, cost, minima)))
-    bench.kit.note_minima(pool.familiar.minima)
+    bench.programs.note_minima(pool.known_minima.minima)
 
 
 def _lined_up(bench: Bench, pool: StartPool, best: Candidate, floor: float, *, uneven: bool,
@@ -217,8 +217,8 @@ def _lined_up(bench: Bench, pool: StartPool, best: Candidate, floor: float, *, u
     """Set the further starts; return the promising ones, and those with other final times."""
     problem, begun, lengths = bench.problem, bench.work, list[Path]()
     if uneven:
-        pool.replace_rest(bench.kit.guesser.scattered(
-            problem, bench.kit.integrator, pool.rest, abs(floor)))
+        pool.replace_rest(bench.programs.guesser.scattered(
+            problem, bench.programs.integrator, pool.rest, abs(floor)))
         if problem.q:
             return [], lengths
     promising = search_rollouts_briefly(bench, best, bent or uneven)
@@ -275,12 +275,12 @@ def _explain_enough(bench: Bench, pool: StartPool, number: int, work: tuple[int,
     if uneven or hard and not bench.stages:
         many = number >= _MANY and spent >= _FOR_MANY
     else:
-        times = 1 + (pool.familiar.minima > _FEW and not hard)
+        times = 1 + (pool.known_minima.minima > _FEW and not hard)
         least = _LEAST_HARD if hard or rough else _LEAST_BENT if bent else 1
         many = number >= max(times * least if least > 1 else 1, wanted)
     if many and spent > _EXPLORING[hard] * bench.work:
         return f'{number} starts took their part of the work'
-    if many and pool.familiar.enough():
+    if many and pool.known_minima.enough():
         return f'{number} starts led to minima that are known'
     return ''
 
@@ -299,7 +299,7 @@ def _disproportion(bench: Bench, best: Candidate) -> float:
     t, h = path.t[first], np.diff(path.t)[:, None]
     u = np.add.reduceat(h * (path.ua + path.ub) / 2, first[:-1])
     mean, u = u.sum(axis=0) / t[-1], u / np.maximum(np.diff(t), 1e-300)[:, None]
-    (none, half, all_), _ = bench.kit.integrator.forward_each(
+    (none, half, all_), _ = bench.programs.integrator.forward_each(
         bench.problem, np.tile(t, (3, 1)), mean + parts[:, None, None] * (u - mean))
     with np.errstate(invalid='ignore', over='ignore'):
         off = np.abs(2 * half - none - all_).max(axis=0)
@@ -309,7 +309,7 @@ def _disproportion(bench: Bench, best: Candidate) -> float:
 
 def _rough(bench: Bench, pool: StartPool) -> bool:
     """Return whether coarse solves fail, end at very different costs, or are slow."""
-    return bench.typical > _SLOW or pool.familiar.rough
+    return bench.typical > _SLOW or pool.known_minima.rough
 
 
 def _pursued(bench: Bench, floor: float, outcome: TranscriptionOutcome) -> TranscriptionOutcome:
@@ -319,20 +319,20 @@ def _pursued(bench: Bench, floor: float, outcome: TranscriptionOutcome) -> Trans
             later = bench.collocate(outcome.mesh, outcome.path, near=True, most=_ITERATIONS)
             outcome = later if later.converged else outcome
         for _ in range(_SPLITS):
-            if not outcome.converged or bench.believed(outcome):
+            if not outcome.converged or bench.is_accurate(outcome):
                 break
             mesh = split(outcome.mesh, np.full(outcome.mesh.layout.intervals, 2))
             outcome = bench.collocate(mesh, outcome.path, near=True, most=_ITERATIONS)
     return outcome
 
 
-def _tie(best: Solution, ground: float) -> float:
+def _tie(best: Solution, coarse: float) -> float:
     """Return the coarse cost below which refinement may lead to less than the best cost."""
-    error = abs(best.objective - ground)
-    return ground + 2 * error if best.certified and error < _SAYS * abs(ground) else -np.inf
+    error = abs(best.objective - coarse)
+    return coarse + 2 * error if best.certified and error < _SAYS * abs(coarse) else -np.inf
 
 
-def _may_be_better(bench: Bench, outcome: TranscriptionOutcome, best: Candidate, ground: float, *,
+def _may_be_better(bench: Bench, outcome: TranscriptionOutcome, best: Candidate, coarse: float, *,
                    lower: bool) -> bool:
     """
     Return whether an outcome may be better than the best, by costs on a finer mesh if these err.
@@ -340,7 +340,7 @@ def _may_be_better(bench: Bench, outcome: TranscriptionOutcome, best: Candidate,
     `lower`: whether it is on the coarse mesh.
     """
     cost, kept = best.solution.objective, best.record
-    if kept is None or abs(cost - ground) <= _ERRS * abs(ground) or (
+    if kept is None or abs(cost - coarse) <= _ERRS * abs(coarse) or (
             outcome.mesh.layout.intervals > bench.intervals):
         return True
     mesh = build_uniform_mesh(bench.problem, _FINER * bench.intervals, bench.stages)
@@ -355,29 +355,29 @@ def _may_be_better(bench: Bench, outcome: TranscriptionOutcome, best: Candidate,
 
 
 def _others(bench: Bench, found: list[TranscriptionOutcome], followed: list[float],
-            ground: float) -> list[float]:
+            coarse: float) -> list[float]:
     """
     Return the costs of local minima that were not refined, on the mesh on which they were found.
 
-    `followed`: coarse costs of those that were refined; `ground`: that of the best.
+    `followed`: coarse costs of those that were refined; `coarse`: that of the best.
     """
     costs: list[float] = []
     for outcome in sorted(found, key=lambda outcome: outcome.objective):
         cost, known = outcome.objective, [*followed, *costs]
         if len(costs) == MOST_MINIMA or bench.monitor.stopped:
             break
-        if cost > ground and all(abs(cost - other) > ANOTHER * abs(other) for other in known) and (
-                bench.believed(outcome)):
+        if cost > coarse and all(abs(cost - other) > ANOTHER * abs(other) for other in known) and (
+                bench.is_accurate(outcome)):
             costs.append(cost)
     return costs
 
 
-def _rivals(found: list[TranscriptionOutcome], ground: float) -> tuple[TranscriptionOutcome, ...]:
+def _rivals(found: list[TranscriptionOutcome], coarse: float) -> tuple[TranscriptionOutcome, ...]:
     """Return outcomes of other local minima whose coarse cost is not much above the best."""
     rivals: list[TranscriptionOutcome] = []
     for outcome in sorted(found, key=lambda outcome: outcome.objective):
-        above = outcome.objective - (rivals[-1].objective if rivals else ground)
-        if (outcome.converged and above > ANOTHER * abs(ground)
-                and outcome.objective <= ground + _RIVAL * abs(ground)):
+        above = outcome.objective - (rivals[-1].objective if rivals else coarse)
+        if (outcome.converged and above > ANOTHER * abs(coarse)
+                and outcome.objective <= coarse + _RIVAL * abs(coarse)):
             rivals.append(outcome)
     return tuple(rivals[:_RIVALS])

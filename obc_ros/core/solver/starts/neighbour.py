@@ -37,7 +37,7 @@ def solve_from_neighbour(bench: Bench) -> Candidate | None:
         neighbour, without convergence, or if a rival has become better.
 
     """
-    last = None if bench.quick else bench.kit.neighbour(bench.stated)
+    last = None if bench.quick else bench.programs.neighbour(bench.stated)
     if last is None or last.outcome.mesh.layout.intervals > bench.monitor.max_intervals:
         return None
     with bench.trace.attempt('neighbour', 'from a solution with other numbers') as attempt:
@@ -51,11 +51,11 @@ def solve_from_neighbour(bench: Bench) -> Candidate | None:
 
 def _follow(bench: Bench, last: Answered) -> Candidate | None:
     """Do what `solve_from_neighbour` does, from the solution of one neighbour."""
-    kit, stated, start = bench.kit, bench.stated, last.outcome
+    programs, stated, start = bench.programs, bench.stated, last.outcome
     bench = replace(
         bench, margin=last.margin, stages=start.mesh.layout.stages,
-        problem=kit.twin.problem(stated) if kit.twin else bench.problem)   # the sharpest
-    extremal, near = None, start_from_neighbour(kit, stated, last)
+        problem=programs.twin.problem(stated) if programs.twin else bench.problem)   # the sharpest
+    extremal, near = None, start_from_neighbour(programs, stated, last)
     if near is None:
         outcome = bench.collocate(start.mesh, start.path, near=True, sizes=last.sizes,
                                   most=_ITERATIONS, warm=start)
@@ -70,7 +70,7 @@ def _follow(bench: Bench, last: Answered) -> Candidate | None:
     elif reason := explain_contradiction(stated):  # although the neighbour has a solution
         return Candidate(Solution(Status.INFEASIBLE, reason))
     else:
-        kit.forget(last)   # it does not serve the next problem either
+        programs.forget(last)   # it does not serve the next problem either
         if found is not None and not bench.monitor.stopped:   # kinks have left the mesh points
             found = descend(bench, outcome, _ROUNDS)
             found = replace(found, record=found.record and replace(
@@ -83,7 +83,7 @@ def _follow(bench: Bench, last: Answered) -> Candidate | None:
     known = last.optimality
     if known is None or not np.array_equal(last.numbers, collect_numbers(stated)):
         known = compare_with_rivals(found.solution, costs)
-    kit.remember(replace(found.record, optimality=known))
+    programs.remember(replace(found.record, optimality=known))
     return replace(found, solution=replace(found.solution, optimality=known))
 
 

@@ -58,8 +58,8 @@ def start_around(bench: Bench, pool: StartPool, outcome: TranscriptionOutcome) -
         Number of guesses.
 
     """
-    problem, guesser = bench.problem, bench.kit.guesser
-    if bench.kit.twin or not np.isfinite(outcome.path.t[-1]):
+    problem, guesser = bench.problem, bench.programs.guesser
+    if bench.programs.twin or not np.isfinite(outcome.path.t[-1]):
         return 0
     line = guesser.line(problem, float(outcome.path.t[-1]))
     if around := bend_around(problem, line):

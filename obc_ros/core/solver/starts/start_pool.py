@@ -8,8 +8,8 @@ from itertools import chain
 import numpy as np
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.ocp.problem import Problem
-from obc_ros.core.solver.program_cache import Kit
-from obc_ros.core.solver.transcription.local_minima import Familiar
+from obc_ros.core.solver.program_cache import ProgramCache
+from obc_ros.core.solver.transcription.local_minima import LocalMinima
 from obc_ros.core.solver.transcription.mesh import label_paths, Path
 
 
@@ -20,13 +20,13 @@ class StartPool:
     Parameters
     ----------
     problem : Problem
-        In the symbols of `kit`.
-    kit : Kit
+        In the symbols of `programs`.
+    programs : ProgramCache
         Programs and functions built for the structure of the problem.
 
     Attributes
     ----------
-    familiar : Familiar
+    known_minima : LocalMinima
         Record of the local minima found on the coarse mesh.
     tried : int
         Initial guesses used so far.
@@ -35,23 +35,23 @@ class StartPool:
 
     """
 
-    def __init__(self, problem: Problem, kit: Kit) -> None:
-        self._problem, self._kit = problem, kit
-        self.familiar, self.tried = Familiar(), 0
+    def __init__(self, problem: Problem, programs: ProgramCache) -> None:
+        self._problem, self._programs = problem, programs
+        self.known_minima, self.tried = LocalMinima(), 0
         self.periods: Array = np.full(problem.m, np.inf)
         self._paths: Iterator[Path] = iter(())
 
     def fill(self, first: Iterable[Path] = ()) -> None:
         """Begin with the given paths, then the usual guesses; forget the minima."""
         self.forget()
-        self.periods = self._kit.guesser.periods(self._problem)
+        self.periods = self._programs.guesser.periods(self._problem)
         self._paths = chain(
-            label_paths(first, 'solution on the coarser mesh'), self._kit.guesser.starts(
-                self._problem, self._kit.integrator, lambda: self.familiar.spans))
+            label_paths(first, 'solution on the coarser mesh'), self._programs.guesser.starts(
+                self._problem, self._programs.integrator, lambda: self.known_minima.spans))
 
     def forget(self) -> None:
         """Forget the minima."""
-        self.familiar = Familiar()
+        self.known_minima = LocalMinima()
 
     def put_first(self, paths: Iterable[Path]) -> None:
         """Use these paths before those that are left."""

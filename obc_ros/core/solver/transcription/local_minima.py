@@ -13,26 +13,26 @@ _WILD = 1e6      # infeasibility from which on states have diverged
 _CALMER, _CALMEST = 0.5, 0.1   # factor of the spans of guesses after divergence, and its minimum
 
 
-class Familiar:
+class LocalMinima:
     """
     The costs of the local minima found from several starts, and the iterates of the solves.
 
     A solve can end early at an iterate of another one, since it continues like that one, or at a
-    feasible iterate with the cost of a known minimum. `daring` is set while the present start is
-    a rollout of random inputs: its failure says little about the problem.
+    feasible iterate with the cost of a known minimum. `from_rollout` is set while the present
+    start is a rollout of random inputs: its failure says little about the problem.
     """
 
     def __init__(self) -> None:
         self._seen: tuple[Array, Array] | None = None
         self._part = 1.0
-        self.daring = False
-        self._costs, self._sober, self._astray = list[float](), list[float](), 0
+        self.from_rollout = False
+        self._costs, self._regular, self._failed = list[float](), list[float](), 0
         self._iterates = set[tuple[str, str]]()
         self._now = list[tuple[str, str]]()
 
-    def dare(self, daring: bool) -> None:
+    def mark_rollout(self, from_rollout: bool) -> None:
         """Set whether the present start is a rollout of random inputs."""
-        self.daring = daring
+        self.from_rollout = from_rollout
 
     def again(self, cost: float, infeasibility: float) -> bool:
         """
@@ -62,19 +62,19 @@ class Familiar:
         """
         self._iterates.update(self._now)
         self._now = []
-        dear = self.daring and self._far(cost)
+        dear = self.from_rollout and self._far(cost)
         if path is not None and not dear:   # an expensive rollout would enlarge all guesses
             x, u = path.x, np.vstack([path.ua, path.ub])
             new = np.ptp(x, axis=0), np.maximum(np.ptp(u, axis=0), np.abs(u).max(axis=0))
             known = self._seen or new
             self._seen = np.maximum(known[0], new[0]), np.maximum(known[1], new[1])
-        if path is None and not (infeasibility < _WILD or self.daring):
+        if path is None and not (infeasibility < _WILD or self.from_rollout):
             self._part = max(_CALMER * self._part, _CALMEST)
         if path is not None or self._knows(cost, infeasibility):
             self._costs.append(cost)
-            self._sober += [] if self.daring else [cost]
+            self._regular += [] if self.from_rollout else [cost]
         else:
-            self._astray += not self.daring
+            self._failed += not self.from_rollout
 
     @property
     def spans(self) -> tuple[Array, Array] | None:
@@ -96,8 +96,8 @@ class Familiar:
     @property
     def rough(self) -> bool:
         """Return whether more than a quarter of the solves failed or ended at twice the cost."""
-        far = sum(map(self._far, self._sober))
-        return 4 * (self._astray + far) > self._astray + len(self._sober)
+        far = sum(map(self._far, self._regular))
+        return 4 * (self._failed + far) > self._failed + len(self._regular)
 
     @property
     def minima(self) -> int:

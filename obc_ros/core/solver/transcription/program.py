@@ -30,7 +30,7 @@ from obc_ros.core.solver.nlp.progress import ProgressMonitor, Watch
 from obc_ros.core.solver.transcription.banded_program import Found, Stages
 from obc_ros.core.solver.transcription.block_program import assemble, Block, BlockProgram, Piece
 from obc_ros.core.solver.transcription.intervals import Pieces
-from obc_ros.core.solver.transcription.local_minima import Familiar
+from obc_ros.core.solver.transcription.local_minima import LocalMinima
 from obc_ros.core.solver.transcription.mesh import HELD, Layout, Mesh, Path, STEPPED
 from obc_ros.core.solver.transcription.tightening import TightenedLimits
 
@@ -119,12 +119,12 @@ class TranscriptionOutcome:
         reason = _ENDS.get(self.status, self.status.replace('_', ' ').lower())
         return Verdict.NOT_CONVERGED, f'{reason}, infeasibility {self.infeasibility:.1e}'
 
-    def pressure(self) -> Array:
+    def tightening_costs(self) -> Array:
         """Return the derivative of J by the tightening of each bound of x and of c, (n + l,)."""
         parts = ((self.node_bounds, self.inner_bounds), (self.node_path, self.inner_path))
         return np.concatenate([np.abs(a).sum(0) + np.abs(b).sum((0, 1)) for a, b in parts])
 
-    def masses(self, parts: int) -> Array:
+    def impulses(self, parts: int) -> Array:
         """
         Return the multiplier impulses of the bounds of x, by which lam drops.
 
@@ -431,7 +431,7 @@ class Transcription:
     def solve(self, problem: Problem, mesh: Mesh, start: Array, scales: ProblemScales,
               limits: TightenedLimits, monitor: ProgressMonitor, *, near: bool = False,
               rough: float = 0.0,
-              once: bool = False, known: Familiar | None = None,
+              once: bool = False, known: LocalMinima | None = None,
               multipliers: tuple[Array, Array] | None = None,
               guide: 'TranscriptionOutcome | None' = None) -> TranscriptionOutcome:
         """
@@ -455,7 +455,7 @@ class Transcription:
             Relative error of the cost that is small enough; 0: none.
         once : bool, optional
             Do not call IPOPT if the banded program applies.
-        known : Familiar, optional
+        known : LocalMinima, optional
             Known minima, at which a solve that is tried `once` ends early.
         multipliers : pair of ndarray, optional
             `lam_w` and `lam_g` of the outcome of a neighbour: warm start.

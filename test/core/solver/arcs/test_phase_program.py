@@ -16,10 +16,11 @@ from obc_ros.core.solver.bench import build_bench
 from obc_ros.core.solver.improve.phase_samples import sample_phases
 from obc_ros.core.solver.improve.state_arcs import settle_arcs
 from obc_ros.core.solver.nlp.progress import ProgressMonitor
-from obc_ros.core.solver.program_cache import Kit
+from obc_ros.core.solver.program_cache import ProgramCache
 from obc_ros.core.solver.solve import solve
 from obc_ros.core.solver.starts.horizon_continuation import lengthen_horizon
 from obc_ros.core.solver.starts.initial_guess import estimate_scales
+from obc_ros.core.solver.task import Task
 from obc_ros.core.solver.transcription.mesh import Path
 import problems
 import pytest
@@ -107,13 +108,13 @@ def test_costates_with_fast_modes_need_few_intervals():
     problem = problems.pose(
         {'x': '40*(y - x)', 'y': 'u'}, 'u**2/2', (0, 0), 1, terminal_cost='x',
         input_bounds={'u': [-9, 9]})
-    kit = Kit(problem)
-    line = kit.guesser.line(problem, 1.0)
-    found = kit.phased.solve(
+    programs = ProgramCache(problem)
+    line = programs.guesser.line(problem, 1.0)
+    found = programs.phased.solve(
         problem, [Arc(0.0, 1.0, (np.nan,))], [np.full(24, 1 / 24)], line,
         estimate_scales(problem, line),
         np.zeros(2, dtype=bool), ProgressMonitor())
-    answer = sample_phases(problem, kit.phased, kit.judge, found, 300)
+    answer = sample_phases(problem, programs.phased, programs.judge, found, 300)
     lam_x = np.exp(-40 * (1 - answer.t))
     assert answer.lam == pytest.approx(np.column_stack([lam_x, 1 - lam_x]), abs=2e-5)
 
@@ -127,7 +128,7 @@ def test_an_inactive_state_bound_leaves_horizon_continuation():
     costs = []
     for more in ({}, {'state_bounds': {'v': [-6, None]}}):
         problem = problems.build(pendulum, **more)
-        bench = build_bench(problem, Kit(problem), ProgressMonitor(60.0))
+        bench = build_bench(Task(problem, ProgramCache(problem), ProgressMonitor(60.0)))
         outcome = lengthen_horizon(replace(bench, stages=3), 4)
         assert outcome is not None
         assert outcome.converged
@@ -222,8 +223,8 @@ def test_inputs_without_effect_at_the_end_stay_continuous():
     last = u.copy()
     last[-1] *= -1
     guess = Path(t, x, np.zeros((3, 0, 4)), u, last, np.ones(1))
-    kit = Kit(problem)
-    found = kit.phased.solve(
+    programs = ProgramCache(problem)
+    found = programs.phased.solve(
         problem, [Arc(0.0, 1.0, (np.nan, np.nan), (0, 0, 0, 0, 1))], [np.full(4, 0.25)], guess,
         estimate_scales(problem, guess), np.zeros(4, dtype=bool), ProgressMonitor())
     assert found.converged

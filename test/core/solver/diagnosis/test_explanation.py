@@ -11,10 +11,11 @@ from obc_ros.core.ocp.certificate.certificate import certify
 from obc_ros.core.ocp.solution import Solution, Status
 from obc_ros.core.solver.diagnosis.explanation import explain
 from obc_ros.core.solver.nlp.progress import ProgressMonitor
-from obc_ros.core.solver.program_cache import Kit
+from obc_ros.core.solver.program_cache import ProgramCache
 from obc_ros.core.solver.proofs.interval_bounds import find_lower_bounds
 from obc_ros.core.solver.search import search
 from obc_ros.core.solver.solve import solve
+from obc_ros.core.solver.task import Task
 import problems
 import pytest
 from scipy.integrate import solve_ivp
@@ -75,7 +76,7 @@ def test_a_failed_search_leaves_time_for_the_diagnosis():
     T = problems.read('quad_2d_mintime')['expected']['objective']
     problem = problems.build('quad_2d_mintime', final_time={'free': False, 'value': T / 2})
     whole = ProgressMonitor()
-    _, bench = search(problem, Kit(problem), whole)
+    _, bench = search(Task(problem, ProgramCache(problem), whole))
     assert bench.monitor.stopped == 'spent'
     assert whole.stopped == ''
     found = solve(problem)

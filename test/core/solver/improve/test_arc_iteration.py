@@ -5,8 +5,9 @@
 import casadi as ca
 from obc_ros.core.solver.bench import build_bench
 from obc_ros.core.solver.nlp.progress import ProgressMonitor
-from obc_ros.core.solver.program_cache import Kit
+from obc_ros.core.solver.program_cache import ProgramCache
 from obc_ros.core.solver.solve import solve
+from obc_ros.core.solver.task import Task
 from obc_ros.core.solver.transcription.mesh import build_uniform_mesh
 import problems
 import pytest
@@ -26,12 +27,12 @@ def test_costs_of_coarse_paths_agree_after_replay(intervals: int):
     least = problems.read('rayleigh_bounded')['expected']['objective']
     costs, closed = [], []
     for stages in (0, 3):
-        bench = build_bench(problem, Kit(problem), ProgressMonitor())
-        line = bench.kit.guesser.line(problem, problem.final_time.value)
+        bench = build_bench(Task(problem, ProgramCache(problem), ProgressMonitor()))
+        line = bench.programs.guesser.line(problem, problem.final_time.value)
         outcome = bench.collocate(build_uniform_mesh(problem, intervals, stages), line)
         assert outcome.converged
         costs.append(outcome.objective - least)
-        closed.append(bench.kit.integrator.closed(problem, outcome) - least)
+        closed.append(bench.programs.integrator.closed(problem, outcome) - least)
     assert max(costs) > 10 * abs(min(costs))
     assert closed[0] == pytest.approx(closed[1], rel=0.03)
     assert min(closed) > 0

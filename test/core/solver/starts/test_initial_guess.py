@@ -4,7 +4,7 @@
 
 import numpy as np
 from obc_ros.core.solver.exact.reachable_set import bound_reach
-from obc_ros.core.solver.program_cache import Kit
+from obc_ros.core.solver.program_cache import ProgramCache
 from obc_ros.core.solver.transcription.runge_kutta import compute_amplification
 import problems
 import pytest
@@ -24,7 +24,7 @@ def test_the_scales_of_a_chain_of_lags_are_those_of_its_states(fast):
     problem = problems.pose(
         {'a': f'{fast}*(u - a)', 'b': f'{fast}*(a - b)', 'c': f'{fast}*(b - c)'},
         '(c - 1)**2 + u**2', (0, 0, 0), 10)
-    guesser = Kit(problem).guesser
+    guesser = ProgramCache(problem).guesser
     scales = guesser.sizes(problem, guesser.line(problem, 10.0))
     np.testing.assert_allclose(scales.x, 1.0)
 
@@ -33,7 +33,7 @@ def test_the_scales_of_a_chain_of_lags_are_those_of_its_states(fast):
                                          ('-100*x**3', False)])
 def test_explicit_steps_are_avoided_where_they_amplify_what_decays(rate, stiff):
     problem = problems.pose({'x': f'{rate} + u'}, 'x**2 + u**2', (1,), 10)
-    assert Kit(problem).guesser.is_stiff(problem, 16) is stiff
+    assert ProgramCache(problem).guesser.is_stiff(problem, 16) is stiff
 
 
 def test_the_amplification_of_a_step_is_that_of_an_exponential_if_it_is_short():

@@ -15,7 +15,7 @@ from obc_ros.core.solver.starts.cross_entropy import search_rollouts
 from obc_ros.core.solver.starts.initial_guess import estimate_scales, Guesser
 from obc_ros.core.solver.transcription.block_program import assemble, Block, Piece
 from obc_ros.core.solver.transcription.intervals import Pieces
-from obc_ros.core.solver.transcription.local_minima import Familiar
+from obc_ros.core.solver.transcription.local_minima import LocalMinima
 from obc_ros.core.solver.transcription.mesh import (
     build_uniform_mesh,
     HELD,
@@ -250,25 +250,25 @@ def build_path():
 @pytest.mark.parametrize(('minima', 'searches'), [(1, 7), (2, 16), (3, 29)])
 def test_multistart_ends_when_no_other_minimum_is_expected(minima, searches):
     """For w minima, w (n - 1) / (n - w - 2) = w + 1/2 at n = 2 ((w + 1/2) (w + 2) - w)."""
-    familiar = Familiar()
+    known_minima = LocalMinima()
     for k in range(searches):
-        assert not familiar.enough()
+        assert not known_minima.enough()
         cost = (1.0 + k % minima) * (1 + 1e-5 * k)   # costs as rough as those of the searches
-        familiar.ended(cost, 0.0, build_path())
+        known_minima.ended(cost, 0.0, build_path())
     assert searches == math.ceil(2 * ((minima + 0.5) * (minima + 2) - minima))
-    assert familiar.enough()
+    assert known_minima.enough()
 
 
 def test_a_search_that_repeats_an_earlier_one_is_recognised():
-    familiar = Familiar()
+    known_minima = LocalMinima()
     path = [(5.0, 0.3), (3.0, 0.1), (2.0, 1e-9)]
-    assert not any(familiar.again(*iterate) for iterate in path)
-    familiar.ended(*path[-1], build_path())
-    assert not familiar.again(5.1, 0.3)     # starts elsewhere
-    assert familiar.again(3.0, 0.1)         # reaches the path of an earlier search
-    assert familiar.again(2.0001, 1e-7)     # reaches an earlier minimum
-    assert not familiar.again(2.01, 1e-7)   # reaches another minimum
-    assert not familiar.again(2.0001, 0.2)  # is not feasible
+    assert not any(known_minima.again(*iterate) for iterate in path)
+    known_minima.ended(*path[-1], build_path())
+    assert not known_minima.again(5.1, 0.3)     # starts elsewhere
+    assert known_minima.again(3.0, 0.1)         # reaches the path of an earlier search
+    assert known_minima.again(2.0001, 1e-7)     # reaches an earlier minimum
+    assert not known_minima.again(2.01, 1e-7)   # reaches another minimum
+    assert not known_minima.again(2.0001, 0.2)  # is not feasible
 
 
 @pytest.mark.parametrize('running_cost, terminal_cost, uneven', [
