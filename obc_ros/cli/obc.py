@@ -104,14 +104,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         if signal.getsignal(signal.SIGINT) is leave:
             signal.signal(signal.SIGINT, signal.default_int_handler)
-        return _run(parse(sys.argv[1:] if arguments is None else arguments))
+        return _run(sys.argv[1:] if arguments is None else arguments)
     except KeyboardInterrupt:
         return 130
 
 
-def _run(args: argparse.Namespace) -> int:
+def _run(arguments: Sequence[str]) -> int:
     """Run the subcommand; print errors of the package and of the system in one sentence."""
+    command = ''
     try:
+        args = parse(arguments)   # may print, as the version
+        command = args.command
         status: int = args.run(args)
         sys.stdout.flush()
     except BrokenPipeError:
@@ -119,7 +122,7 @@ def _run(args: argparse.Namespace) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
     except (ObcError, OSError) as error:  # a folder that cannot be written, a full disk
-        print(f'obc {args.command}: {error}', file=sys.stderr)
+        print(f'obc {command}: {error}', file=sys.stderr)
         return 1
     return status
 

@@ -306,7 +306,8 @@ def read_request(kind: str, request: Any) -> Packet:
 
 
 def _solve_request(request: Any) -> Packet:
-    return Packet({'statement': read_statement(request.problem), 'method': request.method})
+    return Packet({'statement': read_statement(request.problem), 'method': request.method,
+                   'options': list(request.options)})
 
 
 def _minimize_request(request: Any) -> Packet:

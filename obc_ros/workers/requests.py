@@ -32,6 +32,7 @@ from obc_ros.core.ocp.solution import (
 from obc_ros.core.ocp.statement import build_problem
 from obc_ros.core.solver.motion_planning import find_registered, Motion, state_motion
 from obc_ros.core.solver.nlp.minimize import minimize
+from obc_ros.core.solver.options import read_options
 from obc_ros.core.solver.solve import Cache, solve
 from obc_ros.core.systems.equilibrium import Equilibrium
 from obc_ros.core.systems.system import Signal, System
@@ -92,12 +93,13 @@ def _optimality(found: Optimality | None) -> dict[str, Any] | None:
 
 def _solve(request: Packet, time_limit: float, report: Report, keep: Keep) -> Packet:
     plain = request.plain
-    problem = build_problem(plain['statement'])
+    problem, options = build_problem(plain['statement']), read_options(plain.get('options', ()))
     system = plain['statement'].get('system', '')
     solution = solve(problem, method=plain['method'], time_limit=time_limit,
                      report=report, cache=_cache(plain['cache_size']),
                      max_intervals=plain.get('max_intervals', MAX_INTERVALS),
-                     keep=lambda path: keep(pack_solution(problem, path, system)))
+                     keep=lambda path: keep(pack_solution(problem, path, system)),
+                     options=options)
     return pack_solution(problem, solution, system)
 
 

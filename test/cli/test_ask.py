@@ -447,3 +447,13 @@ def test_a_malformed_case_exits_with_2_and_has_its_json(tmp_path, changes, words
     assert answer['status'] == 'malformed'
     assert words in answer['message']
     assert (answer['K'], answer['P'], answer['poles']) == ([], [], [])
+
+
+def test_an_option_steers_the_search(obc):
+    text = (problems.FOLDER / 'aircraft_5.yaml').read_text()
+    status, found, output = obc('solve', {'aircraft_5.yaml': text},
+                                '--option', 'multistart.most=0')
+    assert status == 0, output
+    starts = [each for each in found['aircraft_5']['attempts']
+              if each['method'] == 'initial guess']
+    assert len(starts) == 1

@@ -442,6 +442,8 @@ def test_malformed_problems_are_refused_with_a_reason(server, probe, clock):
         assert clock.between(begun, end) < 1.0, name
         assert (response.status, response.success) == ('malformed', False), name
         assert words in response.message, (name, response.message)
-    for options in ({'method': 'magic'}, {'time_limit': -1.0}, {'time_limit': float('nan')}):
+    for options in ({'method': 'magic'}, {'time_limit': -1.0}, {'time_limit': float('nan')},
+                    {'options': ['coarse.rough']}, {'options': ['coarse.rough=nan']},
+                    {'options': ['magic=1'] * 1000}):
         assert solve(probe, scalar()[0], **options).status == 'malformed', options
     assert solve(probe, scalar()[0]).status == 'solved'

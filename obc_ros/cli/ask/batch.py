@@ -55,10 +55,10 @@ class RequestBatch:
     """Problems that one server solves."""
 
     def __init__(self, client: Client, questions: Sequence[Question], time_limit: float,
-                 lines: Lines, method: str = '') -> None:
+                 lines: Lines, method: str = '', options: Sequence[str] = ()) -> None:
         self._client = client
         self._waiting = deque(questions)
-        self._time_limit, self._method = time_limit, method
+        self._time_limit, self._method, self._options = time_limit, method, list(options)
         self._lines = lines
         self._flights: list[PendingRequest] = []
         self._action = client.action()
@@ -80,7 +80,8 @@ class RequestBatch:
     def _send(self, question: Question) -> None:
         goal = SolveOptimalControl.Goal(
             problem=build_problem_message(question.mapping, question.problem.guess),
-            method=self._method or question.problem.method, time_limit=self._time_limit)
+            method=self._method or question.problem.method, time_limit=self._time_limit,
+            options=self._options)
         self._lines.update(question.label, 'sent')
         self._flights.append(
             PendingRequest(question, time.monotonic(), self._action.send_goal_async(

@@ -3,6 +3,7 @@
 """The command ``obc solve``: certified solutions of the problems of files."""
 
 import argparse
+from collections.abc import Sequence
 import math
 from pathlib import Path
 from typing import Any
@@ -11,6 +12,7 @@ from obc_ros.cli import results, terminal
 from obc_ros.cli.ask.problem_requests import Question
 from obc_ros.cli.ask.search_tree import print_trees
 from obc_ros.core.ocp.method_names import get_method, NAMES
+from obc_ros.core.solver.options import list_options, read_options
 from obc_ros.core.text.errors import ObcError, quote, StatementError
 from obc_ros.workers.pool import LONGEST_LIMIT, SHORTEST
 
@@ -26,6 +28,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help='time limit of each problem in seconds (default: that of the server)')
     parser.add_argument('--method', metavar='NAME', type=_method,
                         help=f"{', '.join(NAMES)}; overrides the key 'method' of the files")
+    parser.add_argument('--option', metavar='NAME=VALUE', type=_option, action='append',
+                        default=[], dest='options',
+                        help='a number that steers the search, as multistart.most=20; for experts')
+    parser.add_argument('--list-options', action=_ListOptions,
+                        help='print all options with their values and meanings, and exit')
     parser.add_argument('--trace', action='store_true',
                         help='print what was tried, as a tree, with cost, work and the reason')
 
@@ -36,7 +43,7 @@ def run(args: argparse.Namespace) -> int:
     asked = results.read_questions(Question, args.files)
     answerable = [question for question in asked if question.problem]
     if answerable:
-        _solve(answerable, args.time_limit, args.method or '')
+        _solve(answerable, args.time_limit, args.method or '', args.options)
     try:
         _show(asked)
         if args.trace:
@@ -66,7 +73,33 @@ def _method(name: str) -> str:
         raise argparse.ArgumentTypeError(str(error).removeprefix('method: ')) from None
 
 
-def _solve(asked: list[Question], time_limit: float, method: str) -> None:
+def _write(value: float | tuple[float, ...]) -> str:
+    return ','.join(f'{each:g}' for each in (value if isinstance(value, tuple) else (value,)))
+
+
+def _option(text: str) -> str:
+    try:
+        read_options([text])
+    except StatementError as error:
+        raise argparse.ArgumentTypeError(str(error).removeprefix('option: ')) from None
+    return text
+
+
+class _ListOptions(argparse.Action):
+    """Print all options and exit."""
+
+    def __init__(self, option_strings: Sequence[str], dest: str, **settings: Any) -> None:
+        super().__init__(option_strings, dest, nargs=0, **settings)
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: Any) -> None:
+        rows = [(each.name, _write(each.value),
+                 each.unit, each.meaning) for each in list_options()]
+        terminal.print_table(('option', 'default', 'unit', 'meaning'), rows)
+        parser.exit()
+
+
+def _solve(asked: list[Question], time_limit: float, method: str,
+           options: Sequence[str]) -> None:
     """Send the problems to a server; each has a status afterwards."""
     from obc_ros.cli.processes import InterruptedByUserError
     # For a server that is started here: its default may be below the limit that is asked for.
@@ -75,7 +108,7 @@ def _solve(asked: list[Question], time_limit: float, method: str) -> None:
         from obc_ros.cli.ask.batch import RequestBatch  # ROS is imported only if it is needed
         from obc_ros.cli.client import connect_client
         with connect_client(*parameters) as client, terminal.show_progress() as lines:
-            RequestBatch(client, asked, time_limit, lines, method).work()
+            RequestBatch(client, asked, time_limit, lines, method, options).work()
     except (InterruptedByUserError, KeyboardInterrupt) as error:
         _end(asked, 'cancelled', str(error) or 'ended by SIGINT')
     except ObcError as error:

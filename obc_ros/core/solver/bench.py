@@ -9,6 +9,7 @@ in `search`.
 """
 
 from dataclasses import dataclass, field, replace
+import math
 
 import numpy as np
 from obc_ros.core.numerics.arrays import Array, Mask
@@ -27,27 +28,51 @@ from obc_ros.core.solver.adjoint.mesh_refinement import (
 )
 from obc_ros.core.solver.arcs.control_discontinuities import find_switching_times
 from obc_ros.core.solver.nlp.progress import ProgressMonitor
+from obc_ros.core.solver.options import DEFAULTS, Options
 from obc_ros.core.solver.program_cache import Answered, ProgramCache
 from obc_ros.core.solver.starts.initial_guess import estimate_scales
-from obc_ros.core.solver.task import Task
 from obc_ros.core.solver.trace import Trace
 from obc_ros.core.solver.transcription.local_minima import LocalMinima
 from obc_ros.core.solver.transcription.mesh import Mesh, Path
 from obc_ros.core.solver.transcription.program import ProblemScales, TranscriptionOutcome
 from obc_ros.core.solver.transcription.tightening import TightenedLimits
 
-# Work is counted in iterations times intervals, with collocation times 1 + stages, so that the
-# result does not depend on the load of the machine. A unit takes about 0.05 ms.
-COARSE = 16             # intervals of the coarsest mesh
-COARSE_ITERATIONS = 150   # maximum number of iterations on a coarse mesh
 _COURSES_KEPT = 8       # integrated costates that are cached
-# Discretisation error of a coarse outcome that is small enough: relative local error of a step,
-# and excess of the cost over max(|J|, 1).
-_ACCURATE, _ABSURD = 1e-2, 1e6
 _LEAST = 1e-6           # floor of |J| as the scale of the loss in the refinement
-_LOST = 3e-7, 1e-7      # relative loss of all intervals that it aims at: without, with bounds of x
-_DRIFT = 2e-5           # variation of H relative to its terms that it aims at in each interval
-_STEP_ERROR = 3e-8      # relative local error, summed over all intervals, that it aims at
+
+
+@dataclass(frozen=True, eq=False)
+class Task:
+    """
+    A problem to be solved.
+
+    Attributes
+    ----------
+    problem : Problem
+        As stated, in the symbols of `programs`.
+    programs : ProgramCache
+        Programs and functions built for the structure of the problem.
+    monitor : ProgressMonitor
+        Limits of iterations, work and time.
+    time_limit : float, optional
+        As the caller has given it [s], for messages.
+
+    """
+
+    problem: Problem
+    programs: ProgramCache
+    monitor: ProgressMonitor
+    time_limit: float = math.inf
+
+    @property
+    def options(self) -> Options:
+        """Return the options of the search."""
+        return self.programs.options
+
+    def restate(self, problem: Problem, monitor: ProgressMonitor | None = None) -> 'Task':
+        """Return the task of a related problem, with programs of its own."""
+        return replace(self, problem=problem, programs=ProgramCache(problem, self.options),
+                       monitor=monitor or self.monitor)
 
 
 @dataclass(frozen=True)
@@ -149,10 +174,15 @@ class Bench:
     margin: Array
     quick: bool = False
     may_hold: bool = True
-    intervals: int = COARSE
+    intervals: int = DEFAULTS.coarse.intervals
     stages: int = 0
-    typical: int = COARSE_ITERATIONS
+    typical: int = DEFAULTS.coarse.iterations
     _memo: _Memo = field(default_factory=_Memo, repr=False)
+
+    @property
+    def options(self) -> Options:
+        """Return the options of the search."""
+        return self.programs.options
 
     @property
     def trace(self) -> Trace:
@@ -263,15 +293,17 @@ class Bench:
             large that its cost cannot be compared with other costs.
 
         """
+        options = self.options.coarse
         if not outcome.converged:
             return False
         course = self.course(outcome)
         error, loss = course.local.max(), self.judged(course).lost.sum()
-        if error < _ACCURATE and loss < _ABSURD * max(abs(outcome.objective), 1.0):
+        if error < options.error and loss < options.absurd * max(abs(outcome.objective), 1.0):
             return True
         with self.trace.attempt('check', 'discretisation error') as attempt:
             attempt.end(Verdict.REJECTED, f'relative error of a step {error:.1e}, allowed '
-                        f'{_ACCURATE:.0e}; Hamiltonian loss {loss:.1e}', cost=outcome.objective)
+                        f'{options.error:.0e}; Hamiltonian loss {loss:.1e}',
+                        cost=outcome.objective)
         return False
 
     def course(self, outcome: TranscriptionOutcome, *, stated: bool = False) -> Extremal:
@@ -366,14 +398,17 @@ class Bench:
             or the violation of constraints exceeds its share; a point at every kink of u*.
 
         """
+        options = self.options.refinement
         verdict, N = self.judged(course), len(course.local)
-        share = _LOST[self.bounded] * max(abs(outcome.objective), _LEAST) / N
+        aim = options.loss_bounded if self.bounded else options.loss
+        share = aim * max(abs(outcome.objective), _LEAST) / N
         errors = [
             Error(verdict.lost - verdict.chords, share, 5.0), Error(verdict.chords, share, 3.0),
-            Error(course.local, _STEP_ERROR / N, 7.0), Error(verdict.drift, _DRIFT, 2.0)]
+            Error(course.local, options.step_error / N, 7.0),
+            Error(verdict.drift, options.drift, 2.0)]
         if self.bounded:
             errors.append(Error(exceeded, EXCEEDED[0], 2.0))
-        longest = outcome.path.t[-1] / (2 * COARSE)
+        longest = outcome.path.t[-1] / (2 * self.options.coarse.intervals)
         return refine_mesh(outcome.mesh, outcome.path, verdict.kinks, errors, longest,
                            self.monitor.max_intervals)
 
@@ -413,7 +448,7 @@ class Bench:
         """Return what a neighbouring problem, or the indirect method, starts from."""
         return Answered(
             problem=self.stated, outcome=outcome, sizes=outcome.scales or self.sizes(outcome),
-            margin=self.margin,
+            margin=self.margin, options=self.options.neighbour,
             extremal=extremal if len(outcome.path.durations) == 1 else None)
 
     def keep(self, outcome: TranscriptionOutcome, extremal: BoundaryValues | None = None) -> None:
@@ -448,7 +483,8 @@ def build_bench(task: Task, *, with_arcs: bool = True, quick: bool = False) -> B
     return Bench(
         stated=problem, problem=smooth, programs=programs, monitor=task.monitor, tally=Tally(),
         quick=quick,
-        may_hold=with_arcs, stages=3 if bounded else 0,
+        may_hold=with_arcs, intervals=programs.options.coarse.intervals,
+        typical=programs.options.coarse.iterations, stages=3 if bounded else 0,
         margin=np.zeros(problem.n + int(problem.path.numel())),
         pinned=(programs.guesser.final_state(smooth)[1] if bounded
                 else np.zeros(problem.n, dtype=bool)))

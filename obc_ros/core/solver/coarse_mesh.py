@@ -9,7 +9,7 @@ from itertools import count
 import numpy as np
 from obc_ros.core.ocp.least_time_form import get_final_time
 from obc_ros.core.ocp.problem import Problem
-from obc_ros.core.solver.bench import Bench, COARSE, COARSE_ITERATIONS
+from obc_ros.core.solver.bench import Bench
 from obc_ros.core.solver.starts.cross_entropy import start_from_rollouts
 from obc_ros.core.solver.starts.horizon_continuation import lengthen_horizon
 from obc_ros.core.solver.starts.initial_guess import join_whole_turns
@@ -17,13 +17,6 @@ from obc_ros.core.solver.starts.obstacle_homotopy import start_around
 from obc_ros.core.solver.starts.start_pool import StartPool
 from obc_ros.core.solver.transcription.mesh import build_uniform_mesh, STEPPED
 from obc_ros.core.solver.transcription.program import TranscriptionOutcome
-
-# Number of initial guesses tried, besides those around obstacles: once one had a small
-# discretisation error, and while none had.
-_STARTS, _STARTS_MOST = 1, 6
-_PATIENCE = 10_000    # work, times 1 + stages, after which the first number holds in any case
-_ROUGH = 1e-4         # relative error of the cost at which a coarse solve may end
-_FEW_ITERATIONS = 12  # lower limit of the maximum for further initial guesses
 
 
 @dataclass(frozen=True)
@@ -72,11 +65,12 @@ def solve_coarse(bench: Bench, pool: StartPool, why_not: Callable[[Problem], str
     CoarseResult
 
     """
+    options = bench.options.coarse
     most, convex = bench.monitor.max_intervals, bench.programs.convex(bench.problem)
-    if not bench.stages and bench.programs.guesser.is_stiff(bench.problem, COARSE):
+    if not bench.stages and bench.programs.guesser.is_stiff(bench.problem, options.intervals):
         bench = replace(bench, stages=3)
-    levels = [(min(COARSE, most), bench.stages)] + [
-        (intervals, 3) for intervals in (2 * COARSE, 4 * COARSE) if intervals <= most]
+    levels = [(min(options.intervals, most), bench.stages)] + [
+        (finer * options.intervals, 3) for finer in (2, 4) if finer * options.intervals <= most]
     found: list[TranscriptionOutcome] = []
     reason = ''
     for intervals, stages in levels[:2] if bench.quick else levels:
@@ -86,14 +80,14 @@ def solve_coarse(bench: Bench, pool: StartPool, why_not: Callable[[Problem], str
         pool.fill([min(converged, key=lambda outcome: outcome.objective).path]
                   if converged else ())
         again = found and intervals == levels[1][0] and not convex
-        longer = lengthen_horizon(bench, COARSE) if again else None
+        longer = lengthen_horizon(bench, options.intervals) if again else None
         if longer:
             return CoarseResult(bench, [longer], True)
         bench, found = _solve_first(bench, pool)
         good = [outcome for outcome in found if bench.is_accurate(outcome)]
         if good:
             return CoarseResult(bench, _by_cost(good), True)
-        if intervals <= COARSE and not bench.quick:
+        if intervals <= options.intervals and not bench.quick:
             reason = why_not(bench.stated)
         if reason or bench.monitor.stopped:
             break
@@ -111,6 +105,7 @@ def _by_cost(outcomes: list[TranscriptionOutcome]) -> list[TranscriptionOutcome]
 
 def _solve_first(bench: Bench, pool: StartPool) -> tuple[Bench, list[TranscriptionOutcome]]:
     """Return the outcomes of the first guesses and of paths around obstacles."""
+    options = bench.options.coarse
     found: list[TranscriptionOutcome] = []
     begun, good, around = bench.work, False, 0
     for number in count(1):
@@ -123,10 +118,10 @@ def _solve_first(bench: Bench, pool: StartPool) -> tuple[Bench, list[Transcripti
             return bench, found   # a convex program has no other minimum
         if number == 1 and not (bench.quick and good):
             around = start_around(bench, pool, outcome)
-        patient = bench.work - begun < _PATIENCE * (1 + bench.stages)
-        most = _STARTS if bench.quick else _STARTS_MOST
+        patient = bench.work - begun < options.patience * (1 + bench.stages)
+        most = options.starts if bench.quick else options.starts_in_vain
         if (bench.monitor.stopped or bench.quick and good or number >= around + (
-                _STARTS if good or not patient else most)):
+                options.starts if good or not patient else most)):
             return bench, found
     raise AssertionError('the loop has no end of its own')
 
@@ -152,16 +147,17 @@ def solve_next_start(bench: Bench, pool: StartPool, *, once: bool,
     TranscriptionOutcome
 
     """
-    most = COARSE_ITERATIONS
+    options = bench.options.coarse
+    most = options.iterations
     if once:
-        most = min(most, max(_FEW_ITERATIONS, round((5 if hard else 2.5) * bench.typical)))
-    start, rough = pool.take(), _ROUGH
+        most = min(most, max(options.few_iterations, round((5 if hard else 2.5) * bench.typical)))
+    start, rough = pool.take(), options.rough
     with bench.trace.attempt('initial guess', start.origin) as attempt:
         if np.isfinite(pool.periods).any():
             # An input that is an angle and turns by 2 pi within a step interpolates badly: solve
             # with constant inputs first, and remove the whole turns between its steps.
             steps = build_uniform_mesh(bench.problem, bench.intervals, bench.stages, STEPPED)
-            stepped = bench.collocate(steps, start, most=COARSE_ITERATIONS)
+            stepped = bench.collocate(steps, start, most=options.iterations)
             start, rough = join_whole_turns(stepped.path, pool.periods), 0.0
         # Without terminal constraints a cheap rollout may be near another minimum: allow both
         # methods.

@@ -9,12 +9,12 @@ import numpy as np
 from obc_ros.core.ocp.certificate.certificate import certify
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.ocp.solution import Condition, Solution, Status, Verdict
+from obc_ros.core.solver.bench import Task
 from obc_ros.core.solver.diagnosis.explanation import explain, is_proved_infeasible
 from obc_ros.core.solver.diagnosis.unboundedness import explain_larger_inputs
 from obc_ros.core.solver.proofs.existence import advise_bounds, find_constant_cost
 from obc_ros.core.solver.proofs.optimality import add_optimality
 from obc_ros.core.solver.search import search
-from obc_ros.core.solver.task import Task
 from obc_ros.core.solver.trace import judge_path
 
 _FAULTS: Mapping[str, str] = {
@@ -30,10 +30,7 @@ _FAULTS: Mapping[str, str] = {
     Condition.FINAL_TIME: 'the Hamiltonian is not zero, as an optimal free final time requires',
     Condition.COST: 'the reported cost differs from that of the path',
 }
-_EXPLAINING = 400_000   # work (see `descent`) that a diagnosis may take
-_ATTEMPT = 150_000      # work for each of the problems that it solves
 _NO_PATH = 1e-2         # residual of the dynamics above which no mesh is fine enough
-_LEAST = 0.5            # [s] of the time limit that must be left for a diagnosis
 
 
 def conclude(task: Task, found: Solution, *, searched: bool) -> Solution:
@@ -153,8 +150,9 @@ def _ended(task: Task, found: Solution, explained: bool) -> Solution:
 
 def _explained(task: Task, found: Solution) -> Solution:
     """Return a solution with the reason why none was certified, if one is found."""
+    options = task.options.budget
     problem, monitor = task.problem, task.monitor
-    if monitor.remaining() < _LEAST:
+    if monitor.remaining() < options.least:
         return found
     with monitor.trace.attempt('explanation', aside=True) as attempt:
         reason = explain(problem, *_explaining(task), found=found)
@@ -202,7 +200,8 @@ def look_for_proof(task: Task) -> Callable[[Problem], str]:
 
 def _explaining(task: Task) -> tuple[Callable[[Problem], Solution], ...]:
     """Return the quick and the thorough solver of `explain`, which share one budget of work."""
-    task = replace(task, monitor=task.monitor.part(_EXPLAINING))
+    options = task.options.budget
+    task = replace(task, monitor=task.monitor.part(options.explanation))
     return _solver_of_related(task), _solver_of_related(task, quick=False)
 
 
@@ -212,8 +211,9 @@ def _solver_of_related(task: Task, quick: bool = True) -> Callable[[Problem], So
 
     It also certifies the path at which its own budget of work ends.
     """
+    options = task.options.budget
     def solve_related(other: Problem) -> Solution:
-        part = task.monitor.part(_ATTEMPT)
+        part = task.monitor.part(options.related)
         begun = not part.stopped
         with part.trace.attempt('related problem', 'quick' if quick else 'thorough',
                                    aside=True) as entry:

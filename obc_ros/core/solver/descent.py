@@ -20,27 +20,13 @@ from obc_ros.core.solver.adjoint.bvp_solution import BoundaryValues
 from obc_ros.core.solver.adjoint.costates import Extremal
 from obc_ros.core.solver.adjoint.mesh_refinement import follow_minimum, is_below
 from obc_ros.core.solver.arcs.input_arcs import find_jumping_inputs
-from obc_ros.core.solver.bench import Bench, Candidate, COARSE
+from obc_ros.core.solver.bench import Bench, Candidate
 from obc_ros.core.solver.improve.arc_iteration import ArcIteration
 from obc_ros.core.solver.improve.kink_mesh import solve_on_kinks
 from obc_ros.core.solver.improve.state_arcs import solve_along_bounds, solve_at_once
 from obc_ros.core.solver.trace import judge_path
 from obc_ros.core.solver.transcription.mesh import build_uniform_mesh, split
 from obc_ros.core.solver.transcription.program import TranscriptionOutcome
-
-_MESHES = 1, 2, 4, 6  # numbers of refinements after which arcs along state bounds are solved for
-_NEAR_BOUNDS = 0.1    # relative excess below which that is tried
-_ROUNDS = 10          # maximum number of meshes of a descent
-_PLAIN_ROUNDS = 5     # number of refinements after which switching times are sought in any case
-_FINER_ITERATIONS = 350    # maximum number of iterations on a finer mesh, from the coarser one
-_FINER_WORK = 450_000      # maximum work there, but 50 iterations are always allowed
-_WORTH_A_LOOK = 1e-3  # relative excess below which a certificate is computed
-_DETOUR = 1e-5        # relative excess from which on inputs may wind around between mesh points
-_CLOSE = 1e-6         # relative excess below which it is computed whatever the variation of H is
-# Relative excess below which a certified solution is not refined: without, with state bounds.
-_CLOSE_ENOUGH = (1e-5, 2e-6)
-_FOR_DIGITS = 8000    # work, times 1 + stages, after which it is not refined whatever the excess
-_SPREAD = 1.5e-4      # relative variation of H on the whole path above which no certificate passes
 
 
 class Descent:
@@ -63,7 +49,7 @@ class Descent:
         self._extremal: BoundaryValues | None = None
 
     def follow(self, start: TranscriptionOutcome,
-               rounds: int = _ROUNDS) -> Generator[None, None, Candidate]:
+               rounds: int = 0) -> Generator[None, None, Candidate]:
         """
         Refine mesh and arcs until the certificate passes; yield after each mesh.
 
@@ -71,8 +57,8 @@ class Descent:
         ----------
         start : TranscriptionOutcome
             On the coarse mesh.
-        rounds : int
-            Maximum number of meshes.
+        rounds : int, optional
+            Maximum number of meshes; that of the options if left out.
 
         Returns
         -------
@@ -80,6 +66,7 @@ class Descent:
             The last one that was certified; otherwise the best without a passing certificate.
 
         """
+        options = self._bench.options.descent
         trace = self._bench.trace
         descent = trace.begin('descent', f'from cost {start.objective:.6g}')
         with trace.under(descent):
@@ -89,7 +76,7 @@ class Descent:
             return best
         nearest = tried = start
         begun = self._bench.work
-        meshes = enumerate(self._meshes(start, rounds))
+        meshes = enumerate(self._meshes(start, rounds or options.meshes))
         while True:
             with trace.under(descent), trace.attempt('mesh') as attempt:
                 if (step := next(meshes, None)) is None:
@@ -107,14 +94,16 @@ class Descent:
                 else:
                     self._bench.keep(outcome, self._extremal)
                 nearest, held = outcome, best is not None and best.certified
-                chorded = above > _CLOSE_ENOUGH[1] and self._bench.judged(course).chorded
-                if number in _MESHES and above < _NEAR_BOUNDS and (chorded or not held):
+                chorded = above > options.enough_bounded and self._bench.judged(course).chorded
+                due = number in options.boundary_arcs and above < options.boundary_excess
+                if due and (chorded or not held):
                     tried = outcome
                     if (found_ := solve_along_bounds(self._bench, outcome, best)) is not None:
                         descent.end(*judge_path(found_.solution), cost=found_.solution.objective)
                         return found_
-                late = self._bench.work - begun > _FOR_DIGITS * (1 + self._bench.stages)
-                close = above < _CLOSE_ENOUGH[self._bench.bounded]
+                late = self._bench.work - begun > options.digits * (1 + self._bench.stages)
+                close = above < (
+                    options.enough_bounded if self._bench.bounded else options.enough)
                 if held and (close or late) or self._bench.quick and number >= 2:
                     break
             yield
@@ -127,22 +116,24 @@ class Descent:
 
     def _is_worth_a_certificate(self, number: int, course: Extremal, above: float) -> bool:
         """Return whether a certificate may pass, or whether this is the last chance for one."""
+        options = self._bench.options.descent
         # At such an excess the certificate may pass although the next mesh would reduce it.
         bench = self._bench
-        worth = number and above < _WORTH_A_LOOK and (
-            bench.programs.twin or bench.judged(course).spread < _SPREAD)
-        return bool(above < _CLOSE or worth or bench.monitor.stopped)
+        worth = number and above < options.look and (
+            bench.programs.twin or bench.judged(course).spread < options.spread)
+        return bool(above < options.close or worth or bench.monitor.stopped)
 
     def _meshes(self, outcome: TranscriptionOutcome,
                 rounds: int) -> Iterator[tuple[TranscriptionOutcome, Extremal]]:
         """Yield outcomes on finer and finer meshes, at most `rounds`, with their costates."""
+        options = self._bench.options.descent
         outcome, above = self._with_arcs(outcome), np.inf
         for turn in range(rounds):
             course = self._bench.course(outcome)
             above, before = self._bench.excess(outcome, course), above
-            stalled = turn and above > _CLOSE and above > 0.3 * before
-            if (stalled or turn == _PLAIN_ROUNDS) and not any(self._switching):
-                if above < _CLOSE:
+            stalled = turn and above > options.close and above > 0.3 * before
+            if (stalled or turn == options.plain) and not any(self._switching):
+                if above < options.close:
                     yield outcome, course
                 outcome = self._rethought(outcome, course, above)
                 course = self._bench.course(outcome)
@@ -165,7 +156,7 @@ class Descent:
         self._bench = replace(self._bench, problem=problem)
 
     def _iteration(self) -> ArcIteration:
-        return ArcIteration(self._bench, self._switching, COARSE)
+        return ArcIteration(self._bench, self._switching, self._bench.options.coarse.intervals)
 
     def _with_arcs(self, outcome: TranscriptionOutcome) -> TranscriptionOutcome:
         """Return a coarse outcome with the arcs of the inputs that switch."""
@@ -194,13 +185,14 @@ class Descent:
     def _on_finer_mesh(self, outcome: TranscriptionOutcome,
                        course: Extremal) -> TranscriptionOutcome | None:
         """Return the outcome on a finer mesh, without arcs that have vanished; None without."""
+        options = self._bench.options.descent
         bench = self._bench
         mesh = bench.finer(outcome, course, self._exceeded)
         if bench.monitor.stopped or not bench.monitor.allows(mesh.layout.intervals):
             return None
-        most = _FINER_WORK // (mesh.layout.intervals * (1 + mesh.layout.stages))
+        most = options.work // (mesh.layout.intervals * (1 + mesh.layout.stages))
         new = bench.collocate(mesh, outcome.path, near=True, sizes=bench.sizes(outcome),
-                              guide=outcome, most=min(_FINER_ITERATIONS, max(50, most)))
+                              guide=outcome, most=min(options.iterations, max(50, most)))
         if not new.converged:
             return None
         return self._iteration().without_vanishing(new) if ArcIteration.vanished(new) else new
@@ -221,7 +213,7 @@ class Descent:
                 bench.excess(new, bench.course(new)) >= above)
             self._switching = free if self._held_in_vain else jumping
             return outcome if self._held_in_vain else new
-        if bench.bounded or above < _DETOUR:
+        if bench.bounded or above < bench.options.descent.detour:
             return outcome
         return _unwind(bench, outcome, course, above)
 
@@ -233,19 +225,22 @@ def _unwind(bench: Bench, outcome: TranscriptionOutcome, course: Extremal,
 
     On a coarse mesh an input in a direction may turn the long way round between two points.
     """
+    options = bench.options.descent
     u = follow_minimum(bench.problem, bench.programs.integrator, course)
-    mesh = split(build_uniform_mesh(bench.problem, COARSE, bench.stages), np.full(COARSE, 4))
+    intervals = bench.options.coarse.intervals
+    mesh = split(build_uniform_mesh(bench.problem, intervals, bench.stages),
+                 np.full(intervals, 4))
     if not bench.monitor.allows(mesh.layout.intervals):
         return outcome
     start = replace(outcome.path, ua=u[:-1], ub=u[1:])
     new = bench.collocate(mesh, start, start.t[-1:], sizes=bench.sizes(outcome))
     nearby = new.converged and not is_below(
-        outcome.objective, new.objective, max(above, _WORTH_A_LOOK))
+        outcome.objective, new.objective, max(above, options.look))
     better = nearby and bench.excess(new, bench.course(new)) < above
     return new if better else outcome
 
 
-def descend(bench: Bench, start: TranscriptionOutcome, rounds: int = _ROUNDS) -> Candidate:
+def descend(bench: Bench, start: TranscriptionOutcome, rounds: int = 0) -> Candidate:
     """
     Refine mesh and arcs of a coarse outcome until its certificate passes; see `Descent.follow`.
 
@@ -255,8 +250,8 @@ def descend(bench: Bench, start: TranscriptionOutcome, rounds: int = _ROUNDS) ->
         Of the search.
     start : TranscriptionOutcome
         On the coarse mesh.
-    rounds : int
-        Maximum number of meshes.
+    rounds : int, optional
+        Maximum number of meshes; that of the options if left out.
 
     """
     return finish(Descent(bench).follow(start, rounds))

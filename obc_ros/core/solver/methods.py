@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.ocp.solution import Solution, Status, Verdict
-from obc_ros.core.solver.bench import Bench, Candidate
+from obc_ros.core.solver.bench import Bench, Candidate, Task
 from obc_ros.core.solver.conclusion import drop_multipliers, judge, look_for_proof
 from obc_ros.core.solver.exact.time_optimal import solve_time_optimal
 from obc_ros.core.solver.exact.two_wheeled import solve_two_wheeled
@@ -25,7 +25,6 @@ from obc_ros.core.solver.proofs.existence import (
     state_least_effort,
 )
 from obc_ros.core.solver.search import search
-from obc_ros.core.solver.task import Task
 from obc_ros.core.solver.trace import judge_path
 
 Method = Callable[[Task], Solution]

@@ -25,6 +25,7 @@ from obc_ros.core.solver.adjoint.bvp_solution import BoundaryValues
 from obc_ros.core.solver.adjoint.costates import CostateIntegrator
 from obc_ros.core.solver.adjoint.multipliers import Fitter
 from obc_ros.core.solver.arcs.phase_program import PhasedProgram
+from obc_ros.core.solver.options import DEFAULTS, NeighbourOptions, Options
 from obc_ros.core.solver.starts.initial_guess import Guesser
 from obc_ros.core.solver.transcription.absolute_values import build_smooth_twin
 from obc_ros.core.solver.transcription.intervals import Pieces
@@ -35,16 +36,6 @@ from obc_ros.core.solver.transcription.program import (
     TranscriptionOutcome,
 )
 
-_LAYOUTS_KEPT, _ANSWERS_KEPT = 24, 16   # programs; solutions with which neighbours start
-_NEIGHBOUR = 0.2   # relative change of a number up to which a problem is a neighbour
-_ELSEWHERE = 2.0   # change of x(0), relative to max |x| on the path, up to which it is one
-# Parts of these changes, from where multistart last looked for the best minimum, up to which it
-# need not look again: if only one minimum is known, and if several are.
-_ALONE, _SEVERAL = 1.0, 0.05
-# Work (iterations times intervals) after which building the faster derivatives has paid off; the
-# iterations expected of a layout that is new.
-_WORTH_DERIVING, _USUAL = 1000, 10
-_AGAIN = 4   # weight of work once a structure was solved: then it is likely to be solved again
 # All numbers of a problem but those of its final time.
 _NUMBERS = ('x0', 'p_value', 'x_lower', 'x_upper', 'u_lower', 'u_upper', 'path_lower',
             'path_upper')
@@ -74,6 +65,8 @@ class Answered:
         there another one may be the best.
     optimality : Optimality or None
         Result of that search.
+    options : NeighbourOptions
+        Give the reach.
 
     """
 
@@ -86,6 +79,7 @@ class Answered:
     refined: float = 1.0
     looked: Array | None = None
     optimality: Optimality | None = None
+    options: NeighbourOptions = DEFAULTS.neighbour
 
     @cached_property
     def numbers(self) -> Array:
@@ -97,9 +91,10 @@ class Answered:
         """Return the changes of the numbers up to which a problem is a neighbour."""
         size = np.where(np.isfinite(self.numbers), np.abs(self.numbers), 0.0)
         size[:-3] = np.maximum(size[:-3], 1e-3)
-        found = _NEIGHBOUR * size
+        found = self.options.near * size
         n = self.problem.n
-        found[:n] = np.maximum(found[:n], _ELSEWHERE * np.abs(self.outcome.path.x).max(axis=0))
+        farthest = np.abs(self.outcome.path.x).max(axis=0)
+        found[:n] = np.maximum(found[:n], self.options.elsewhere * farthest)
         return found
 
     @cached_property
@@ -116,9 +111,17 @@ class ProgramCache:
 
     All of it is built from the symbols of `problem`. Another problem of the structure must be
     restated in these symbols by `restated` first.
+
+    Parameters
+    ----------
+    problem : Problem
+    options : Options
+        Of the searches with these programs.
+
     """
 
-    def __init__(self, problem: Problem) -> None:
+    def __init__(self, problem: Problem, options: Options = DEFAULTS) -> None:
+        self.options = options
         begun = time.monotonic()
         self.twin = build_smooth_twin(problem)
         self.judge = CostateIntegrator(problem)
@@ -166,8 +169,9 @@ class ProgramCache:
             Phases, intervals and scheme.
 
         """
-        ahead = 0 if (layout, False) in self._transcriptions else _USUAL * layout.intervals
-        swift = not layout.stages and self._work + ahead > _WORTH_DERIVING
+        options = self.options.neighbour
+        ahead = 0 if (layout, False) in self._transcriptions else options.usual * layout.intervals
+        swift = not layout.stages and self._work + ahead > options.derive
         found = self._transcriptions.pop((layout, swift), None)
         if found is None:
             begun = time.monotonic()
@@ -177,18 +181,20 @@ class ProgramCache:
             found = Transcription(problem, layout, self._pieces[kind])
             self.build_time += time.monotonic() - begun
         self._transcriptions[layout, swift] = found
-        if len(self._transcriptions) > _LAYOUTS_KEPT:
+        if len(self._transcriptions) > options.layouts:
             self._transcriptions.popitem(last=False)
         return found
 
     def worked(self, iterations: int, layout: Layout) -> None:
         """Count the iterations of a program, which decide when faster derivatives are built."""
-        weight = _AGAIN if self.answers else 1
+        options = self.options.neighbour
+        weight = options.again if self.answers else 1
         self._work += 0 if layout.stages else weight * iterations * layout.intervals
 
     def remember(self, answer: Answered) -> None:
         """Keep a solved problem for its neighbours."""
-        self.answers = [*self.answers[1 - _ANSWERS_KEPT:], answer]
+        options = self.options.neighbour
+        self.answers = [*self.answers[1 - options.answers:], answer]
 
     def forget(self, answer: Answered) -> None:
         """Do not use a solved problem for its neighbours any more."""
@@ -217,6 +223,7 @@ class ProgramCache:
             In the symbols of this cache.
 
         """
+        options = self.options.neighbour
         if not self.answers:
             return None
         mine = collect_numbers(problem)
@@ -224,7 +231,7 @@ class ProgramCache:
         with np.errstate(invalid='ignore', divide='ignore'):
             apart = np.where(mine == theirs, 0.0, np.abs(mine - theirs) / reach).max(axis=1)
             # Further from where multistart looked another minimum may be the best.
-            allowed = (_SEVERAL if self.several else _ALONE) * reach
+            allowed = (options.several if self.several else options.alone) * reach
             serves = ~np.any(np.abs(mine - looked) > allowed, axis=1)
         most = np.where(serves, apart, np.inf)
         # The latest of equal ones.

@@ -16,7 +16,7 @@ from obc_ros.core.ocp.certificate.certificate import certify
 from obc_ros.core.ocp.positivity import keep_amounts_positive
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.ocp.solution import Solution, Status, Verdict
-from obc_ros.core.solver.bench import Bench, build_bench, Candidate
+from obc_ros.core.solver.bench import Bench, build_bench, Candidate, Task
 from obc_ros.core.solver.coarse_mesh import CoarseResult, solve_coarse
 from obc_ros.core.solver.descent import descend
 from obc_ros.core.solver.nlp.progress import ProgressMonitor
@@ -26,18 +26,7 @@ from obc_ros.core.solver.proofs.optimality import describe_local
 from obc_ros.core.solver.starts.multistart import descend_from_coarse, explore_starts
 from obc_ros.core.solver.starts.neighbour import solve_from_neighbour
 from obc_ros.core.solver.starts.start_pool import StartPool
-from obc_ros.core.solver.task import Task
 from obc_ros.core.solver.transcription.program import TranscriptionOutcome
-
-# Budget of a descent when no coarse outcome had a small discretisation error: times the work so
-# far, part of the remaining time. The rest is left for the diagnosis.
-_VAIN = 2, 0.6
-# Budget of a descent, besides the work so far, if minimising sequences seem to chatter; its part
-# of the remaining time is that of _VAIN.
-_MIXED = 200_000
-# Chattering is assumed if an input stays away from its bounds by more than this part of their
-# distance, where H is concave in it, for more than this part of T.
-_INSIDE, _LASTING = 1e-2, 0.1
 
 
 def search(task: Task, *, with_arcs: bool = True, quick: bool = False,
@@ -113,19 +102,21 @@ def _descend(coarse: CoarseResult, pool: StartPool) -> tuple[Candidate, Bench, l
 
 def _budget(coarse: CoarseResult) -> ProgressMonitor:
     """Return the work that the descents may take."""
-    bench, (times, share) = coarse.bench, _VAIN
+    options = coarse.bench.options.budget
+    bench = coarse.bench
     if bench.quick:
         return bench.monitor
-    left = share * bench.monitor.remaining()
+    left = options.share * bench.monitor.remaining()
     if not coarse.sound:
-        return bench.monitor.part(times * bench.work, left)
+        return bench.monitor.part(int(options.vain * bench.work), left)
     if _mixes(bench, coarse.outcomes[0]):
-        return bench.monitor.part(bench.work + _MIXED, left)
+        return bench.monitor.part(bench.work + options.chattering, left)
     return bench.monitor
 
 
 def _mixes(bench: Bench, outcome: TranscriptionOutcome) -> bool:
     """Return whether an input stays between its bounds for long where H is concave in it."""
+    options = bench.options.budget
     problem, course = bench.problem, bench.course(outcome)
     if bench.programs.twin or any(ca.depends_on(problem.path, u) for u in ca.vertsplit(problem.u)):
         return False
@@ -133,10 +124,10 @@ def _mixes(bench: Bench, outcome: TranscriptionOutcome) -> bool:
     curvature, span = np.einsum('kii->ki', Huu), problem.u_upper - problem.u_lower
     with np.errstate(invalid='ignore'):
         inside = np.minimum(course.ua - problem.u_lower,
-                            problem.u_upper - course.ua) > _INSIDE * span
-    concave = curvature < -_INSIDE * np.abs(curvature).max(axis=0, initial=0.0)
+                            problem.u_upper - course.ua) > options.inside * span
+    concave = curvature < -options.inside * np.abs(curvature).max(axis=0, initial=0.0)
     share = np.diff(course.t) @ (inside & concave & np.isfinite(span)) / course.t[-1]
-    return bool(np.any(share > _LASTING))
+    return bool(np.any(share > options.lasting))
 
 
 def _keep_inside(coarse: CoarseResult) -> Solution | None:
@@ -154,7 +145,7 @@ def _keep_inside(coarse: CoarseResult) -> Solution | None:
     if problem is bench.stated:
         return None
     with bench.trace.attempt('positivity', 'bounds >= 0 on amounts') as attempt:
-        found, _ = search(Task(problem, ProgramCache(problem), bench.monitor),
+        found, _ = search(Task(problem, ProgramCache(problem, bench.options), bench.monitor),
                           with_arcs=bench.may_hold)
         answer = found.solution
         if answer.certificate:

@@ -16,13 +16,12 @@ import time
 from obc_ros.core.ocp.method_names import get_method
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.ocp.solution import MAX_INTERVALS, Report, Solution
+from obc_ros.core.solver.bench import Task
 from obc_ros.core.solver.conclusion import conclude, mark_unfinished
 from obc_ros.core.solver.methods import EXACT_METHODS, METHODS
 from obc_ros.core.solver.nlp.progress import BestPath, ProgressMonitor
+from obc_ros.core.solver.options import DEFAULTS, Options
 from obc_ros.core.solver.program_cache import ProgramCache
-from obc_ros.core.solver.task import Task
-
-_JUDGING = 0.05, 0.5    # part of the time limit, at most [s], reserved for the certificate
 
 
 class Cache:
@@ -32,7 +31,7 @@ class Cache:
         self._size = size
         self._caches: OrderedDict[str, ProgramCache] = OrderedDict()
 
-    def prepared(self, problem: Problem) -> tuple[Problem, ProgramCache]:
+    def prepared(self, problem: Problem, options: Options) -> tuple[Problem, ProgramCache]:
         """
         Return a problem in the symbols of the program cache of its structure, and this cache.
 
@@ -40,6 +39,8 @@ class Cache:
         ----------
         problem : Problem
             Without a `structure` its programs are not kept.
+        options : Options
+            Of the search; programs with other options are built anew.
 
         Returns
         -------
@@ -49,8 +50,8 @@ class Cache:
         """
         key = problem.structure
         programs = self._caches.pop(key, None) if key else None
-        if programs is None:
-            programs = ProgramCache(problem)
+        if programs is None or programs.options != options:
+            programs = ProgramCache(problem, options)
         if key:
             self._caches[key] = programs
             if len(self._caches) > self._size:
@@ -61,7 +62,8 @@ class Cache:
 def solve(problem: Problem, *, method: str = '', time_limit: float = 60.0,
           report: Report | None = None, cache: Cache | None = None,
           max_intervals: int = MAX_INTERVALS,
-          keep: Callable[[Solution], None] | None = None) -> Solution:
+          keep: Callable[[Solution], None] | None = None,
+          options: Options = DEFAULTS) -> Solution:
     """
     Solve a problem and certify the solution.
 
@@ -83,6 +85,8 @@ def solve(problem: Problem, *, method: str = '', time_limit: float = 60.0,
         Called with each path that is better than those before, with status 'not_converged'. Its
         message contains the cost and the condition that fails. For a caller that must return a
         path if this process is killed.
+    options : Options
+        Numbers that steer the search.
 
     Returns
     -------
@@ -98,9 +102,9 @@ def solve(problem: Problem, *, method: str = '', time_limit: float = 60.0,
 
     """
     name, begun = get_method(method or problem.method), time.monotonic()
-    part, most = _JUDGING
-    monitor = ProgressMonitor(time_limit - min(part * time_limit, most), report, max_intervals)
-    problem, programs = (cache or Cache(1)).prepared(problem)
+    kept = min(options.budget.certificate * time_limit, options.budget.certificate_most)
+    monitor = ProgressMonitor(time_limit - kept, report, max_intervals)
+    problem, programs = (cache or Cache(1)).prepared(problem, options)
     if keep is not None:
         monitor.watch(BestPath(problem, lambda path: keep(mark_unfinished(path))))
     task = Task(problem, programs, monitor, time_limit)

@@ -27,16 +27,7 @@ from obc_ros.core.solver.bench import Bench
 from obc_ros.core.solver.transcription.mesh import build_uniform_mesh
 from obc_ros.core.solver.transcription.program import TranscriptionOutcome
 
-_ROUNDS = 10          # maximum number of solves
-_CLOSE = 1e-6         # relative decrease of the cost below which ends of arcs are not moved
-_SEEN = 0.98          # least length of an arc at a bound, relative to the detected one
-_VANISHING = 1e-3     # length, as part of T, up to which an arc may be removed
 _GONE = 1e-6          # length, as part of T, up to which a phase has vanished
-# Relative increase of the cost by removing such an arc that is accepted: while none has vanished,
-# and after one has.
-_DEARER = 1e-9, 1e-7
-_PATIENT = 200        # maximum number of iterations of a solve with new arcs
-_ROOM = 1e-5          # relative increase of the cost by new arcs that is accepted
 _PERHAPS, _NEVER = 1, 2   # `touch`: boundary arcs also at near contacts; no boundary arcs
 
 
@@ -81,20 +72,21 @@ class ArcIteration:
         return new
 
     def _settle(self, outcome: TranscriptionOutcome) -> TranscriptionOutcome:
+        options = self.bench.options.bangs
         bench = self.bench
         free: Signature = ((None,) * self.problem.m,)
         now, seen, density = free, {free}, 2.0 * self.coarse
-        for _ in range(_ROUNDS):
+        for _ in range(options.solves):
             arcs = found = self.shown(outcome)
             if get_signature(arcs) == now:
                 arcs = self.checked(found, outcome)
             shown = get_signature(arcs)
-            elsewhere = have_moved(arcs, outcome.path.durations, _VANISHING)
+            elsewhere = have_moved(arcs, outcome.path.durations, options.vanishing)
             if bench.monitor.stopped or shown == now and not elsewhere:
                 break
             if shown == now:
-                new = self.with_arcs(arcs, outcome, density, _SEEN)
-                if new is None or not is_below(new.objective, outcome.objective, _CLOSE):
+                new = self.with_arcs(arcs, outcome, density, options.seen)
+                if new is None or not is_below(new.objective, outcome.objective, options.moved):
                     new, now = self.freed(found, outcome, density, seen)
                     if new is None:
                         break
@@ -179,6 +171,7 @@ class ArcIteration:
 
         `kept`: least length of arcs at bounds, as part of the given one.
         """
+        options = self.bench.options.bangs
         bench = self.bench
         mesh, durations = build_arc_mesh(
             self.problem, arcs, bench.stages, density / outcome.path.t[-1])
@@ -188,12 +181,13 @@ class ArcIteration:
         held = [not np.isnan(arc.levels).any() for arc in arcs]
         new = bench.collocate(mesh, sharpen_steps(outcome.path, arcs), durations, near=True,
                                sizes=bench.sizes(outcome), least=kept * durations * held,
-                               most=_PATIENT)
+                               most=options.iterations)
         return new if new.converged and self.no_dearer(new, outcome) else None
 
     def no_dearer(self, new: TranscriptionOutcome, outcome: TranscriptionOutcome) -> bool:
         """Return whether an outcome costs no more than another, as it is or corrected for gaps."""
-        room = _ROOM * abs(outcome.objective)
+        options = self.bench.options.bangs
+        room = options.room * abs(outcome.objective)
         if new.objective <= outcome.objective + room:
             return True
         closed = self.programs.integrator.closed
@@ -213,14 +207,16 @@ class ArcIteration:
         TranscriptionOutcome
 
         """
+        options = self.bench.options.bangs
         durations, T = outcome.path.durations, outcome.path.t[-1]
-        if np.all(durations > _VANISHING * T):
+        if np.all(durations > options.vanishing * T):
             return outcome
         arcs = [arc for arc in self.shown(outcome)
-                if arc.end - arc.start > _VANISHING * T]
+                if arc.end - arc.start > options.vanishing * T]
         density = max(2.0 * self.coarse, outcome.mesh.layout.intervals)
         new = self.with_arcs(close_gaps(arcs, T), outcome, density)
-        dearer = _DEARER[self.vanished(outcome)] * abs(outcome.objective)
+        accepted = options.removal_again if self.vanished(outcome) else options.removal
+        dearer = accepted * abs(outcome.objective)
         return outcome if new is None or new.objective > outcome.objective + dearer else new
 
     @staticmethod

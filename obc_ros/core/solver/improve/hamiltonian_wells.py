@@ -24,19 +24,8 @@ from obc_ros.core.solver.bench import Bench
 from obc_ros.core.solver.transcription.mesh import Path
 from obc_ros.core.solver.transcription.program import TranscriptionOutcome
 
-_VALUES = 17          # values of each input at which H is evaluated
-_GLANCE = 8           # intervals that are sampled before all of them
-_WORTH = 1e-3         # least predicted decrease of the cost, relative
-# Inputs are moved in the intervals with a decrease of H above these parts of the largest one.
-_SHARES = 0.0, 0.3, 0.7
-_ROUNDS = 3           # maximum number of moves
-_SETTLING = 6         # maximum number of solves with phases that begin at jumps
-_STEPS = 40           # integration steps in the longest interval for initial states
-_ITERATIONS = 150     # maximum number of iterations of a solve
 _SAME = 1e-6          # relative difference up to which costs are equal
 _VANISHING = 1e-3     # length, as part of T, up to which a phase has vanished
-_JUMP = 0.05          # least jump of an input, as part of its span
-_BESIDE = 1.5         # distance in intervals up to which a slope belongs to the end of a phase
 
 
 def move_to_best_branch(bench: Bench, outcome: TranscriptionOutcome) -> TranscriptionOutcome:
@@ -56,10 +45,11 @@ def move_to_best_branch(bench: Bench, outcome: TranscriptionOutcome) -> Transcri
         `outcome` if H has no better minimum along it.
 
     """
+    options = bench.options.wells
     if bench.quick or bench.programs.twin or not bench.programs.branching.any():
         return outcome
     best = outcome
-    for _ in range(_ROUNDS):
+    for _ in range(options.moves):
         paths = _moved(bench, best)
         if not paths and best is outcome:
             return _with_jumps(bench, best) if _leaps(bench, best) else best
@@ -73,27 +63,29 @@ def move_to_best_branch(bench: Bench, outcome: TranscriptionOutcome) -> Transcri
 
 def _moved(bench: Bench, outcome: TranscriptionOutcome) -> list[Path]:
     """Return paths with inputs at the minimum of H, in all intervals that gain and in fewer."""
+    options = bench.options.wells
     path, every = outcome.path, np.arange(len(outcome.path.ua))
-    for rows in (every[::max(1, len(every) // _GLANCE)], every):
+    for rows in (every[::max(1, len(every) // options.glance)], every):
         least, gap = _least(bench, outcome, rows)
         if not gap.any():
             return []
-    if not np.diff(path.t) @ gap > _WORTH * abs(outcome.objective):
+    if not np.diff(path.t) @ gap > options.worth * abs(outcome.objective):
         return []
-    chosen = [(gap > share * gap.max())[:, None] for share in _SHARES]
+    chosen = [(gap > share * gap.max())[:, None] for share in options.shares]
     return [replace(path, ua=np.where(moved, least, path.ua), ub=np.where(moved, least, path.ub))
             for moved in chosen]
 
 
 def _least(bench: Bench, outcome: TranscriptionOutcome, rows: Index) -> tuple[Array, Array]:
     """Return the minimiser of H in some intervals, (N, m), and the decrease of H, (N,)."""
+    options = bench.options.wells
     problem, path = bench.problem, outcome.path
     H = partial(_mean_H, bench, bench.course(outcome), rows)
     now = H(path.ua[rows], path.ub[rows])
     value, least = now.copy(), (path.ua[rows] + path.ub[rows]) / 2
     for j in np.flatnonzero(bench.programs.branching):
-        levels = np.linspace(problem.u_lower[j], problem.u_upper[j], _VALUES)
-        tried = np.repeat(least[None], _VALUES, axis=0)
+        levels = np.linspace(problem.u_lower[j], problem.u_upper[j], options.values)
+        tried = np.repeat(least[None], options.values, axis=0)
         tried[:, :, j] = levels[:, None]
         there = H(tried, tried)
         k = np.argmin(np.where(np.isfinite(there), there, np.inf), axis=0)
@@ -121,8 +113,9 @@ def _mean_H(bench: Bench, course: Extremal, rows: Index, ua: Array, ub: Array) -
 def _from_inputs(bench: Bench, outcome: TranscriptionOutcome,
                  path: Path) -> TranscriptionOutcome | None:
     """Solve from the inputs of a path."""
+    options = bench.options.wells
     problem, h = bench.problem, np.diff(path.t)
-    steps = np.maximum(1, np.ceil(_STEPS * h / h.max())).astype(np.int64)
+    steps = np.maximum(1, np.ceil(options.steps * h / h.max())).astype(np.int64)
     t = np.append(0.0, np.cumsum(np.repeat(h / steps, steps)))
     held = np.repeat((path.ua + path.ub) / 2, steps, axis=0)
     with np.errstate(all='ignore'):
@@ -132,23 +125,24 @@ def _from_inputs(bench: Bench, outcome: TranscriptionOutcome,
         inner = path.t[:-1, None] + h[:, None] * compute_gauss_points(path.inner.shape[1])
         path = replace(path, x=x[np.append(0, np.cumsum(steps))], inner=np.stack([
             np.interp(inner, t, column) for column in x.T], axis=2))
-    new = bench.collocate(outcome.mesh, path, near=True, most=_ITERATIONS)
+    new = bench.collocate(outcome.mesh, path, near=True, most=options.iterations)
     return new if new.converged else None
 
 
 def _leaps(bench: Bench, outcome: TranscriptionOutcome) -> bool:
     """Return whether an input jumps between local minima of H that are not both at bounds."""
+    options = bench.options.wells
     problem, path, here = bench.problem, outcome.path, bench.programs.branching
     at = np.clip(np.searchsorted(path.t, find_jumps(path, here.tolist())) - 1, 0, len(path.ua) - 1)
     if not at.size:
         return False
     before, after = path.ua[np.maximum(at - 1, 0)], path.ub[np.minimum(at + 1, len(path.ub) - 1)]
-    part = np.linspace(0.0, 1.0, _VALUES)[:, None, None]
+    part = np.linspace(0.0, 1.0, options.values)[:, None, None]
     along = before + part * (after - before)
     H = _mean_H(bench, bench.course(outcome), at, along, along)
     wall = H.max(axis=0) > np.maximum(H[0], H[-1])
     ends = np.stack([before, after])[:, :, here]
-    room = _JUMP * (problem.u_upper - problem.u_lower)[here]
+    room = options.jump * (problem.u_upper - problem.u_lower)[here]
     free = (ends > problem.u_lower[here] + room) & (ends < problem.u_upper[here] - room)
     return bool(np.any(wall & free.any(axis=(0, 2))))
 
@@ -160,7 +154,8 @@ def _with_jumps(bench: Bench, outcome: TranscriptionOutcome) -> TranscriptionOut
     The input next to the end of a phase may stay at the minimum of H of the other side, which is a
     slope over an interval. The end of the phase is then moved to that interval.
     """
-    for _ in range(_SETTLING):
+    options = bench.options.wells
+    for _ in range(options.solves):
         path, arcs = outcome.path, _apart(bench, outcome)
         if len(arcs) == len(path.durations) and not have_moved(arcs, path.durations, _VANISHING):
             break
@@ -169,7 +164,7 @@ def _with_jumps(bench: Bench, outcome: TranscriptionOutcome) -> TranscriptionOut
         if not bench.monitor.allows(mesh.layout.intervals):
             break
         new = bench.collocate(mesh, sharpen_steps(path, arcs), durations, near=True,
-                               sizes=bench.sizes(outcome), most=_ITERATIONS)
+                               sizes=bench.sizes(outcome), most=options.iterations)
         if not new.converged or is_below(outcome.objective, new.objective, _SAME):
             break
         outcome = new
@@ -178,6 +173,7 @@ def _with_jumps(bench: Bench, outcome: TranscriptionOutcome) -> TranscriptionOut
 
 def _apart(bench: Bench, outcome: TranscriptionOutcome) -> list[Arc]:
     """Return arcs that begin where inputs jump, at the ends of phases or in steep intervals."""
+    options = bench.options.wells
     problem, path, here = bench.problem, outcome.path, bench.programs.branching
     first = np.flatnonzero(np.diff(outcome.mesh.layout.phase_of)) + 1
     ends, least = path.t[first], _VANISHING * path.t[-1]
@@ -186,8 +182,8 @@ def _apart(bench: Bench, outcome: TranscriptionOutcome) -> list[Arc]:
     for group in filter(len, np.split(first, np.flatnonzero(np.diff(ends) > least) + 1)):
         jump = path.ua[group[-1], here] - path.ub[group[0] - 1, here]
         end = float(path.t[group].mean())
-        near = _BESIDE * max(path.t[group[-1] + 1] - end, end - path.t[group[0] - 1])
-        if np.any(np.abs(jump) > _JUMP * span) and np.all(np.abs(found - end) > near):
+        near = options.beside * max(path.t[group[-1] + 1] - end, end - path.t[group[0] - 1])
+        if np.any(np.abs(jump) > options.jump * span) and np.all(np.abs(found - end) > near):
             times.append(end)
     arcs, start, free = list[Arc](), 0.0, (math.nan,) * problem.m
     for end in sorted(times):

@@ -22,12 +22,6 @@ from obc_ros.core.solver.improve.kink_mesh import build_points, solve_boundary_v
 from obc_ros.core.solver.program_cache import Answered
 from obc_ros.core.solver.trace import judge_path
 
-# Largest relative difference of the piecewise linear input from u*: for the method 'indirect', and
-# in the first attempt after another method.
-_PRECISE, _QUICK = 2e-7, 1e-5
-_FEWEST_SAMPLES, _MOST_SAMPLES = 64, 4000   # limits of the number of samples
-_WORTH_IT = 800    # work (see `descent`) of a solve from which on a refinement is worth its time
-_LEAST = 0.5       # [s] of the time limit that must be left for it
 _SAME = 1e-9       # relative difference of inputs at a switching time up to which they are equal
 _DEARER = 1e-8     # relative increase of the cost that is accepted
 
@@ -50,6 +44,7 @@ def refine_indirectly(bench: Bench, found: Candidate) -> Candidate:
         and the reason in its message if the method does not apply or did not converge.
 
     """
+    options = bench.options.indirect
     if found.record is None:
         return found
     if not _is_smooth(bench, found.record):
@@ -59,7 +54,7 @@ def refine_indirectly(bench: Bench, found: Candidate) -> Candidate:
     if values is None:
         return _explained(found, 'the indirect method found no extremal on which every input is '
                           'at a bound or has dH/du = 0')
-    return _better(bench, found, values, _PRECISE)
+    return _better(bench, found, values, options.precise)
 
 
 def _explained(found: Candidate, reason: str) -> Candidate:
@@ -84,16 +79,18 @@ def refine_after_search(bench: Bench, found: Candidate) -> Candidate:
         With a certified solution from the boundary value problem, or `found`.
 
     """
+    options = bench.options.indirect
     programs = bench.programs
-    if (found.record is None or found.nearby or bench.work < _WORTH_IT and not programs.touched_up
-            or bench.monitor.remaining() < _LEAST or not _is_smooth(bench, found.record)):
+    if (found.record is None or found.nearby
+            or bench.work < options.work and not programs.touched_up
+            or bench.monitor.remaining() < options.least or not _is_smooth(bench, found.record)):
         return found
     with bench.trace.attempt('indirect refinement') as attempt:
         values = _boundary_values(bench, found.record)
         if values is None:
             attempt.end(Verdict.NOT_CONVERGED, 'the boundary value problem was not solved')
             return found
-        for wanted in (_QUICK, _PRECISE):
+        for wanted in (options.quick, options.precise):
             new = _better(bench, found, values, wanted)
             if new is not found:
                 programs.note_refinement()
@@ -134,8 +131,9 @@ def _better(bench: Bench, known: Candidate, found: BoundaryValues, wanted: float
 
 def _sampled(bench: Bench, found: BoundaryValues, wanted: float) -> Solution:
     """Return boundary values as samples, including both ends of each arc."""
-    problem, longest = bench.stated, found.lengths.sum() / _FEWEST_SAMPLES
-    points_, of = build_points(found, wanted, longest, _MOST_SAMPLES)
+    options = bench.options.indirect
+    problem, longest = bench.stated, found.lengths.sum() / options.fewest
+    points_, of = build_points(found, wanted, longest, options.most)
     # Places of the start of each interval, and of the end of each arc, among the samples.
     starts, last = np.arange(len(of)) + of, np.flatnonzero(np.diff(of, append=-1))
     t, arc = np.empty(len(of) + len(last)), np.empty(len(of) + len(last), dtype=np.int64)

@@ -24,11 +24,6 @@ from obc_ros.core.solver.program_cache import Answered, ProgramCache
 from obc_ros.core.solver.transcription.mesh import build_uniform_mesh, Mesh, Path
 from obc_ros.core.solver.transcription.program import ProblemScales, TranscriptionOutcome
 
-_LARGEST = 3e7     # entries of the matrices of all intervals up to which the problem is solved
-_KINKED = 4e-3     # relative deviation of inputs from linear in an interval of such a mesh
-_WORSE = 1e-5      # relative increase of the cost on such a mesh that is accepted
-_LONGEST = 32      # minimum number of intervals
-
 
 def solve_boundary_values(programs: ProgramCache, problem: Problem, outcome: TranscriptionOutcome,
                           course: Extremal,
@@ -57,10 +52,11 @@ def solve_boundary_values(programs: ProgramCache, problem: Problem, outcome: Tra
         None on singular arcs, for a problem that is too large, or without convergence.
 
     """
+    options = programs.options.kinks
     arcs = find_arcs(problem, outcome.path, (True,) * problem.m)
     singular = any(linear and np.isnan(level) for arc in arcs
                    for linear, level in zip(programs.switching, arc.levels, strict=True))
-    if singular or outcome.mesh.layout.intervals * (6 * problem.n)**2 > _LARGEST:
+    if singular or outcome.mesh.layout.intervals * (6 * problem.n)**2 > options.largest:
         return None
     arcs = _with_slopes(programs, problem, arcs, course)
     return programs.indirect.solve(problem, arcs, course, outcome.path.t, scales, rough=rough)
@@ -194,6 +190,7 @@ def solve_on_kinks(bench: Bench, outcome: TranscriptionOutcome,
         apply, or did not converge at about the same cost.
 
     """
+    options = bench.options.kinks
     layout = outcome.mesh.layout
     if bench.bounded or bench.programs.twin or len(layout.phases) > 1 or layout.stages:
         return None
@@ -203,13 +200,14 @@ def solve_on_kinks(bench: Bench, outcome: TranscriptionOutcome,
     if found is None or len(found.lengths) == 1:
         return None
     guide = transcribe_on_points(bench.stated, found, *build_points(
-        found, _KINKED, outcome.path.t[-1] / _LONGEST, 2 * bench.monitor.max_intervals))
+        found, options.deviation, outcome.path.t[-1] / options.intervals,
+        2 * bench.monitor.max_intervals))
     if not bench.monitor.allows(guide.mesh.layout.intervals):
         return None
     with bench.trace.attempt('mesh at kinks') as attempt:
         new = bench.collocate(guide.mesh, guide.path, near=True, sizes=bench.sizes(outcome),
                                guide=guide)
-        if not new.converged or is_below(outcome.objective, new.objective, _WORSE):
+        if not new.converged or is_below(outcome.objective, new.objective, options.worse):
             attempt.end(Verdict.REJECTED, 'its cost is higher' if new.converged else new.status,
                         cost=new.objective)
             return None

@@ -33,38 +33,19 @@ from obc_ros.core.solver.arcs.state_contacts import add_contacts, find_contacts,
 from obc_ros.core.solver.bench import Bench, Candidate
 from obc_ros.core.solver.improve.phase_samples import BY_SAMPLES, certify_samples, join_phases
 from obc_ros.core.solver.nlp.progress import ProgressMonitor
+from obc_ros.core.solver.options import BoundaryOptions, DEFAULTS
 from obc_ros.core.solver.trace import judge_path
 from obc_ros.core.solver.transcription.mesh import build_uniform_mesh, Path
 from obc_ros.core.solver.transcription.program import ProblemScales, TranscriptionOutcome
 
-_ROUNDS = 6           # maximum number of solves with changing arcs, and of detections
 _VANISHING = 1e-4     # length, as part of T, up to which a phase has vanished
-_GAPS = 0.06, 0.01    # lengths, as parts of T, of gaps in a contact that are closed; tried in turn
-_INTERVALS = 24       # approximate number of intervals of all phases together
-_LEAST = 3            # minimum number of intervals of a phase
-_COARSE = 1e-4        # residual of the dynamics above which arcs are not detected
-# Ratio of this residual to that with intervals twice as long: above the first the intervals are
-# distributed anew, below the second the budget is extended.
-_STIFF, _STEADY = 0.1, 0.7
-# Ratio of the worst residual to that of the round before: above the first bangs are sought at the
-# ends of singular arcs, above the second no finer mesh is tried.
-_SLOWLY, _WORSE = 0.1, 1.5
-_FINEST = 8           # largest refinement of the number of intervals
-_GRADED = 3           # refinements only where x or lam is not resolved
 _NEAR = 1e-5          # relative distance from a bound up to which a constraint is active
 _HARDLY = 1e-3        # relative distance up to which it stays active between two boundary arcs
 _MOST = 0.8           # part of a contact with inputs at bounds from which on these imply it
 _WEIGHS = 1e-5        # multiplier of a bound relative to the costates from which on it is touched
 _SAME = 1e-5          # relative increase of the cost by tangential junctions that is accepted
-_DEARER = 1e-3        # relative increase of the cost from the detected path that is accepted
-_NO_DEARER = 1e-6     # relative increase from a certified solution that is accepted
-_ITERATIONS = 150     # maximum number of iterations of a solve
-_OPENED = 0.25        # length of a free arc that is inserted, as part of the shorter neighbour
 _LIMIT = 1e-3         # distance from the least length of a phase at which it is reached, relative
 _NO_JUMP = 0.05       # relative change of an input from which on it is a jump
-_NEARLY = 0.1         # relative rate at a junction up to which it may be tangential
-_AT_ONCE = 45_000     # work (see `descent`) for the arcs of a coarse mesh; at least, for any other
-_FINER = 4, 2         # numbers of intervals, in those of the coarse mesh, that are tried as well
 
 
 def read_spans(problem: Problem, program: PhasedProgram, outcome: TranscriptionOutcome,
@@ -167,7 +148,8 @@ def tidy_arcs(arcs: list[Arc]) -> list[Arc]:
 
 def settle_arcs(problem: Problem, program: PhasedProgram, arcs: list[Arc], guess: Path,
                 sizes: ProblemScales, pinned: Mask, monitor: ProgressMonitor, fine: float,
-                spread: tuple[Array, Array]) -> Phased | None:
+                spread: tuple[Array, Array],
+                options: BoundaryOptions = DEFAULTS.boundary) -> Phased | None:
     """
     Solve on phases with the given arcs, and again without those that vanish.
 
@@ -185,6 +167,8 @@ def settle_arcs(problem: Problem, program: PhasedProgram, arcs: list[Arc], guess
         Factor of the number of intervals.
     spread : pair of ndarray
         Distribution of the intervals, as returned by `spread_like`.
+    options : BoundaryOptions
+        Of the search.
 
     Returns
     -------
@@ -192,12 +176,12 @@ def settle_arcs(problem: Problem, program: PhasedProgram, arcs: list[Arc], guess
         None without convergence, or if the mesh is too large.
 
     """
-    for _ in range(_ROUNDS):
-        meshes = _meshes(arcs, spread, fine)
+    for _ in range(options.solves):
+        meshes = _meshes(arcs, spread, fine, options)
         K = sum(len(mesh) for mesh in meshes)
         if monitor.stopped or not monitor.allows(K):
             return None
-        monitor.limit(_ITERATIONS, K * DEGREE)
+        monitor.limit(options.iterations, K * DEGREE)
         found = program.solve(problem, arcs, meshes, guess, sizes, pinned, monitor)
         smooth = tidy_arcs([replace(arc, jump=False) for arc in arcs])
         if not found.converged and len(smooth) < len(arcs):
@@ -208,8 +192,8 @@ def settle_arcs(problem: Problem, program: PhasedProgram, arcs: list[Arc], guess
         arcs = found.arcs
         kept = tidy_arcs(_shrunk(_that_jump(found), program.bounds))
         if len(kept) == len(arcs) and np.all(found.durations >= short):
-            return _grazing(problem, program, found, sizes, pinned, monitor, found.grazing()
-                            ) if found.converged else None
+            return _grazing(problem, program, found, sizes, pinned, monitor, found.grazing(),
+                            options) if found.converged else None
         arcs, guess = kept, join_phases(found)
     return None
 
@@ -239,24 +223,27 @@ def _that_jump(found: Phased) -> list[Arc]:
         for arc, k in zip(found.arcs, first[:-1], strict=True)]
 
 
-def _meshes(arcs: list[Arc], spread: tuple[Array, Array], fine: float) -> list[Array]:
+def _meshes(arcs: list[Arc], spread: tuple[Array, Array], fine: float,
+            options: BoundaryOptions) -> list[Array]:
     """Return the lengths of the intervals of each phase, as parts of it; see `settle_arcs`."""
     (t, share), meshes = spread, []
     t = t * (arcs[-1].end / t[-1])
     for arc in arcs:
         first, last = np.interp([arc.start, arc.end], t, share)
-        count = math.ceil(fine * max(_LEAST, math.ceil(_INTERVALS * (last - first))))
+        wanted = math.ceil(options.intervals * (last - first))
+        count = math.ceil(fine * max(options.fewest, wanted))
         points = np.interp(np.linspace(first, last, count + 1), share, t)
         meshes.append(np.diff(points) / (points[-1] - points[0]))
     return meshes
 
 
 def _grazing(problem: Problem, program: PhasedProgram, found: Phased, sizes: ProblemScales,
-             pinned: Mask, monitor: ProgressMonitor, where: Grazing) -> Phased:
+             pinned: Mask, monitor: ProgressMonitor, where: Grazing,
+             options: BoundaryOptions) -> Phased:
     """Solve again with tangential junctions; return the former path if that costs more."""
     if not where or monitor.stopped:
         return found
-    monitor.limit(_ITERATIONS, len(found.h) * DEGREE)
+    monitor.limit(options.iterations, len(found.h) * DEGREE)
     new = program.solve(
         problem, found.arcs, found.meshes, join_phases(found), sizes, pinned, monitor, where)
     same = new.converged and len(tidy_arcs(new.arcs)) == len(new.arcs) and not is_below(
@@ -290,19 +277,20 @@ def solve_along_bounds(bench: Bench, outcome: TranscriptionOutcome, known: Candi
         None if none was certified.
 
     """
+    options = bench.options.boundary
     problem = bench.problem
     if not _may_have_arcs(bench):
         return None
     program = bench.programs.phased
     value = bench.programs.fitter(problem).at(
         problem, outcome.path.x, np.vstack([outcome.path.ua, outcome.path.ub[-1:]]))
-    allowed = outcome.objective + _DEARER * abs(outcome.objective)
+    allowed = outcome.objective + options.dearer * abs(outcome.objective)
     if known is not None and known.certified:
         cost = known.solution.objective
-        allowed = cost + _NO_DEARER * abs(cost)
+        allowed = cost + options.no_dearer * abs(cost)
     seen: set[tuple[Signature, float, int]] = set()
-    bench = replace(bench, monitor=bench.monitor.part(max(_AT_ONCE, bench.work)))
-    for gap in _GAPS:
+    bench = replace(bench, monitor=bench.monitor.part(max(options.work, bench.work)))
+    for gap in options.gaps:
         arcs = read_spans(problem, program, outcome, value, bench.margin,
                           bench.programs.switching, gap)
         with bench.trace.attempt('boundary arcs', f'{len(arcs)} arcs') as attempt:
@@ -336,13 +324,14 @@ class _Turn:
         return replace(self, arcs=arcs, guess=sharpen_steps(join_phases(found), arcs),
                        off=math.inf)
 
-    def finer(self, found: Phased, erred: float, monitor: ProgressMonitor) -> '_Turn':
+    def finer(self, found: Phased, erred: float, monitor: ProgressMonitor,
+              options: BoundaryOptions) -> '_Turn':
         """Continue with shorter intervals, distributed anew if the errors decrease slowly."""
         arcs, guess, spread = self.arcs, self.guess, self.spread
         again = get_signature(found.arcs) == self.led_to
-        if again and erred < _STEADY * self.erred:
-            monitor.extend(_AT_ONCE)
-        if again or erred > _STIFF * self.erred:
+        if again and erred < options.steady * self.erred:
+            monitor.extend(options.work)
+        if again or erred > options.stiff * self.erred:
             spread = spread_by_error(found)
             if again or len(found.arcs) == len(arcs):
                 arcs, guess = found.arcs, join_phases(found)
@@ -357,20 +346,21 @@ def _settled_on(bench: Bench, outcome: TranscriptionOutcome, arcs: list[Arc], al
 
     `allowed`: maximum cost. `seen`: arcs and meshes that were tried and are not tried again.
     """
+    options = bench.options.boundary
     problem, monitor, pinned = bench.problem, bench.monitor, bench.pinned
     program, judge = bench.programs.phased, bench.programs.judge
     fitter = bench.programs.fitter(problem)
     turn, sizes = _Turn(arcs, sharpen_steps(outcome.path, arcs), spread_like(outcome.path)), (
         bench.sizes(outcome))
-    for number in range(_ROUNDS + _GRADED):
+    for number in range(options.solves + options.graded):
         if number and turn.key in seen:
             # On this mesh the detected arcs alternate.
             turn = replace(turn, fine=2 * turn.fine)
-        if turn.fine > _FINEST or turn.key in seen:
+        if turn.fine > options.finest or turn.key in seen:
             break
         seen.add(turn.key)
         found = settle_arcs(problem, program, turn.arcs, turn.guess, sizes, pinned, monitor,
-                            turn.fine, turn.spread)
+                            turn.fine, turn.spread, options)
         if found is None or found.cost > allowed:
             break
         answer = certify_samples(problem, program, judge, fitter, found)
@@ -379,7 +369,7 @@ def _settled_on(bench: Bench, outcome: TranscriptionOutcome, arcs: list[Arc], al
             return answer
         value = fitter.at(problem, answer.x, answer.u)
         erred = answer.certificate.residuals[Condition.DYNAMICS]
-        if erred > _COARSE:
+        if erred > options.coarse:
             # At this discretisation error only the multipliers of bounds are trusted.
             touched = add_touching_arcs(problem, found.arcs, found, program.bounds, answer.t,
                                         value)
@@ -387,46 +377,47 @@ def _settled_on(bench: Bench, outcome: TranscriptionOutcome, arcs: list[Arc], al
                     get_signature(touched), turn.fine, turn.graded) not in seen:
                 turn = turn.like(found, touched)
             else:
-                turn = turn.finer(found, erred, monitor)
+                turn = turn.finer(found, erred, monitor, options)
             continue
-        new = reread_arcs(problem, program, judge, found, answer, value)
+        new = reread_arcs(problem, program, judge, found, answer, value, options)
         if get_signature(new) != get_signature(found.arcs):
             turn = turn.like(found, new)
             continue
         # The cost hardly depends on the time of a tangential junction, which is inaccurate.
         smooth = _grazing(problem, program, found, sizes, pinned, monitor,
-                          found.grazing(_NEARLY, touched=True))
+                          found.grazing(options.nearly, touched=True), options)
         if smooth is not found and (
                 better := certify_samples(problem, program, judge, fitter, smooth)).certified:
             return better
         turn = replace(turn, arcs=new, guess=sharpen_steps(join_phases(found), new))
-        following = _resolve(turn, problem, program, judge, found, answer, seen)
+        following = _resolve(bench, turn, found, answer, seen)
         if following is None:
             break
         turn = following
     return None
 
 
-def _resolve(turn: _Turn, problem: Problem, program: PhasedProgram, judge: CostateIntegrator,
-             found: Phased, answer: Solution, seen: set[tuple[Signature, float, int]]
-             ) -> _Turn | None:
+def _resolve(bench: Bench, turn: _Turn, found: Phased, answer: Solution,
+             seen: set[tuple[Signature, float, int]]) -> _Turn | None:
     """Return the next attempt when the arcs do not change; None if it is not worth trying."""
     assert answer.certificate is not None
+    problem, options = bench.problem, bench.options.boundary
     worst, before = answer.certificate.worst, turn.off
     turn = replace(turn, off=(answer.certificate.residuals[worst]
                               / answer.certificate.tolerances[worst]))
-    if turn.off > _SLOWLY * before:
-        _, Hu, _ = judge.hamiltonian(problem, answer.x, answer.u, answer.lam,
-                                     answer.path_multipliers)
-        ended = cut_at_ends(problem, program, found, answer.t, answer.x, answer.u, Hu)
+    if turn.off > options.slowly * before:
+        _, Hu, _ = bench.programs.judge.hamiltonian(
+            problem, answer.x, answer.u, answer.lam, answer.path_multipliers)
+        ended = cut_at_ends(problem, bench.programs.phased, found, answer.t, answer.x, answer.u,
+                            Hu)
         if (get_signature(ended), turn.fine, turn.graded) not in seen:
             return turn.like(found, ended)
     # The costates may have a boundary layer.
-    if worst == Condition.COSTATE and turn.graded < _GRADED:
+    if worst == Condition.COSTATE and turn.graded < options.graded:
         spread, count = spread_as_wanted(found)
         return replace(turn, spread=spread, graded=turn.graded + 1,
-                       fine=max(turn.fine, count / _INTERVALS))
-    if turn.off > _WORSE * before:
+                       fine=max(turn.fine, count / options.intervals))
+    if turn.off > options.worse * before:
         return None
     spread = spread_by_error(found) if worst in BY_SAMPLES else turn.spread
     return replace(turn, fine=2 * turn.fine, spread=spread)
@@ -453,11 +444,12 @@ def solve_at_once(bench: Bench, switches: bool, start: TranscriptionOutcome) -> 
         None if none was certified.
 
     """
+    options = bench.options.boundary
     if not (start.converged and switches and _may_have_arcs(bench)):
         return None
     outcome, problem, whole = start, bench.problem, bench.monitor
-    for finer in (1, *_FINER):
-        bench = replace(bench, monitor=whole.part(_AT_ONCE))
+    for finer in (1, *options.finer):
+        bench = replace(bench, monitor=whole.part(options.work))
         mesh = build_uniform_mesh(problem, finer * start.mesh.layout.intervals, bench.stages)
         if finer > 1 and whole.allows(mesh.layout.intervals):
             new = bench.collocate(mesh, outcome.path, near=True, sizes=bench.sizes(outcome))
@@ -468,8 +460,8 @@ def solve_at_once(bench: Bench, switches: bool, start: TranscriptionOutcome) -> 
 
 
 def reread_arcs(problem: Problem, program: PhasedProgram, integrator: CostateIntegrator,
-                found: Phased,
-                answer: Solution, value: Array) -> list[Arc]:
+                found: Phased, answer: Solution, value: Array,
+                options: BoundaryOptions = DEFAULTS.boundary) -> list[Arc]:
     """
     Correct the arcs of a path on phases by its multipliers.
 
@@ -496,17 +488,18 @@ def reread_arcs(problem: Problem, program: PhasedProgram, integrator: CostateInt
                        jump=on.jump and abs(start - on.start) <= 1e-9 * times[-1]))
         start = float(end)
     held = hold_constraints(tidy_arcs(cut), found, bounds)
-    return add_touching_arcs(problem, _open_junctions(problem, program, held, found, answer),
-                             found, bounds, answer.t, value)
+    opened = _open_junctions(problem, program, held, found, answer, options.opened)
+    return add_touching_arcs(problem, opened, found, bounds, answer.t, value)
 
 
 def _open_junctions(problem: Problem, program: PhasedProgram, arcs: list[Arc], found: Phased,
-                    answer: Solution) -> list[Arc]:
+                    answer: Solution, part: float) -> list[Arc]:
     """
     Insert free arcs next to boundary arcs whose junction has an impulse of the wrong sign.
 
     With inputs at their bounds before a boundary arc, such an impulse shows that they leave these
-    earlier, also if the free arc is too short to be detected. The same holds after it.
+    earlier, also if the free arc is too short to be detected. The same holds after it. `part`:
+    length of the free arc, as part of the shorter neighbour.
     """
     bounds, T = program.bounds, arcs[-1].end
     none, scale = (0,) * bounds.count, np.abs(answer.x).max(axis=0)
@@ -529,7 +522,7 @@ def _open_junctions(problem: Problem, program: PhasedProgram, arcs: list[Arc], f
             if not place or np.isnan(levels[deciding]).any() or impulse > -_WEIGHS * largest:
                 continue
             levels[deciding] = np.nan
-            length = _OPENED * min(arc.end - arc.start for arc in new[place - 1:place + 1])
+            length = part * min(arc.end - arc.start for arc in new[place - 1:place + 1])
             time = after.start + (-length if side < place else length)
             kept = new[side]
             new[side:side + 1] = [

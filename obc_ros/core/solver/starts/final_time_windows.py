@@ -19,13 +19,6 @@ from obc_ros.core.solver.bench import Bench, Candidate
 from obc_ros.core.solver.transcription.mesh import build_uniform_mesh, Path
 from obc_ros.core.solver.transcription.program import TranscriptionOutcome
 
-_RATIO = 2**0.5     # ratio of the final times of adjacent windows
-_UP, _DOWN = 6, 4   # maximum numbers of windows with larger and smaller T
-_MOST, _ROUGH = 40, 1e-3   # maximum number of iterations, relative error of the cost, in each
-_SAME = 1e-2        # relative difference of two costs up to which the minima are the same
-_KEPT = 4           # maximum number of guesses
-_WORK = 3000        # work (see `descent`) for all windows; more if more was done before
-
 
 def find_other_lengths(bench: Bench, last: Candidate, starts: Iterator[Path],
                        twice: bool) -> list[Path]:
@@ -49,12 +42,13 @@ def find_other_lengths(bench: Bench, last: Candidate, starts: Iterator[Path],
         The cheapest first; empty if T is fixed or nothing but time costs.
 
     """
+    options = bench.options.windows
     if last.record is None or not _weighs(bench.problem):
         return []
     outcome, begun = last.record.outcome, bench.work
     found: list[TranscriptionOutcome] = []
     for T in [T for T in _lengths(bench, outcome) for _ in range(1 + twice)]:
-        most = max(_WORK, begun)
+        most = max(options.work, begun)
         if bench.monitor.stopped or bench.work - begun > most:
             break
         for start in islice(starts, 1):
@@ -63,10 +57,10 @@ def find_other_lengths(bench: Bench, last: Candidate, starts: Iterator[Path],
                 found.append(new)
     kept: list[TranscriptionOutcome] = []
     for each in sorted(found, key=lambda each: each.objective):
-        if all(abs(each.objective - other.objective) > _SAME * abs(other.objective)
+        if all(abs(each.objective - other.objective) > options.same * abs(other.objective)
                for other in kept):
             kept.append(each)
-    return [replace(each.path, origin='another final time') for each in kept[:_KEPT]]
+    return [replace(each.path, origin='another final time') for each in kept[:options.kept]]
 
 
 def _weighs(problem: Problem) -> bool:
@@ -78,6 +72,7 @@ def _weighs(problem: Problem) -> bool:
 
 def _lengths(bench: Bench, outcome: TranscriptionOutcome) -> list[float]:
     """Return final times at the centres of windows next to that of an outcome, longer first."""
+    options = bench.options.windows
     problem, path = bench.problem, outcome.path
     final, T = problem.final_time, float(path.t[-1])
     upper = final.upper
@@ -87,17 +82,18 @@ def _lengths(bench: Bench, outcome: TranscriptionOutcome) -> list[float]:
             problem, path.x[:-1], u, 0.0 * path.x[:-1])[0].min()) for u in inputs)
         if least > 0:   # a lower bound of L on the path: the cost grows with T
             upper = min(upper, outcome.objective / least)
-    longer = [T * _RATIO**k for k in range(1, _UP + 1)]
-    shorter = [T / _RATIO**k for k in range(1, _DOWN + 1)]
+    longer = [T * options.ratio**k for k in range(1, options.longer + 1)]
+    shorter = [T / options.ratio**k for k in range(1, options.shorter + 1)]
     return [each for each in longer + shorter if final.lower <= each <= upper]
 
 
 def _held(bench: Bench, T: float, start: Path) -> TranscriptionOutcome:
     """Solve on the coarse mesh from a guess stretched to T, with T limited to its window."""
-    final, wide = bench.problem.final_time, _RATIO**0.5
+    options = bench.options.windows
+    final, wide = bench.problem.final_time, options.ratio**0.5
     stretched = replace(start, t=start.t * (T / start.t[-1]), durations=np.array([T]))
     problem = replace(bench.problem, final_time=replace(
         final, lower=max(T / wide, final.lower), upper=min(T * wide, final.upper)))
     return replace(bench, problem=problem).collocate(
-        build_uniform_mesh(problem, bench.intervals, bench.stages), stretched, most=_MOST,
-        rough=_ROUGH, once=True)
+        build_uniform_mesh(problem, bench.intervals, bench.stages), stretched,
+        most=options.iterations, rough=options.rough, once=True)

@@ -11,18 +11,10 @@ horizon if the state has come to rest.
 from dataclasses import replace
 
 import numpy as np
-from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.ocp.solution import Verdict
-from obc_ros.core.solver.adjoint.costates import CostateIntegrator
 from obc_ros.core.solver.bench import Bench
 from obc_ros.core.solver.transcription.mesh import build_uniform_mesh, Layout, Mesh, Path, Phase
 from obc_ros.core.solver.transcription.program import TranscriptionOutcome
-
-_HALVINGS = 6       # number of times that T is halved for the first horizon
-_REFINED, _ITERATIONS = 4, 150   # maximum numbers of meshes over a horizon, of iterations on each
-_WORK = 100_000     # work (see `descent`) for all horizons
-_FINE = 32          # integration steps of the continuation in each of its intervals
-_FAR = 10.0         # size of states, in those before, above which the continuation is not used
 
 
 def lengthen_horizon(bench: Bench, intervals: int) -> TranscriptionOutcome | None:
@@ -56,20 +48,20 @@ def lengthen_horizon(bench: Bench, intervals: int) -> TranscriptionOutcome | Non
 
 def _lengthen(bench: Bench, intervals: int, start: Path) -> TranscriptionOutcome | None:
     """Do what `lengthen_horizon` does, from a guess over the whole horizon."""
+    options = bench.options.horizon
     whole, final = bench.problem, bench.problem.final_time
     outcome: TranscriptionOutcome | None = None
-    bench = replace(bench, monitor=bench.monitor.part(_WORK))
-    for halvings in range(_HALVINGS, -1, -1):
+    bench = replace(bench, monitor=bench.monitor.part(options.work))
+    for halvings in range(options.halvings, -1, -1):
         length = final.value / 2**halvings
         bench = replace(bench, problem=replace(whole, final_time=replace(final, value=length)))
         if outcome is None:
             mesh = build_uniform_mesh(bench.problem, intervals, bench.stages)
             path = replace(start, t=start.t / 2**halvings, durations=np.array([length]))
         else:
-            mesh, path = _longer(bench.problem, bench.programs.integrator, outcome, intervals,
-                                 length)
+            mesh, path = _longer(bench, outcome, intervals, length)
         bench, outcome = _solve_finely(bench, mesh, path)
-        if outcome is None and halvings < _HALVINGS:
+        if outcome is None and halvings < options.halvings:
             break
     return outcome
 
@@ -81,33 +73,33 @@ def _solve_finely(bench: Bench, mesh: Mesh,
 
     Return the bench with its bounds tightened, and the outcome, None if the error is not small.
     """
-    for number in range(_REFINED):
+    options = bench.options.horizon
+    for number in range(options.meshes):
         if bench.monitor.stopped or not bench.monitor.allows(mesh.layout.intervals):
             break
-        outcome = bench.collocate(mesh, path, most=_ITERATIONS)
+        outcome = bench.collocate(mesh, path, most=options.iterations)
         if not outcome.converged:
             break
         if bench.is_accurate(outcome):
             return bench, outcome
-        if number < _REFINED - 1:
+        if number < options.meshes - 1:
             course = bench.course(outcome)
             bench, exceeded = bench.tighten(course)
             mesh, path = bench.finer(outcome, course, exceeded), outcome.path
     return bench, None
 
 
-def _longer(problem: Problem, integrator: CostateIntegrator, outcome: TranscriptionOutcome,
-            intervals: int,
+def _longer(bench: Bench, outcome: TranscriptionOutcome, intervals: int,
             length: float) -> tuple[Mesh, Path]:
     """Return a mesh and a path over a longer horizon, continued with the last input."""
-    known = outcome.path
+    problem, options, known = bench.problem, bench.options.horizon, outcome.path
     intervals = max(intervals, int(np.count_nonzero(known.t > length / 4)))   # no coarser
     t = np.linspace(known.t[-1], length, intervals + 1)
-    last = np.tile(known.ub[-1], (intervals * _FINE, 1))
-    x, _ = integrator.forward(
+    last = np.tile(known.ub[-1], (intervals * options.fine, 1))
+    x, _ = bench.programs.integrator.forward(
         replace(problem, x0=known.x[-1]), np.linspace(t[0], length, len(last) + 1), last, last)
-    x = x[::_FINE]
-    size = _FAR * np.abs(known.x).max(axis=0)
+    x = x[::options.fine]
+    size = options.far * np.abs(known.x).max(axis=0)
     if not (np.all(np.isfinite(x)) and np.all(np.abs(x) <= size)):
         x = np.tile(known.x[-1], (len(x), 1))
     x = np.clip(x, problem.x_lower, problem.x_upper)

@@ -13,6 +13,7 @@ from obc_ros.core.solver.bench import Bench, Candidate
 from obc_ros.core.solver.coarse_mesh import solve_next_start
 from obc_ros.core.solver.descent import descend, Descent, finish
 from obc_ros.core.solver.improve.hamiltonian_wells import move_to_best_branch
+from obc_ros.core.solver.options import MultistartOptions
 from obc_ros.core.solver.program_cache import collect_numbers
 from obc_ros.core.solver.proofs.optimality import describe_local
 from obc_ros.core.solver.starts.cross_entropy import (
@@ -26,37 +27,9 @@ from obc_ros.core.solver.transcription.local_minima import ANOTHER
 from obc_ros.core.solver.transcription.mesh import build_uniform_mesh, Path, split
 from obc_ros.core.solver.transcription.program import TranscriptionOutcome
 
-# Work is defined in `descent`. A problem is hard if the first descent took more work than _HARD,
-# and rough if coarse solves are slow, fail, or end at very different costs.
-_HARD = 3000
-_SLOW = 30            # iterations of a coarse solve above which a problem is rough
-_EXPLORING = (0.15, 0.3)   # part of all work for further starts: of easy, of hard problems
-_LEAST_HARD = 12      # minimum number of further starts of hard problems by collocation, of rough
-_LEAST_BENT = 8       # minimum number of further starts of nonlinear problems
-_BENT, _PARTS = 0.4, 12   # nonlinearity index above which a problem is one; parts of its inputs
-# Work of the first descent after which other starts are compared on the coarse mesh; their number.
-_LONG, _LOOKS = 60_000, 3
-_FEW = 2              # number of minima above which the minimum number is doubled, if not hard
-_AFTER = 3            # further starts after one that led to a better solution
-# Hard problems by Runge-Kutta steps, and those whose costs have several minima: minimum number of
-# further starts and minimum work for them; _MOST: maximum number for all problems.
-_MANY, _MOST, _FOR_MANY = 24, 80, 15_000
-_ITERATIONS = 150     # maximum number of iterations to confirm a lower cost
 _MET = 1e-5           # infeasibility of a feasible path
-_SPLITS = 2           # maximum number of mesh halvings to confirm a lower cost
-# Relative error of the cost of the best outcome on the coarse mesh above which candidates are
-# compared on a finer one; how many times as many intervals it has.
-_ERRS, _FINER = 1e-2, 4
-_TIES = 6             # maximum number of descents from outcomes of nearly the same coarse cost
 _SAME = 2e-4          # relative difference up to which two coarse costs are of the same minimum
 _CHEAPER = 1e-6       # relative difference of the costs of two certified solutions that counts
-_SAYS = 0.2           # relative error of a coarse cost up to which ties are followed
-_RIVALS, _RIVAL = 3, 0.3   # other minima kept for neighbours: number, relative excess of the cost
-# Without a certified solution no further start is tried after this work in all and this work for
-# further starts.
-_WEARY = 500_000, 50_000
-_FOR_ROUGH = 3000     # work for further starts of rough problems that are not hard, at least
-_LAVISH = 150_000     # work for further starts once a solution is certified
 
 
 def descend_from_coarse(bench: Bench, pool: StartPool, first: TranscriptionOutcome
@@ -83,15 +56,16 @@ def descend_from_coarse(bench: Bench, pool: StartPool, first: TranscriptionOutco
         Cost on the coarse mesh of the outcome that led to it.
 
     """
+    options = bench.options.multistart
     first = move_to_best_branch(bench, first)
     begun, work = bench.work, Descent(bench).follow(first)
     try:
-        while bench.work - begun <= _LONG:
+        while bench.work - begun <= options.long:
             next(work)
     except StopIteration as end:
         return cast('Candidate', end.value), first.objective
     cheapest = first
-    for _ in range(_LOOKS):
+    for _ in range(options.looks):
         outcome = solve_next_start(bench, pool, once=True, hard=True)
         if is_below(outcome.objective, cheapest.objective, ANOTHER) and bench.is_accurate(outcome):
             cheapest = outcome
@@ -150,9 +124,10 @@ def explore_starts(bench: Bench, pool: StartPool, first: Candidate, floor: float
 def _explore(bench: Bench, pool: StartPool, best: Candidate, floor: float,
              others: Sequence[TranscriptionOutcome], sound: bool) -> Explored:
     """Do what `explore_starts` does."""
+    options = bench.options.multistart
     spent, programs = 0, bench.programs
     alone = (best.certified or sound) and programs.convex(bench.stated)
-    before, bent = bench.work, not alone and _disproportion(bench, best) > _BENT
+    before, bent = bench.work, not alone and _disproportion(bench, best) > options.bent
     uneven = programs.uneven_costs(bench.problem, abs(floor))
     promising, lengths = ([], []) if alone else _lined_up(
         bench, pool, best, floor, uneven=uneven, bent=bent)
@@ -163,8 +138,8 @@ def _explore(bench: Bench, pool: StartPool, best: Candidate, floor: float,
     # Number of starts, increased by each that leads to a better solution.
     wanted = 1 + len(others) + len(lengths) + bool(promising)
     why = 'the problem is convex: there is no other minimum' if alone else (
-        f'{_MOST} starts were tried')
-    for number in range(0 if alone else _MOST):
+        f'{options.most} starts were tried')
+    for number in range(0 if alone else options.most):
         stop = bench.monitor.stopped or _explain_enough(
             bench, pool, number, (before, spent), wanted, best.certified, uneven=uneven, bent=bent)
         if stop:
@@ -173,11 +148,11 @@ def _explore(bench: Bench, pool: StartPool, best: Candidate, floor: float,
         started = bench.work
         outcome = others[number] if number < len(others) else _pursued(
             bench, floor, solve_next_start(
-                bench, pool, once=best.certified, hard=uneven or before > _HARD))
+                bench, pool, once=best.certified, hard=uneven or before > options.hard))
         lower = is_below(outcome.objective, floor, ANOTHER)
         descends = lower and not outcome.converged and outcome.infeasibility <= _MET
-        tied = (outcome.converged and len(ties) < _TIES
-                and outcome.objective < _tie(best.solution, coarse)
+        tied = (outcome.converged and len(ties) < options.ties
+                and outcome.objective < _tie(best.solution, coarse, options.says)
                 and all(abs(outcome.objective - other) > _SAME * abs(other) for other in ties))
         differs = not best.certified and all(
             abs(outcome.objective - other) > ANOTHER * abs(other) for other in ties)
@@ -189,7 +164,7 @@ def _explore(bench: Bench, pool: StartPool, best: Candidate, floor: float,
             refined += [other.solution.objective] if other.certified else []
             if better(best.solution, other.solution) is other.solution:
                 best, coarse = other, outcome.objective
-                wanted = max(wanted, number + 1 + _AFTER)
+                wanted = max(wanted, number + 1 + options.after)
         found.append(outcome)
         spent += bench.work - started
     minima = refined + _others(bench, found, ties, coarse)
@@ -207,14 +182,16 @@ def _remember(bench: Bench, pool: StartPool, best: Candidate, minima: list[float
         record = replace(record, extremal=bench.programs.indirect.thinned(
             bench.stated, record.extremal, record.sizes))
     bench.programs.remember(replace(
-        record, rivals=_rivals(found, coarse), refined=cost / coarse if coarse else 1,
-        looked=collect_numbers(bench.stated), optimality=describe_local(pool.tried, cost, minima)))
+        record, rivals=_rivals(found, coarse, bench.options.multistart),
+        refined=cost / coarse if coarse else 1, looked=collect_numbers(bench.stated),
+        optimality=describe_local(pool.tried, cost, minima)))
     bench.programs.note_minima(pool.known_minima.minima)
 
 
 def _lined_up(bench: Bench, pool: StartPool, best: Candidate, floor: float, *, uneven: bool,
               bent: bool) -> tuple[list[RolloutEnd], list[Path]]:
     """Set the further starts; return the promising ones, and those with other final times."""
+    options = bench.options.multistart
     problem, begun, lengths = bench.problem, bench.work, list[Path]()
     if uneven:
         pool.replace_rest(bench.programs.guesser.scattered(
@@ -226,7 +203,7 @@ def _lined_up(bench: Bench, pool: StartPool, best: Candidate, floor: float, *, u
         lengths = find_other_lengths(bench, best, pool.rest, bent)
     aside = bench.work - begun
     interleave_rollouts(bench, best, pool, promising,
-                        lambda: bench.work - aside > _HARD or _rough(bench, pool), bent)
+                        lambda: bench.work - aside > options.hard or _rough(bench, pool), bent)
     pool.put_first(lengths)
     return promising, lengths
 
@@ -266,19 +243,22 @@ def _explain_enough(bench: Bench, pool: StartPool, number: int, work: tuple[int,
 
     `number`: starts so far. `work`: that before multistart, and that of its starts.
     """
+    options = bench.options.multistart
     (before, spent), rough = work, _rough(bench, pool)
-    hard = before > _HARD
-    if spent > _LAVISH if certified else bench.work > _WEARY[0] and spent > _WEARY[1]:
+    hard = before > options.hard
+    weary = bench.work > options.weary and spent > options.weary_starts
+    if spent > options.lavish if certified else weary:
         return f'the work for further starts is used up after {number}'
-    if (rough or bent) and certified and not (hard or uneven) and spent > max(_FOR_ROUGH, before):
+    if (rough or bent) and certified and not (hard or uneven) and (
+            spent > max(options.rough_work, before)):
         return f'{number} starts took more work than the solution'
     if uneven or hard and not bench.stages:
-        many = number >= _MANY and spent >= _FOR_MANY
+        many = number >= options.many and spent >= options.many_work
     else:
-        times = 1 + (pool.known_minima.minima > _FEW and not hard)
-        least = _LEAST_HARD if hard or rough else _LEAST_BENT if bent else 1
+        times = 1 + (pool.known_minima.minima > options.few and not hard)
+        least = options.least_hard if hard or rough else options.least_bent if bent else 1
         many = number >= max(times * least if least > 1 else 1, wanted)
-    if many and spent > _EXPLORING[hard] * bench.work:
+    if many and spent > (options.share_hard if hard else options.share) * bench.work:
         return f'{number} starts took their part of the work'
     if many and pool.known_minima.enough():
         return f'{number} starts led to minima that are known'
@@ -292,10 +272,11 @@ def _disproportion(bench: Bench, best: Candidate) -> float:
     u is the input of the last path, u_mean its mean, u_half the mean of both. If the index is
     small, the dynamics cause no other local minima.
     """
+    options = bench.options.multistart
     if best.record is None:
         return 0.0
     path, parts = best.record.outcome.path, np.array([0.0, 0.5, 1.0])
-    first = np.unique(np.linspace(0, len(path.ua), _PARTS + 1).astype(np.int64))
+    first = np.unique(np.linspace(0, len(path.ua), options.parts + 1).astype(np.int64))
     t, h = path.t[first], np.diff(path.t)[:, None]
     u = np.add.reduceat(h * (path.ua + path.ub) / 2, first[:-1])
     mean, u = u.sum(axis=0) / t[-1], u / np.maximum(np.diff(t), 1e-300)[:, None]
@@ -309,27 +290,29 @@ def _disproportion(bench: Bench, best: Candidate) -> float:
 
 def _rough(bench: Bench, pool: StartPool) -> bool:
     """Return whether coarse solves fail, end at very different costs, or are slow."""
-    return bench.typical > _SLOW or pool.known_minima.rough
+    options = bench.options.multistart
+    return bench.typical > options.slow or pool.known_minima.rough
 
 
 def _pursued(bench: Bench, floor: float, outcome: TranscriptionOutcome) -> TranscriptionOutcome:
     """Return an outcome; of lower cost than `floor`, converged on meshes with small errors."""
+    options = bench.options.multistart
     if is_below(outcome.objective, floor, ANOTHER):
         if not outcome.converged and outcome.infeasibility <= _MET:   # it needs more iterations
-            later = bench.collocate(outcome.mesh, outcome.path, near=True, most=_ITERATIONS)
+            later = bench.collocate(outcome.mesh, outcome.path, near=True, most=options.iterations)
             outcome = later if later.converged else outcome
-        for _ in range(_SPLITS):
+        for _ in range(options.splits):
             if not outcome.converged or bench.is_accurate(outcome):
                 break
             mesh = split(outcome.mesh, np.full(outcome.mesh.layout.intervals, 2))
-            outcome = bench.collocate(mesh, outcome.path, near=True, most=_ITERATIONS)
+            outcome = bench.collocate(mesh, outcome.path, near=True, most=options.iterations)
     return outcome
 
 
-def _tie(best: Solution, coarse: float) -> float:
+def _tie(best: Solution, coarse: float, says: float) -> float:
     """Return the coarse cost below which refinement may lead to less than the best cost."""
     error = abs(best.objective - coarse)
-    return coarse + 2 * error if best.certified and error < _SAYS * abs(coarse) else -np.inf
+    return coarse + 2 * error if best.certified and error < says * abs(coarse) else -np.inf
 
 
 def _may_be_better(bench: Bench, outcome: TranscriptionOutcome, best: Candidate, coarse: float, *,
@@ -339,14 +322,15 @@ def _may_be_better(bench: Bench, outcome: TranscriptionOutcome, best: Candidate,
 
     `lower`: whether it is on the coarse mesh.
     """
+    options = bench.options.multistart
     cost, kept = best.solution.objective, best.record
-    if kept is None or abs(cost - coarse) <= _ERRS * abs(coarse) or (
+    if kept is None or abs(cost - coarse) <= options.errs * abs(coarse) or (
             outcome.mesh.layout.intervals > bench.intervals):
         return True
-    mesh = build_uniform_mesh(bench.problem, _FINER * bench.intervals, bench.stages)
+    mesh = build_uniform_mesh(bench.problem, options.finer * bench.intervals, bench.stages)
     if not bench.monitor.allows(mesh.layout.intervals):
         return True
-    known, new = (bench.collocate(mesh, path, path.t[-1:], near=True, most=_ITERATIONS)
+    known, new = (bench.collocate(mesh, path, path.t[-1:], near=True, most=options.iterations)
                   for path in (kept.outcome.path, outcome.path))
     if not (known.converged and new.converged):
         return lower
@@ -372,12 +356,13 @@ def _others(bench: Bench, found: list[TranscriptionOutcome], followed: list[floa
     return costs
 
 
-def _rivals(found: list[TranscriptionOutcome], coarse: float) -> tuple[TranscriptionOutcome, ...]:
+def _rivals(found: list[TranscriptionOutcome], coarse: float,
+            options: MultistartOptions) -> tuple[TranscriptionOutcome, ...]:
     """Return outcomes of other local minima whose coarse cost is not much above the best."""
     rivals: list[TranscriptionOutcome] = []
     for outcome in sorted(found, key=lambda outcome: outcome.objective):
         above = outcome.objective - (rivals[-1].objective if rivals else coarse)
         if (outcome.converged and above > ANOTHER * abs(coarse)
-                and outcome.objective <= coarse + _RIVAL * abs(coarse)):
+                and outcome.objective <= coarse + options.rival * abs(coarse)):
             rivals.append(outcome)
-    return tuple(rivals[:_RIVALS])
+    return tuple(rivals[:options.rivals])

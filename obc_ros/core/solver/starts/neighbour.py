@@ -16,10 +16,6 @@ from obc_ros.core.solver.proofs.optimality import describe_local
 from obc_ros.core.solver.trace import judge_path
 from obc_ros.core.solver.transcription.local_minima import ANOTHER
 
-_ITERATIONS = 15    # maximum number of iterations: with more, another minimum may be better
-_ROUNDS = 3         # maximum number of meshes if the certificate does not pass at once
-_RIVAL_ITERATIONS = 150   # maximum number of iterations for a rival
-
 
 def solve_from_neighbour(bench: Bench) -> Candidate | None:
     """
@@ -51,6 +47,7 @@ def solve_from_neighbour(bench: Bench) -> Candidate | None:
 
 def _follow(bench: Bench, last: Answered) -> Candidate | None:
     """Do what `solve_from_neighbour` does, from the solution of one neighbour."""
+    options = bench.options.neighbour
     programs, stated, start = bench.programs, bench.stated, last.outcome
     bench = replace(
         bench, margin=last.margin, stages=start.mesh.layout.stages,
@@ -58,11 +55,11 @@ def _follow(bench: Bench, last: Answered) -> Candidate | None:
     extremal, near = None, start_from_neighbour(programs, stated, last)
     if near is None:
         outcome = bench.collocate(start.mesh, start.path, near=True, sizes=last.sizes,
-                                  most=_ITERATIONS, warm=start)
+                                  most=options.iterations, warm=start)
     else:
         extremal, guide = near
         outcome = bench.collocate(guide.mesh, guide.path, near=True, sizes=last.sizes,
-                                  most=_ITERATIONS, guide=guide)
+                                  most=options.iterations, guide=guide)
     found = bench.certify(outcome, extremal) if outcome.converged else None
     if found is not None and found.certified:
         found = Candidate(found.solution, nearby=near is not None, record=replace(
@@ -72,7 +69,7 @@ def _follow(bench: Bench, last: Answered) -> Candidate | None:
     else:
         programs.forget(last)   # it does not serve the next problem either
         if found is not None and not bench.monitor.stopped:   # kinks have left the mesh points
-            found = descend(bench, outcome, _ROUNDS)
+            found = descend(bench, outcome, options.meshes)
             found = replace(found, record=found.record and replace(
                 found.record, rivals=last.rivals, refined=last.refined, looked=last.looked))
     if found is None or not found.certified or found.record is None:
@@ -89,7 +86,8 @@ def _follow(bench: Bench, last: Answered) -> Candidate | None:
 
 def follow_rivals(bench: Bench, last: Answered) -> list[float]:
     """Return the costs of the rivals of a neighbour here, scaled from coarse to fine meshes."""
-    outcomes = [bench.collocate(rival.mesh, rival.path, near=True, most=_RIVAL_ITERATIONS)
+    options = bench.options.neighbour
+    outcomes = [bench.collocate(rival.mesh, rival.path, near=True, most=options.rival_iterations)
                 for rival in last.rivals]
     return [last.refined * outcome.objective for outcome in outcomes if outcome.converged]
 

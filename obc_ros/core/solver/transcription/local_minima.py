@@ -4,13 +4,12 @@
 
 import numpy as np
 from obc_ros.core.numerics.arrays import Array
+from obc_ros.core.solver.options import CoarseOptions, DEFAULTS
 from obc_ros.core.solver.transcription.mesh import Path
 
 ANOTHER = 1e-3   # relative difference of two costs above which they are of different minima
 _SAME = 2e-4     # relative difference up to which a coarse cost is that of a known minimum
 _MET = 1e-5      # infeasibility of a feasible path
-_WILD = 1e6      # infeasibility from which on states have diverged
-_CALMER, _CALMEST = 0.5, 0.1   # factor of the spans of guesses after divergence, and its minimum
 
 
 class LocalMinima:
@@ -22,7 +21,8 @@ class LocalMinima:
     start is a rollout of random inputs: its failure says little about the problem.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, options: CoarseOptions = DEFAULTS.coarse) -> None:
+        self._options = options
         self._seen: tuple[Array, Array] | None = None
         self._part = 1.0
         self.from_rollout = False
@@ -68,8 +68,8 @@ class LocalMinima:
             new = np.ptp(x, axis=0), np.maximum(np.ptp(u, axis=0), np.abs(u).max(axis=0))
             known = self._seen or new
             self._seen = np.maximum(known[0], new[0]), np.maximum(known[1], new[1])
-        if path is None and not (infeasibility < _WILD or self.from_rollout):
-            self._part = max(_CALMER * self._part, _CALMEST)
+        if path is None and not (infeasibility < self._options.wild or self.from_rollout):
+            self._part = max(self._options.calmer * self._part, self._options.calmest)
         if path is not None or self._knows(cost, infeasibility):
             self._costs.append(cost)
             self._regular += [] if self.from_rollout else [cost]

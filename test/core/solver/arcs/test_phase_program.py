@@ -12,7 +12,7 @@ from obc_ros.core.solver.arcs.input_arcs import Arc
 from obc_ros.core.solver.arcs.phase_mesh import spread_as_wanted, spread_by_error, spread_like
 from obc_ros.core.solver.arcs.phase_program import PhasedProgram
 from obc_ros.core.solver.arcs.phases import DEGREE, Phased
-from obc_ros.core.solver.bench import build_bench
+from obc_ros.core.solver.bench import build_bench, Task
 from obc_ros.core.solver.improve.phase_samples import sample_phases
 from obc_ros.core.solver.improve.state_arcs import settle_arcs
 from obc_ros.core.solver.nlp.progress import ProgressMonitor
@@ -20,7 +20,6 @@ from obc_ros.core.solver.program_cache import ProgramCache
 from obc_ros.core.solver.solve import solve
 from obc_ros.core.solver.starts.horizon_continuation import lengthen_horizon
 from obc_ros.core.solver.starts.initial_guess import estimate_scales
-from obc_ros.core.solver.task import Task
 from obc_ros.core.solver.transcription.mesh import Path
 import problems
 import pytest

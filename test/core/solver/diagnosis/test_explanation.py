@@ -9,13 +9,13 @@ import re
 import numpy as np
 from obc_ros.core.ocp.certificate.certificate import certify
 from obc_ros.core.ocp.solution import Solution, Status
+from obc_ros.core.solver.bench import Task
 from obc_ros.core.solver.diagnosis.explanation import explain
 from obc_ros.core.solver.nlp.progress import ProgressMonitor
 from obc_ros.core.solver.program_cache import ProgramCache
 from obc_ros.core.solver.proofs.interval_bounds import find_lower_bounds
 from obc_ros.core.solver.search import search
 from obc_ros.core.solver.solve import solve
-from obc_ros.core.solver.task import Task
 import problems
 import pytest
 from scipy.integrate import solve_ivp

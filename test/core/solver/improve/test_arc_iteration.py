@@ -3,11 +3,10 @@
 """Arcs obtained from coarse paths, and the costs of coarse paths."""
 
 import casadi as ca
-from obc_ros.core.solver.bench import build_bench
+from obc_ros.core.solver.bench import build_bench, Task
 from obc_ros.core.solver.nlp.progress import ProgressMonitor
 from obc_ros.core.solver.program_cache import ProgramCache
 from obc_ros.core.solver.solve import solve
-from obc_ros.core.solver.task import Task
 from obc_ros.core.solver.transcription.mesh import build_uniform_mesh
 import problems
 import pytest

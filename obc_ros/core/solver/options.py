@@ -1,0 +1,351 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+Options of the search: every number that decides what is tried, in which order and how long.
+
+Tolerances of arithmetic stay beside their formulas, and tolerances of the certificate are no
+options. Work is counted in iterations times intervals, with collocation times 1 + stages, so that
+the result does not depend on the load of the machine. A unit takes about 0.05 ms. 'Relative
+excess' is the Hamiltonian loss of a path over |J|.
+
+The module is long because it holds all options; each group belongs to one strategy.
+"""
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field, fields, replace
+import math
+from typing import Any
+
+from obc_ros.core.text.errors import quote, StatementError
+from obc_ros.core.text.expressions import suggest_name
+
+
+def steer(default: float | tuple[float, ...], meaning: str, unit: str = '') -> Any:
+    """Return a field with its default, its meaning in a phrase, and its unit."""
+    return field(default=default, metadata={'meaning': meaning, 'unit': unit})
+
+
+@dataclass(frozen=True)
+class CoarseOptions:
+    """First solves on a coarse mesh."""
+
+    intervals: int = steer(16, 'size of the coarsest mesh', 'intervals')
+    iterations: int = steer(150, 'maximum of a solve on a coarse mesh', 'iterations')
+    few_iterations: int = steer(12, 'lower limit of the maximum of further guesses', 'iterations')
+    starts: int = steer(1, 'guesses after one that led to a path', 'guesses')
+    starts_in_vain: int = steer(6, 'guesses while none led to a path', 'guesses')
+    patience: int = steer(10_000, 'work after which `starts` is enough in any case', 'work')
+    rough: float = steer(1e-4, 'error of the cost at which a solve may end', 'relative')
+    wild: float = steer(1e6, 'infeasibility at which states have diverged', 'scaled')
+    calmer: float = steer(0.5, 'factor of the ranges of guesses after divergence')
+    calmest: float = steer(0.1, 'the least product of these factors')
+    error: float = steer(1e-2, 'local error of a step that is small enough', 'relative')
+    absurd: float = steer(1e6, 'excess of the cost that is too large to compare', 'relative')
+
+
+@dataclass(frozen=True)
+class RefinementOptions:
+    """Aims of a mesh refinement, for all intervals together unless said otherwise."""
+
+    loss: float = steer(3e-7, 'Hamiltonian loss without state constraints', 'relative')
+    loss_bounded: float = steer(1e-7, 'Hamiltonian loss with state constraints', 'relative')
+    drift: float = steer(2e-5, 'variation of H in each interval', 'relative to its terms')
+    step_error: float = steer(3e-8, 'local errors of the states', 'relative')
+
+
+@dataclass(frozen=True)
+class DescentOptions:
+    """Descent from a coarse outcome to a certificate."""
+
+    meshes: int = steer(10, 'maximum of a descent', 'meshes')
+    plain: int = steer(5, 'meshes after which switching times are sought in any case', 'meshes')
+    iterations: int = steer(350, 'maximum on a finer mesh, from the coarser one', 'iterations')
+    work: int = steer(450_000, 'maximum on a finer mesh, but for 50 iterations', 'work')
+    boundary_arcs: tuple[int, ...] = steer(
+        (1, 2, 4, 6), 'refinements after which arcs along state bounds are solved for', 'meshes')
+    boundary_excess: float = steer(0.1, 'excess below which that is done', 'relative')
+    look: float = steer(1e-3, 'excess below which a certificate is computed', 'relative')
+    spread: float = steer(1.5e-4, 'variation of H above which it is not', 'relative')
+    close: float = steer(1e-6, 'excess below which it is, whatever H does', 'relative')
+    enough: float = steer(1e-5, 'excess at which a certified path is not refined', 'relative')
+    enough_bounded: float = steer(2e-6, 'the same with state constraints', 'relative')
+    detour: float = steer(1e-5, 'excess above which inputs may wind around', 'relative')
+    digits: int = steer(8000, 'work after which a certified path is not refined', 'work')
+
+
+@dataclass(frozen=True)
+class BudgetOptions:
+    """Work and time of searches, proofs and explanations."""
+
+    vain: float = steer(2.0, 'work of descents when all coarse errors are large', 'work so far')
+    share: float = steer(0.6, 'part of the time for descents that may be in vain', 'time left')
+    chattering: int = steer(200_000, 'extra work of descents when sequences chatter', 'work')
+    inside: float = steer(1e-2, 'distance from bounds of an input that chatters', 'range')
+    lasting: float = steer(0.1, 'duration of chattering', 'final time')
+    explanation: int = steer(400_000, 'work of an explanation', 'work')
+    related: int = steer(150_000, 'work for each problem that it solves', 'work')
+    least: float = steer(0.5, 'time that must be left for an explanation', 's')
+    certificate: float = steer(0.05, 'part of the time kept for the certificate', 'time limit')
+    certificate_most: float = steer(0.5, 'the most of it', 's')
+
+
+@dataclass(frozen=True)
+class MultistartOptions:
+    """
+    Number of further starts.
+
+    A problem is hard if its first descent took much work; rough if coarse solves are slow, fail,
+    or end at very different costs; bent if its nonlinearity index is large.
+    """
+
+    hard: int = steer(3000, 'work of the first descent of a hard problem', 'work')
+    slow: int = steer(30, 'iterations of a coarse solve of a rough problem', 'iterations')
+    bent: float = steer(0.4, 'nonlinearity index of a bent problem')
+    parts: int = steer(12, 'parts of the inputs that give the index', 'parts')
+    share: float = steer(0.15, 'part of all work for further starts', 'work')
+    share_hard: float = steer(0.3, 'the same for hard problems', 'work')
+    least_hard: int = steer(12, 'minimum for hard problems by collocation, rough ones', 'starts')
+    least_bent: int = steer(8, 'minimum for bent problems', 'starts')
+    few: int = steer(2, 'minima above which the minimum number is doubled', 'minima')
+    after: int = steer(3, 'starts after one that led to a better solution', 'starts')
+    many: int = steer(24, 'minimum for hard problems by steps and costs with wells', 'starts')
+    many_work: int = steer(15_000, 'minimum for these', 'work')
+    most: int = steer(80, 'maximum', 'starts')
+    long: int = steer(60_000, 'work of the first descent before others are looked at', 'work')
+    looks: int = steer(3, 'others that are looked at then', 'starts')
+    iterations: int = steer(150, 'maximum to confirm a lower cost', 'iterations')
+    splits: int = steer(2, 'mesh halvings to confirm a lower cost', 'meshes')
+    errs: float = steer(1e-2, 'error of coarse costs above which a finer mesh decides', 'relative')
+    finer: int = steer(4, 'refinement of that mesh', 'times')
+    cheaper: float = steer(1e-6, 'difference of certified costs that counts', 'relative')
+    ties: int = steer(6, 'descents from nearly equal coarse costs', 'descents')
+    says: float = steer(0.2, 'error of a coarse cost up to which ties count', 'relative')
+    rivals: int = steer(3, 'other minima kept for neighbours', 'minima')
+    rival: float = steer(0.3, 'excess of their costs', 'relative')
+    weary: int = steer(500_000, 'work in all after which nothing certified is enough', 'work')
+    weary_starts: int = steer(50_000, 'work of starts after which that holds', 'work')
+    rough_work: int = steer(3000, 'work for starts of rough problems that are not hard', 'work')
+    lavish: int = steer(150_000, 'work for starts once a solution is certified', 'work')
+
+
+@dataclass(frozen=True)
+class WindowOptions:
+    """Final-time windows: other minima with longer and shorter final times."""
+
+    ratio: float = steer(2**0.5, 'ratio of the times of adjacent windows')
+    longer: int = steer(6, 'maximum with longer times', 'windows')
+    shorter: int = steer(4, 'maximum with shorter times', 'windows')
+    iterations: int = steer(40, 'maximum in each', 'iterations')
+    rough: float = steer(1e-3, 'error of the cost at which a solve may end', 'relative')
+    same: float = steer(1e-2, 'difference of costs of the same minimum', 'relative')
+    kept: int = steer(4, 'maximum that becomes guesses', 'windows')
+    work: int = steer(3000, 'work for all windows, or that before if more', 'work')
+
+
+@dataclass(frozen=True)
+class HorizonOptions:
+    """Horizon continuation: from a short final time to the given one."""
+
+    halvings: int = steer(6, 'halvings of T for the first horizon')
+    meshes: int = steer(4, 'maximum over a horizon', 'meshes')
+    iterations: int = steer(150, 'maximum on each', 'iterations')
+    work: int = steer(100_000, 'work for all horizons', 'work')
+    fine: int = steer(32, 'integration steps of the continuation', 'steps per interval')
+    far: float = steer(10.0, 'growth of the states above which it is not used', 'times')
+
+
+@dataclass(frozen=True)
+class BangOptions:
+    """Bang arcs: phases in which inputs are held at their bounds."""
+
+    solves: int = steer(10, 'maximum with other arcs', 'solves')
+    moved: float = steer(1e-6, 'decrease of the cost for which ends are moved', 'relative')
+    seen: float = steer(0.98, 'least length of an arc', 'detected length')
+    vanishing: float = steer(1e-3, 'length up to which an arc may be removed', 'final time')
+    removal: float = steer(1e-9, 'increase of the cost by removing one', 'relative')
+    removal_again: float = steer(1e-7, 'the same once one has vanished', 'relative')
+    iterations: int = steer(200, 'maximum of a solve with new arcs', 'iterations')
+    room: float = steer(1e-5, 'increase of the cost by new arcs', 'relative')
+
+
+@dataclass(frozen=True)
+class WellOptions:
+    """Moves of inputs to another minimum of H."""
+
+    values: int = steer(17, 'values of each input at which H is evaluated', 'values')
+    glance: int = steer(8, 'intervals that are sampled before all', 'intervals')
+    worth: float = steer(1e-3, 'least predicted decrease of the cost', 'relative')
+    shares: tuple[float, ...] = steer(
+        (0.0, 0.3, 0.7), 'decrease of H from which on inputs move', 'largest decrease')
+    moves: int = steer(3, 'maximum', 'moves')
+    solves: int = steer(6, 'maximum with phases that begin at jumps', 'solves')
+    steps: int = steer(40, 'integration steps in the longest interval', 'steps')
+    iterations: int = steer(150, 'maximum of a solve', 'iterations')
+    jump: float = steer(0.05, 'least jump of an input', 'range')
+    beside: float = steer(1.5, 'distance of a slope from the end of a phase', 'intervals')
+
+
+@dataclass(frozen=True)
+class KinkOptions:
+    """Meshes with a point at each kink of the inputs."""
+
+    largest: float = steer(3e7, 'size up to which the boundary value problem is solved', 'entries')
+    deviation: float = steer(4e-3, 'inputs from linear in an interval', 'relative')
+    worse: float = steer(1e-5, 'increase of the cost that is accepted', 'relative')
+    intervals: int = steer(32, 'minimum', 'intervals')
+
+
+@dataclass(frozen=True)
+class IndirectOptions:
+    """Indirect refinement after a search."""
+
+    work: int = steer(800, 'work of a search from which on it is done', 'work')
+    least: float = steer(0.5, 'time that must be left', 's')
+    quick: float = steer(1e-5, 'difference of the sampled input from u*, first', 'relative')
+    precise: float = steer(2e-7, 'the same of the method indirect, and second', 'relative')
+    fewest: int = steer(64, 'minimum', 'samples')
+    most: int = steer(4000, 'maximum', 'samples')
+
+
+@dataclass(frozen=True)
+class BoundaryOptions:
+    """Boundary arcs: phases along active state constraints."""
+
+    work: int = steer(45_000, 'work for the arcs of a coarse mesh; the least for others', 'work')
+    finer: tuple[int, ...] = steer((4, 2), 'refinements of the coarse mesh, in turn', 'times')
+    gaps: tuple[float, ...] = steer(
+        (0.06, 0.01), 'gaps in a contact that are closed, in turn', 'final time')
+    solves: int = steer(6, 'maximum with changing arcs', 'solves')
+    graded: int = steer(3, 'refinements where x or lam is not resolved', 'refinements')
+    intervals: int = steer(24, 'of all phases together, about', 'intervals')
+    fewest: int = steer(3, 'minimum of a phase', 'intervals')
+    finest: int = steer(8, 'largest refinement', 'times')
+    iterations: int = steer(150, 'maximum of a solve', 'iterations')
+    coarse: float = steer(1e-4, 'residual of the dynamics above which arcs are not detected')
+    stiff: float = steer(0.1, 'ratio of residuals above which intervals are spread anew')
+    steady: float = steer(0.7, 'ratio of residuals below which the budget is extended')
+    slowly: float = steer(0.1, 'ratio of residuals above which bangs are sought')
+    worse: float = steer(1.5, 'ratio of residuals above which no finer mesh is tried')
+    dearer: float = steer(1e-3, 'increase of the cost from the detected path', 'relative')
+    no_dearer: float = steer(1e-6, 'increase of the cost from a certified solution', 'relative')
+    opened: float = steer(0.25, 'length of a free arc that is inserted', 'shorter neighbour')
+    nearly: float = steer(0.1, 'rate at a junction that may be tangential', 'relative')
+
+
+@dataclass(frozen=True)
+class NeighbourOptions:
+    """Repeated structures: solutions of neighbouring problems, and kept programs."""
+
+    layouts: int = steer(24, 'programs kept', 'programs')
+    answers: int = steer(16, 'solutions kept', 'solutions')
+    near: float = steer(0.2, 'change of a number up to which a problem is a neighbour', 'relative')
+    elsewhere: float = steer(2.0, 'change of x(0) up to which it is one', 'max |x|')
+    alone: float = steer(1.0, 'part of these within which one minimum stays the best')
+    several: float = steer(0.05, 'the same if several minima are known')
+    derive: int = steer(1000, 'work after which faster derivatives are built', 'work')
+    usual: int = steer(10, 'iterations expected of a new program', 'iterations')
+    again: int = steer(4, 'weight of the work of a structure that was solved')
+    iterations: int = steer(15, 'maximum from a neighbour: another minimum may be better',
+                            'iterations')
+    meshes: int = steer(3, 'maximum if the certificate does not pass at once', 'meshes')
+    rival_iterations: int = steer(150, 'maximum for another minimum', 'iterations')
+
+
+@dataclass(frozen=True)
+class Options:
+    """All options of a search, a group a strategy."""
+
+    coarse: CoarseOptions = CoarseOptions()
+    refinement: RefinementOptions = RefinementOptions()
+    descent: DescentOptions = DescentOptions()
+    budget: BudgetOptions = BudgetOptions()
+    multistart: MultistartOptions = MultistartOptions()
+    windows: WindowOptions = WindowOptions()
+    horizon: HorizonOptions = HorizonOptions()
+    bangs: BangOptions = BangOptions()
+    wells: WellOptions = WellOptions()
+    kinks: KinkOptions = KinkOptions()
+    boundary: BoundaryOptions = BoundaryOptions()
+    indirect: IndirectOptions = IndirectOptions()
+    neighbour: NeighbourOptions = NeighbourOptions()
+
+
+DEFAULTS = Options()
+
+
+@dataclass(frozen=True)
+class Option:
+    """One option: its name as users write it, its value, its meaning and its unit."""
+
+    name: str
+    value: float | tuple[float, ...]
+    meaning: str
+    unit: str
+
+
+def list_options(options: Options = DEFAULTS) -> Iterator[Option]:
+    """
+    Yield all options in order.
+
+    Parameters
+    ----------
+    options : Options
+        Their values.
+
+    """
+    for group in fields(options):
+        values = getattr(options, group.name)
+        for each in fields(values):
+            yield Option(f'{group.name}.{each.name}', getattr(values, each.name),
+                         each.metadata['meaning'], each.metadata['unit'])
+
+
+def read_options(given: Iterable[str]) -> Options:
+    """
+    Return the options with the given changes.
+
+    Parameters
+    ----------
+    given : iterable of str
+        Each is NAME=VALUE, as 'multistart.most=20'. A list of numbers is separated by commas.
+
+    Returns
+    -------
+    Options
+
+    Raises
+    ------
+    StatementError
+        If a name is unknown, or a value is not of the kind of the default, or is negative.
+
+    """
+    options, known = DEFAULTS, {each.name: each.value for each in list_options()}
+    for text in given:
+        name, sign, value = (part.strip() for part in text.partition('='))
+        if not sign:
+            raise StatementError(f"option: '{quote(text)}': wanted NAME=VALUE, as "
+                                 'multistart.most=20')
+        if name not in known:
+            raise StatementError(
+                f"option: '{quote(name)}' is unknown{suggest_name(name, tuple(known))}; "
+                '`obc solve --list-options` lists all')
+        group, key = name.split('.')
+        options = replace(options, **{group: replace(
+            getattr(options, group), **{key: _read_value(name, value, known[name])})})
+    return options
+
+
+def _read_value(name: str, text: str, default: float | tuple[float, ...]) -> Any:
+    """Return a value of the kind of the default."""
+    if isinstance(default, tuple):
+        parts = text.split(',')
+        return tuple(_read_value(name, part.strip(), default[0]) for part in parts)
+    kind, wanted = (int, 'a whole number') if isinstance(default, int) else (float, 'a number')
+    try:
+        value = kind(text)
+    except ValueError:
+        raise StatementError(
+            f"option: {name} = '{quote(text)}': wanted {wanted} that is not negative") from None
+    if not 0 <= value < math.inf:
+        raise StatementError(f'option: {name} = {value:g}: wanted {wanted} that is not negative')
+    return value
