@@ -15,6 +15,7 @@ from obc_ros.core.solver.starts.horizon_continuation import lengthen_horizon
 from obc_ros.core.solver.starts.initial_guess import join_whole_turns
 from obc_ros.core.solver.starts.obstacle_homotopy import start_around
 from obc_ros.core.solver.starts.start_pool import StartPool
+from obc_ros.core.solver.trace import GUESS
 from obc_ros.core.solver.transcription.mesh import build_uniform_mesh, STEPPED
 from obc_ros.core.solver.transcription.program import TranscriptionOutcome
 
@@ -152,7 +153,7 @@ def solve_next_start(bench: Bench, pool: StartPool, *, once: bool,
     if once:
         most = min(most, max(options.few_iterations, round((5 if hard else 2.5) * bench.typical)))
     start, rough = pool.take(), options.rough
-    with bench.trace.attempt('initial guess', start.origin) as attempt:
+    with bench.trace.attempt(GUESS, start.origin) as attempt:
         if np.isfinite(pool.periods).any():
             # An input that is an angle and turns by 2 pi within a step interpolates badly: solve
             # with constant inputs first, and remove the whole turns between its steps.

@@ -138,7 +138,8 @@ def _ended(task: Task, found: Solution, explained: bool) -> Solution:
     if monitor.stopped == 'timed_out':
         advice = advise_bounds(problem)
         return replace(found, status=Status.TIMED_OUT, message=(
-            f'no certified solution within {time_limit:g} s{path}{advice and "; "}{advice}'))
+            '; '.join(filter(None, (f'no certified solution within {time_limit:g} s{path}',
+                                    monitor.trace.describe_effort(), advice)))))
     if not explained:
         return found
     if monitor.short:
@@ -164,7 +165,8 @@ def _explained(task: Task, found: Solution) -> Solution:
         if found.certificate and found.certificate.residuals[Condition.DYNAMICS] > _NO_PATH:
             sentence = ('no path was found that satisfies all constraints; in the nearest one '
                         f'{sentence}')
-        return replace(found, message='; '.join(filter(None, (sentence, advise_bounds(problem)))))
+        return replace(found, message='; '.join(filter(None, (
+            sentence, monitor.trace.describe_effort(), advise_bounds(problem)))))
     if not reason.infeasible:
         is_path = found.certificate is not None and found.certificate.feasible
         return replace(found, message='; '.join(

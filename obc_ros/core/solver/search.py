@@ -26,6 +26,7 @@ from obc_ros.core.solver.proofs.optimality import describe_local
 from obc_ros.core.solver.starts.multistart import descend_from_coarse, explore_starts
 from obc_ros.core.solver.starts.neighbour import solve_from_neighbour
 from obc_ros.core.solver.starts.start_pool import StartPool
+from obc_ros.core.solver.trace import GUESS
 from obc_ros.core.solver.transcription.program import TranscriptionOutcome
 
 
@@ -66,7 +67,7 @@ def search(task: Task, *, with_arcs: bool = True, quick: bool = False,
     found, bench, minima = _descend(coarse, pool)
     if not found.solution.optimality:
         found = replace(found, solution=replace(found.solution, optimality=describe_local(
-            pool.tried, found.solution.objective, minima)))
+            bench.trace.count(GUESS), found.solution.objective, minima)))
     return found, bench
 
 

@@ -8,6 +8,7 @@ import math
 
 from obc_ros.core.ocp.solution import Attempt, MOST_ATTEMPTS, Solution, Status, Verdict
 
+GUESS = 'initial guess'   # the method of an attempt from an initial guess
 _SHOWN = 3   # attempts under way that `Trace.describe` names, the innermost last
 
 
@@ -26,6 +27,11 @@ class Entry:
     aside : bool
         Whether it solves another problem, whose costs say nothing about this one.
 
+    Attributes
+    ----------
+    verdict : Verdict
+        The result so far.
+
     """
 
     def __init__(self, number: int, parent: int, method: str, what: str, begun: int,
@@ -34,13 +40,13 @@ class Entry:
         self.begun, self.aside = begun, aside
         self.work = 0
         self._cost = self._loss = math.nan
-        self._verdict, self._why = Verdict.STOPPED, ''
+        self.verdict, self._why = Verdict.STOPPED, ''
 
     def end(self, verdict: Verdict, why: str = '', *, cost: float = math.nan,
             loss: float = math.nan, what: str = '') -> None:
         """Set the result; see `Attempt`. A later call replaces it; `what` if it is given."""
         self.what = what or self.what
-        self._verdict, self._why = verdict, why
+        self.verdict, self._why = verdict, why
         self._cost, self._loss = float(cost), float(loss)
 
     def spend(self, work: int) -> None:
@@ -52,7 +58,7 @@ class Entry:
         return Attempt(
             number=self.number, parent=self.parent, method=self.method, what=self.what,
             begun=self.begun, work=self.work, cost=self._cost, loss=self._loss,
-            verdict=self._verdict, why=self._why)
+            verdict=self.verdict, why=self._why)
 
 
 class Trace:
@@ -137,6 +143,20 @@ class Trace:
                 f'{"" if self._certified else ", not certified"}')
             self._description = (now or 'solving') + best
         return self._description
+
+    def count(self, method: str, verdict: Verdict | None = None) -> int:
+        """Return the number of attempts for the problem itself, all or with one verdict."""
+        return sum(entry.method == method and not entry.aside and verdict in (None, entry.verdict)
+                   for entry in self._entries)
+
+    def describe_effort(self) -> str:
+        """Return in words how hard a path was searched for; '' without a search."""
+        guesses = self.count(GUESS)
+        if not guesses:
+            return ''
+        led = self.count(GUESS, Verdict.CONVERGED)
+        tried = 'guess was' if guesses == 1 else 'guesses were'
+        return f'{guesses} initial {tried} tried, {led} led to a path on a coarse mesh'
 
     def attempts(self, most: int = MOST_ATTEMPTS) -> tuple[Attempt, ...]:
         """Return the attempts, at most `most`; the most detailed are left out first."""

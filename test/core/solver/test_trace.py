@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from obc_ros.core.ocp.solution import MOST_ATTEMPTS, Status, Verdict
 from obc_ros.core.solver.solve import solve
-from obc_ros.core.solver.trace import Trace
+from obc_ros.core.solver.trace import GUESS, Trace
 import problems
 import pytest
 
@@ -79,7 +79,7 @@ def test_an_interrupted_attempt_counts_its_own_work_only():
 def test_progress_names_what_is_tried_and_the_best_cost():
     trace = Trace()
     assert trace.describe() == 'solving'
-    with trace.attempt('multistart'), trace.attempt('initial guess', 'bent line'):
+    with trace.attempt('multistart'), trace.attempt(GUESS, 'bent line'):
         assert trace.describe() == 'multistart, initial guess (bent line)'
         trace.found(2.0, certified=False)
         assert trace.describe().endswith('; best so far 2, not certified')
@@ -109,7 +109,7 @@ def test_a_solution_reports_its_attempts():
     descent = top[3]
     assert descent.verdict is Verdict.CERTIFIED
     assert descent.cost == found.objective
-    starts = [each for each in found.attempts if each.method == 'initial guess']
+    starts = [each for each in found.attempts if each.method == GUESS]
     assert starts[0].what == 'straight line'
     assert tree[starts[0].parent].method == 'coarse mesh'
     assert len(starts) == found.optimality.starts
@@ -124,7 +124,7 @@ def test_the_minima_of_the_search_are_reported_after_the_refinement():
         Verdict.CERTIFIED]
     assert found.optimality.starts > 1
     assert found.optimality.starts == sum(
-        each.method == 'initial guess' for each in found.attempts)
+        each.method == GUESS for each in found.attempts)
     assert found.optimality.minima[0] == found.objective
     assert found.optimality.minima[1] == pytest.approx(58.81, abs=0.01)
 
@@ -149,3 +149,18 @@ def test_an_infeasible_solution_reports_its_proof():
 def test_the_attempts_of_a_long_search_are_bounded():
     found = solve(problems.build('terminal_wells_plane'))
     assert 1 < len(found.attempts) <= MOST_ATTEMPTS
+
+
+def test_the_effort_counts_guesses_of_the_problem_itself():
+    trace = Trace()
+    assert trace.describe_effort() == ''
+    with trace.attempt(GUESS) as attempt:
+        attempt.end(Verdict.CONVERGED)
+    assert trace.describe_effort() == (
+        '1 initial guess was tried, 1 led to a path on a coarse mesh')
+    with trace.attempt('related problem', aside=True), trace.attempt(GUESS) as attempt:
+        attempt.end(Verdict.CONVERGED)
+    with trace.attempt(GUESS) as attempt:
+        attempt.end(Verdict.NOT_CONVERGED)
+    assert trace.describe_effort() == (
+        '2 initial guesses were tried, 1 led to a path on a coarse mesh')

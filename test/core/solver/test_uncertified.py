@@ -6,6 +6,7 @@ import re
 
 from obc_ros.core.ocp.solution import Status
 from obc_ros.core.solver.solve import solve
+from obc_ros.core.solver.trace import GUESS
 from obc_ros.ros import messages
 from obc_ros.srv import PlanMotion, SolveOptimalControl
 from obc_ros.workers.requests import pack_solution
@@ -37,6 +38,8 @@ def check(found):
 def test_a_path_on_a_coarse_mesh_is_returned(coarse):
     _, found = coarse
     assert found.status is Status.NOT_CONVERGED
+    starts = sum(each.method == GUESS for each in found.attempts)
+    assert re.search(rf'; {starts} initial guess(es were| was) tried, ', found.message)
     assert 'max_intervals = 10' in found.message
     if not found.certificate.feasible:
         assert re.search(r': residual (\S+), allowed (\S+)', found.message)
@@ -74,6 +77,7 @@ def test_a_path_is_returned_at_the_time_limit(monkeypatch):
     assert not found.certificate.holds
     assert found.message.startswith('no certified solution within 60 s; ')
     assert ': residual ' in found.message
+    assert '1 initial guess was tried, ' in found.message
 
 
 def test_a_response_contains_the_path_but_no_success(coarse):

@@ -23,6 +23,7 @@ from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.ocp.solution import Verdict
 from obc_ros.core.solver.bench import Bench, Candidate
 from obc_ros.core.solver.starts.start_pool import StartPool
+from obc_ros.core.solver.trace import GUESS
 from obc_ros.core.solver.transcription.mesh import build_uniform_mesh, label_paths, Path
 from obc_ros.core.solver.transcription.program import TranscriptionOutcome
 
@@ -108,9 +109,8 @@ def _solve_rollouts(bench: Bench, pool: StartPool, T: float) -> list[Transcripti
         vain = number >= _TRIED and not found
         if vain or bench.monitor.stopped or not bench.monitor.allows(_INTERVALS):
             break
-        pool.count()
         usual = 2 * found[0].iterations if found else _ITERATIONS
-        with bench.trace.attempt('initial guess', path.origin) as attempt:
+        with bench.trace.attempt(GUESS, path.origin) as attempt:
             outcome = bench.collocate(
                 build_uniform_mesh(problem, _INTERVALS, bench.stages), path,
                 most=min(usual, _ITERATIONS), known=pool.known_minima)

@@ -23,6 +23,7 @@ from obc_ros.core.solver.starts.cross_entropy import (
 )
 from obc_ros.core.solver.starts.final_time_windows import find_other_lengths
 from obc_ros.core.solver.starts.start_pool import StartPool
+from obc_ros.core.solver.trace import GUESS
 from obc_ros.core.solver.transcription.local_minima import ANOTHER
 from obc_ros.core.solver.transcription.mesh import build_uniform_mesh, Path, split
 from obc_ros.core.solver.transcription.program import TranscriptionOutcome
@@ -184,7 +185,7 @@ def _remember(bench: Bench, pool: StartPool, best: Candidate, minima: list[float
     bench.programs.remember(replace(
         record, rivals=_rivals(found, coarse, bench.options.multistart),
         refined=cost / coarse if coarse else 1, looked=collect_numbers(bench.stated),
-        optimality=describe_local(pool.tried, cost, minima)))
+        optimality=describe_local(bench.trace.count(GUESS), cost, minima)))
     bench.programs.note_minima(pool.known_minima.minima)
 
 

@@ -28,8 +28,6 @@ class StartPool:
     ----------
     known_minima : LocalMinima
         Record of the local minima found on the coarse mesh.
-    tried : int
-        Initial guesses used so far.
     periods : ndarray, shape (m,)
         Periods of inputs that are angles, else infinite.
 
@@ -37,7 +35,7 @@ class StartPool:
 
     def __init__(self, problem: Problem, programs: ProgramCache) -> None:
         self._problem, self._programs = problem, programs
-        self.known_minima, self.tried = LocalMinima(self._programs.options.coarse), 0
+        self.known_minima = LocalMinima(programs.options.coarse)
         self.periods: Array = np.full(problem.m, np.inf)
         self._paths: Iterator[Path] = iter(())
 
@@ -67,10 +65,5 @@ class StartPool:
         return self._paths
 
     def take(self) -> Path:
-        """Return the next guess, and count it."""
-        self.count()
+        """Return the next guess."""
         return next(self._paths)
-
-    def count(self) -> None:
-        """Count a guess that did not come from the pool."""
-        self.tried += 1
