@@ -20,7 +20,6 @@ import time
 from typing import Any
 from unittest.mock import patch
 
-import numpy as np
 from obc_ros.core.ocp.statement import build_problem, load_file
 from obc_ros.core.solver import (
     bench,
@@ -84,14 +83,12 @@ STRATEGIES = {
     'lines to other final states': Strategy(
         ((initial_guess.Guesser, 'scattered'),), argument(3)),
     'multistart': Strategy(((search, 'explore_starts'),), skip_multistart),
-    'ties': Strategy(((multistart, '_tie'),), give(-np.inf)),
     'Hamiltonian minima': Strategy(((multistart, 'move_to_best_branch'),), argument(1)),
     'bang arcs': Strategy(((arc_iteration.ArcIteration, 'settle'),), argument(1)),
     'mesh at kinks': Strategy(((descent, 'solve_on_kinks'),), give(None)),
     'boundary arcs': Strategy(
         ((descent, 'solve_along_bounds'), (state_arcs, 'solve_along_bounds')), give(None)),
     'boundary arcs at once': Strategy(((descent, 'solve_at_once'),), give(None)),
-    'detours': Strategy(((descent, '_unwind'),), argument(1)),
     'constraint tightening': Strategy(((bench, 'compute_tightening'),), lambda *args: (
         args[3], bench.compute_tightening.__wrapped__(*args)[1])),  # type: ignore[attr-defined]
     'indirect refinement': Strategy(((indirect, '_better'),), argument(1)),
@@ -127,8 +124,6 @@ def _note(name: str, off: Callable[..., Any], acted: set[str], found: Any, *args
     if name in ('constraint tightening', 'multistart', 'lines to other final states',
                 'rollouts, multistart'):
         acted.add(name)
-    elif name == 'ties':
-        acted.update({name} if np.isfinite(found) else ())
     else:
         other = off(*args)
         if found is not other and not (isinstance(found, int | str | list) and found == other):

@@ -18,14 +18,12 @@ from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.ocp.solution import Verdict
 from obc_ros.core.solver.adjoint.bvp_solution import BoundaryValues
 from obc_ros.core.solver.adjoint.costates import Extremal
-from obc_ros.core.solver.adjoint.mesh_refinement import follow_minimum, is_below
 from obc_ros.core.solver.arcs.input_arcs import find_jumping_inputs
 from obc_ros.core.solver.bench import Bench, Candidate
 from obc_ros.core.solver.improve.arc_iteration import ArcIteration
 from obc_ros.core.solver.improve.kink_mesh import solve_on_kinks
 from obc_ros.core.solver.improve.state_arcs import solve_along_bounds, solve_at_once
 from obc_ros.core.solver.trace import judge_path
-from obc_ros.core.solver.transcription.mesh import build_uniform_mesh, split
 from obc_ros.core.solver.transcription.program import TranscriptionOutcome
 
 
@@ -199,11 +197,7 @@ class Descent:
 
     def _rethought(self, outcome: TranscriptionOutcome, course: Extremal,
                    above: float) -> TranscriptionOutcome:
-        """
-        Return the outcome, or a better one: with bang arcs if inputs jump, else without detours.
-
-        `above`: relative excess of its cost.
-        """
+        """Return the outcome, or a better one with bang arcs; `above`: its relative excess."""
         bench = self._bench
         jumping = find_jumping_inputs(bench.problem, outcome.path)
         if bench.may_hold and any(jumping) and not self._held_in_vain:
@@ -213,31 +207,7 @@ class Descent:
                 bench.excess(new, bench.course(new)) >= above)
             self._switching = free if self._held_in_vain else jumping
             return outcome if self._held_in_vain else new
-        if bench.bounded or above < bench.options.descent.detour:
-            return outcome
-        return _unwind(bench, outcome, course, above)
-
-
-def _unwind(bench: Bench, outcome: TranscriptionOutcome, course: Extremal,
-            above: float) -> TranscriptionOutcome:
-    """
-    Return the outcome, or a better one from inputs that follow a minimum of H.
-
-    On a coarse mesh an input in a direction may turn the long way round between two points.
-    """
-    options = bench.options.descent
-    u = follow_minimum(bench.problem, bench.programs.integrator, course)
-    intervals = bench.options.coarse.intervals
-    mesh = split(build_uniform_mesh(bench.problem, intervals, bench.stages),
-                 np.full(intervals, 4))
-    if not bench.monitor.allows(mesh.layout.intervals):
         return outcome
-    start = replace(outcome.path, ua=u[:-1], ub=u[1:])
-    new = bench.collocate(mesh, start, start.t[-1:], sizes=bench.sizes(outcome))
-    nearby = new.converged and not is_below(
-        outcome.objective, new.objective, max(above, options.look))
-    better = nearby and bench.excess(new, bench.course(new)) < above
-    return new if better else outcome
 
 
 def descend(bench: Bench, start: TranscriptionOutcome, rounds: int = 0) -> Candidate:

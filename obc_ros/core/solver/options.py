@@ -69,7 +69,6 @@ class DescentOptions:
     close: float = steer(1e-6, 'excess below which it is, whatever H does', 'relative')
     enough: float = steer(1e-5, 'excess at which a certified path is not refined', 'relative')
     enough_bounded: float = steer(2e-6, 'the same with state constraints', 'relative')
-    detour: float = steer(1e-5, 'excess above which inputs may wind around', 'relative')
     digits: int = steer(8000, 'work after which a certified path is not refined', 'work')
 
 
@@ -118,8 +117,6 @@ class MultistartOptions:
     errs: float = steer(1e-2, 'error of coarse costs above which a finer mesh decides', 'relative')
     finer: int = steer(4, 'refinement of that mesh', 'times')
     cheaper: float = steer(1e-6, 'difference of certified costs that counts', 'relative')
-    ties: int = steer(6, 'descents from nearly equal coarse costs', 'descents')
-    says: float = steer(0.2, 'error of a coarse cost up to which ties count', 'relative')
     rivals: int = steer(3, 'other minima kept for neighbours', 'minima')
     rival: float = steer(0.3, 'excess of their costs', 'relative')
     weary: int = steer(500_000, 'work in all after which nothing certified is enough', 'work')

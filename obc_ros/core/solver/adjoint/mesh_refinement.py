@@ -31,7 +31,6 @@ EXCEEDED = 2e-8, 2e-6
 _EQUAL = 25.0      # factor of the former for an equality, which cannot be tightened
 _STRAIGHT = 1e-6   # relative deviation up to which an input is straight at a mesh point
 _CHORDED = 0.5     # part of the loss from which on most of it is due to chords
-_FOLLOWING = 12    # maximum number of Newton steps for a minimum of H
 _NO_LENGTH = 1e-9  # part of T: shorter intervals are those of phases that vanished
 
 
@@ -128,50 +127,6 @@ def measure_loss(problem: Problem, integrator: CostateIntegrator, course: Extrem
     H = np.nan_to_num(energy.T.reshape(len(lost), -1) / max(size, 1e-300))
     return Judgement(lost, chords, _crossings(problem, course.t, targets), np.ptp(H, axis=1),
                      float(np.ptp(H)))
-
-
-def follow_minimum(problem: Problem, integrator: CostateIntegrator, course: Extremal) -> Array:
-    """
-    Return inputs that follow one local minimum of H in time.
-
-    An input that is a direction changes by the shortest way from each mesh point to the next.
-
-    Parameters
-    ----------
-    problem : Problem
-        The one that was solved.
-    integrator : CostateIntegrator
-        Of its structure.
-    course : Extremal
-        States and costates, and the input at which to start.
-
-    Returns
-    -------
-    ndarray, shape (N + 1, m)
-        At the mesh points, within the bounds.
-
-    """
-    places = np.arange(0, len(course.x), course.parts)
-    x = np.vstack([course.x[places], course.x_end[-1:]])
-    lam = np.vstack([course.lam[places], course.lam_end[-1:]])
-    u, rows = course.ua[0].copy(), []
-    for point, costate in zip(x, lam, strict=True):
-        for _ in range(_FOLLOWING):
-            H, Hu, Huu = integrator.hamiltonian(
-                problem, point[None], u[None], costate[None])
-            if not (np.all(np.isfinite(Hu)) and np.all(np.isfinite(Huu))):
-                break
-            values, vectors = np.linalg.eigh(Huu[0])
-            # Where H is concave the step descends, too; it is at most 1 in each input.
-            size = np.maximum(np.abs(values), 1e-9 * np.abs(values).max() + 1e-300)
-            step = -vectors @ ((vectors.T @ Hu[0]) / size)
-            step *= min(1.0, 1.0 / max(np.abs(step).max(), 1e-300))
-            new = np.clip(u + step, problem.u_lower, problem.u_upper)
-            if np.max(np.abs(new - u)) < 1e-6 or not np.all(np.isfinite(new)):
-                break
-            u = new
-        rows.append(u)
-    return np.array(rows)
 
 
 def _best(problem: Problem, u: Array, Hu: Array, Huu: Array) -> tuple[Array, Array]:

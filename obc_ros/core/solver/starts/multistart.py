@@ -133,7 +133,7 @@ def _explore(bench: Bench, pool: StartPool, best: Candidate, floor: float,
     promising, lengths = ([], []) if alone else _lined_up(
         bench, pool, best, floor, uneven=uneven, bent=bent)
     found, coarse = list[TranscriptionOutcome](), floor   # coarse cost of the best solution
-    ties = [floor]   # coarse costs of the outcomes that were refined
+    followed = [floor]   # coarse costs of the outcomes that were refined
     # Costs of the certified solutions that they led to.
     refined = [best.solution.objective] if best.certified else []
     # Number of starts, increased by each that leads to a better solution.
@@ -152,14 +152,11 @@ def _explore(bench: Bench, pool: StartPool, best: Candidate, floor: float,
                 bench, pool, once=best.certified, hard=uneven or before > options.hard))
         lower = is_below(outcome.objective, floor, ANOTHER)
         descends = lower and not outcome.converged and outcome.infeasibility <= _MET
-        tied = (outcome.converged and len(ties) < options.ties
-                and outcome.objective < _tie(best.solution, coarse, options.says)
-                and all(abs(outcome.objective - other) > _SAME * abs(other) for other in ties))
         differs = not best.certified and all(
-            abs(outcome.objective - other) > ANOTHER * abs(other) for other in ties)
-        if descends or (lower or tied or differs) and bench.is_accurate(outcome) and (
+            abs(outcome.objective - other) > ANOTHER * abs(other) for other in followed)
+        if descends or (lower or differs) and bench.is_accurate(outcome) and (
                 differs or _may_be_better(bench, outcome, best, coarse, lower=lower)):
-            ties.append(outcome.objective)
+            followed.append(outcome.objective)
             floor = min(floor, outcome.objective)
             other = bench.certify(outcome) if descends else descend(bench, outcome)
             refined += [other.solution.objective] if other.certified else []
@@ -168,7 +165,7 @@ def _explore(bench: Bench, pool: StartPool, best: Candidate, floor: float,
                 wanted = max(wanted, number + 1 + options.after)
         found.append(outcome)
         spent += bench.work - started
-    minima = refined + _others(bench, found, ties, coarse)
+    minima = refined + _others(bench, found, followed, coarse)
     if best.certified and best.record:
         _remember(bench, pool, best, minima, found, coarse)
     return Explored(best, minima, why)
@@ -308,12 +305,6 @@ def _pursued(bench: Bench, floor: float, outcome: TranscriptionOutcome) -> Trans
             mesh = split(outcome.mesh, np.full(outcome.mesh.layout.intervals, 2))
             outcome = bench.collocate(mesh, outcome.path, near=True, most=options.iterations)
     return outcome
-
-
-def _tie(best: Solution, coarse: float, says: float) -> float:
-    """Return the coarse cost below which refinement may lead to less than the best cost."""
-    error = abs(best.objective - coarse)
-    return coarse + 2 * error if best.certified and error < says * abs(coarse) else -np.inf
 
 
 def _may_be_better(bench: Bench, outcome: TranscriptionOutcome, best: Candidate, coarse: float, *,
