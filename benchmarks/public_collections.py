@@ -4,7 +4,8 @@
 Public collections of optimal control problems: our cost beside the published one.
 
 The collections are the tables test/collections/*.csv: an example, the file with our statement of
-it, the published cost and the published time [s]. Every file is solved in a process of its own
+it, the published cost and the published time [s]; in practical.csv, the problems of robots and
+vehicles, both are those of a second method. Every file is solved in a process of its own
 with a time limit. A solution counts if it is certified within the limit of processor time. The
 processes get PATIENCE times this limit of wall-clock time, for a machine with other load.
 """
