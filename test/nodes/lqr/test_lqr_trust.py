@@ -427,9 +427,15 @@ def test_the_forces_are_published_as_a_wrench(spawn: Any, probe: Any) -> None:
                   frame_id='map', u_limits=[20.0, 60.0], transition_time=0.0,
                   **{'qos_overrides./state.subscription.depth': 10})
     K = matrix(bench.design(1).k, 2)
-    bench.send(X, frame='odom')
-    bench.send(X, 2.0, frame='map')
-    wrench = probe.wait_for(lambda: bench.commands or None)[-1]
+
+    def answered() -> list[Any] | None:
+        """Send states in a wrong and in the right frame until one is answered."""
+        if not bench.commands:   # the node may not have discovered the publisher yet
+            bench.send(X, frame='odom')
+            bench.send(X, 2.0, frame='map')
+        return bench.commands or None
+
+    wrench = probe.wait_for(answered)[0]
     f1, f2 = HOVER - K @ X
     assert wrench.header.frame_id == 'base_link'
     assert wrench.header.stamp.sec == 2
