@@ -49,7 +49,9 @@ def solve_coarse(bench: Bench, pool: StartPool, why_not: Callable[[Problem], str
     Solve from several initial guesses on a coarse mesh.
 
     Outcomes with a large discretisation error are discarded. If all have one, the mesh is made
-    finer, with a stiffly accurate scheme.
+    finer, with a stiffly accurate scheme. An outcome with boundary layers keeps a large error on
+    any coarse mesh; it is accepted if its cost is that of the coarser mesh, or if the problem is
+    convex, so that there is no other minimum.
 
     Parameters
     ----------
@@ -85,7 +87,9 @@ def solve_coarse(bench: Bench, pool: StartPool, why_not: Callable[[Problem], str
         if longer:
             return CoarseResult(bench, [longer], True)
         bench, found = _solve_first(bench, pool)
-        good = [outcome for outcome in found if bench.is_accurate(outcome)]
+        good = [outcome for outcome in found
+                if convex and outcome.converged or bench.is_accurate(outcome)
+                or _agrees(outcome, converged, options.error)]
         if good:
             return CoarseResult(bench, _by_cost(good), True)
         if intervals <= options.intervals and not bench.quick:
@@ -98,6 +102,15 @@ def solve_coarse(bench: Bench, pool: StartPool, why_not: Callable[[Problem], str
             return CoarseResult(bench, _by_cost(good), True)
     return CoarseResult(bench, sorted(found, key=lambda outcome: (
         not outcome.converged, outcome.infeasibility)), False, reason)
+
+
+def _agrees(outcome: TranscriptionOutcome, coarser: list[TranscriptionOutcome],
+            error: float) -> bool:
+    """Return whether an outcome costs as much as one on a coarser mesh with the same scheme."""
+    return outcome.converged and any(
+        each.mesh.layout.stages == outcome.mesh.layout.stages
+        and abs(each.objective - outcome.objective) <= error * abs(outcome.objective)
+        for each in coarser)
 
 
 def _by_cost(outcomes: list[TranscriptionOutcome]) -> list[TranscriptionOutcome]:
