@@ -59,6 +59,8 @@ _WIDE = 1e-2        # violation of bounds allowed for a path of a convex problem
 _PART = 0.1         # residuals of Pontryagin's conditions allowed for a convex problem
 _LATER = 50.0       # times T up to which a minimum time is looked for
 _UNPROVED = 'infeasibility has not been proved'
+_EXCLUDED = ('the bounds and constraints exclude each other: a combination of them is negative on '
+             'every path (weak duality)')
 
 
 @dataclass(frozen=True)
@@ -98,7 +100,11 @@ def explain(problem: Problem, solve: Solver | None = None, thorough: Solver | No
     sentence = explain_no_minimum(problem)
     if sentence or solve is None:
         return Reason(False, sentence) if sentence else None
-    return _Doubt(problem, solve, thorough or solve).reason(found)
+    doubt = _Doubt(problem, solve, thorough or solve)
+    reason = doubt.reason(found)
+    if (reason is None or not reason.infeasible) and doubt.shown:
+        return Reason(True, _EXCLUDED)   # no related problem shows which constraint is to blame
+    return reason
 
 
 def is_proved_infeasible(problem: Problem) -> bool:

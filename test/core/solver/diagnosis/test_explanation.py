@@ -411,3 +411,13 @@ def test_an_end_below_a_proved_lower_bound_is_infeasible():
     assert found.infeasible
     assert found.sentence == ('the terminal constraint x = -0.2 cannot be met because no input '
                               'takes x below 0: it is missed by at least 0.2')
+
+
+def test_a_proof_counts_though_no_constraint_can_be_blamed():
+    """A mass on a spring starts at 1 and must pass -0.5 m/s; no related problem is solved."""
+    problem = problems.pose(
+        {'q': 'v', 'v': 'u - 2*q'}, 'q**2 + u**2', (1, 0), 10,
+        input_bounds={'u': [-0.3, 0.3]}, state_bounds={'v': [-0.5, 0.5]})
+    reason = explain(problem, lambda other: Solution(Status.NOT_CONVERGED, ''))
+    assert reason.infeasible
+    assert 'weak duality' in reason.sentence
