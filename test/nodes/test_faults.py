@@ -164,7 +164,9 @@ def test_a_lost_worker_loses_at_most_its_request(spawn, probe, number):
     # a worker stopped while idle is detected at its next request
     assert first.success or first.message.startswith(('timed_out', 'not_converged'))
     probe.set_parameters('/trajectory_server', time_limit=20.0)
-    assert probe.call(DesignLqr, '/trajectory_server/design_lqr', quick).success
+    # Workers killed during their start count as failures: requests are refused until one starts.
+    probe.wait_for(lambda: probe.call(DesignLqr, '/trajectory_server/design_lqr', quick).success,
+                   what='an answer from a new worker')
     assert server.running()
 
 
