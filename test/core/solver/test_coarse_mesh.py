@@ -10,9 +10,10 @@ import pytest
 MOTORS = problems.FOLDER.parent / 'collections' / 'practical'
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('name', [
     'motor_a',   # linear quadratic with bounded voltage: convex
-    pytest.param('motor_c', marks=pytest.mark.slow),   # the power u*i is not convex
+    'motor_c',   # the power u*i is not convex
     'motor_e'])
 def test_a_motor_with_a_fast_winding_is_certified(name):
     """0.25 ms beside 0.5 s; the value is that of Radau collocation by hand, with IPOPT."""
