@@ -74,6 +74,7 @@ def _method(name: str) -> str:
 
 
 def _write(value: float | tuple[float, ...]) -> str:
+    """Return a value as a user writes it."""
     return ','.join(f'{each:g}' for each in (value if isinstance(value, tuple) else (value,)))
 
 
@@ -92,8 +93,8 @@ class _ListOptions(argparse.Action):
         super().__init__(option_strings, dest, nargs=0, **settings)
 
     def __call__(self, parser: argparse.ArgumentParser, *_: Any) -> None:
-        rows = [(each.name, _write(each.value),
-                 each.unit, each.meaning) for each in list_options()]
+        rows = [(each.name, _write(each.value), each.unit, each.meaning)
+                for each in list_options()]
         terminal.print_table(('option', 'default', 'unit', 'meaning'), rows)
         parser.exit()
 

@@ -89,7 +89,7 @@ def solve_coarse(bench: Bench, pool: StartPool, why_not: Callable[[Problem], str
         bench, found = _solve_first(bench, pool)
         good = [outcome for outcome in found
                 if convex and outcome.converged or bench.is_accurate(outcome)
-                or _agrees(outcome, converged, options.error)]
+                or _agrees(outcome, converged, options.settled)]
         if good:
             return CoarseResult(bench, _by_cost(good), True)
         if intervals <= options.intervals and not bench.quick:
@@ -105,11 +105,11 @@ def solve_coarse(bench: Bench, pool: StartPool, why_not: Callable[[Problem], str
 
 
 def _agrees(outcome: TranscriptionOutcome, coarser: list[TranscriptionOutcome],
-            error: float) -> bool:
+            apart: float) -> bool:
     """Return whether an outcome costs as much as one on a coarser mesh with the same scheme."""
     return outcome.converged and any(
         each.mesh.layout.stages == outcome.mesh.layout.stages
-        and abs(each.objective - outcome.objective) <= error * abs(outcome.objective)
+        and abs(each.objective - outcome.objective) <= apart * abs(outcome.objective)
         for each in coarser)
 
 
@@ -180,6 +180,6 @@ def solve_next_start(bench: Bench, pool: StartPool, *, once: bool,
             build_uniform_mesh(bench.problem, bench.intervals, bench.stages), start, most=most,
             rough=rough, once=once, known=pool.known_minima)
         pool.known_minima.ended(outcome.objective, outcome.infeasibility,
-                            outcome.path if outcome.converged else None)
+                                outcome.path if outcome.converged else None)
         attempt.end(*outcome.judge(), cost=outcome.objective)
     return outcome

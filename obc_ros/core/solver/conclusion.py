@@ -191,8 +191,8 @@ def look_for_proof(task: Task) -> Callable[[Problem], str]:
     """
     def why_not(problem: Problem) -> str:
         with task.monitor.trace.attempt('proof', 'that no path exists', aside=True) as attempt:
-            solvers = _explaining(task) if is_proved_infeasible(problem) else ()
-            reason = explain(problem, *solvers)
+            proved = is_proved_infeasible(problem)
+            reason = explain(problem, *(_explaining(task) if proved else ()), proved=proved)
             sentence = reason.sentence if reason and reason.infeasible else ''
             attempt.end(Verdict.PROVED if sentence else Verdict.NOT_PROVED, sentence)
         return sentence
@@ -218,7 +218,7 @@ def _solver_of_related(task: Task, quick: bool = True) -> Callable[[Problem], So
         part = task.monitor.part(options.related)
         begun = not part.stopped
         with part.trace.attempt('related problem', 'quick' if quick else 'thorough',
-                                   aside=True) as entry:
+                                aside=True) as entry:
             found = search(task.restate(other, part), quick=quick)[0].solution
             entry.end(*judge_path(found), cost=found.objective)
         unjudged = begun and part.stopped == 'spent' and found.t.size and not found.certificate

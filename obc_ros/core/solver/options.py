@@ -40,6 +40,7 @@ class CoarseOptions:
     calmer: float = steer(0.5, 'factor of the ranges of guesses after divergence')
     calmest: float = steer(0.1, 'the least product of these factors')
     error: float = steer(1e-2, 'local error of a step that is small enough', 'relative')
+    settled: float = steer(1e-2, 'difference of the cost from that of a coarser mesh', 'relative')
     absurd: float = steer(1e6, 'excess of the cost that is too large to compare', 'relative')
 
 

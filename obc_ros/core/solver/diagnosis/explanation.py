@@ -72,7 +72,7 @@ class Reason:
 
 
 def explain(problem: Problem, solve: Solver | None = None, thorough: Solver | None = None, *,
-            found: Solution | None = None) -> Reason | None:
+            found: Solution | None = None, proved: bool | None = None) -> Reason | None:
     """
     Return why a problem has no solution.
 
@@ -87,6 +87,8 @@ def explain(problem: Problem, solve: Solver | None = None, thorough: Solver | No
         Does the same with more work: several initial guesses, until the certificate passes.
     found : Solution, optional
         The best path found for the problem.
+    proved : bool, optional
+        Result of `is_proved_infeasible`, if it is known.
 
     Returns
     -------
@@ -100,7 +102,7 @@ def explain(problem: Problem, solve: Solver | None = None, thorough: Solver | No
     sentence = explain_no_minimum(problem)
     if sentence or solve is None:
         return Reason(False, sentence) if sentence else None
-    doubt = _Doubt(problem, solve, thorough or solve)
+    doubt = _Doubt(problem, solve, thorough or solve, proved)
     reason = doubt.reason(found)
     if (reason is None or not reason.infeasible) and doubt.shown:
         return Reason(True, _EXCLUDED)   # no related problem shows which constraint is to blame
@@ -129,12 +131,13 @@ def is_proved_infeasible(problem: Problem) -> bool:
 class _Doubt:
     """A problem without a known contradiction, and the solvers for related problems."""
 
-    def __init__(self, problem: Problem, solve: Solver, thorough: Solver) -> None:
+    def __init__(self, problem: Problem, solve: Solver, thorough: Solver,
+                 proved: bool | None) -> None:
         self.problem, self.solve = problem, solve
         self.thorough = thorough
         self.lost = True  # whether no path was found within the bounds
         self.convex = has_convex_paths(problem)
-        self._shown: bool | None = None
+        self._shown = proved
 
     @property
     def shown(self) -> bool:

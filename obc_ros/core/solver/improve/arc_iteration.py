@@ -180,8 +180,8 @@ class ArcIteration:
             return None
         held = [not np.isnan(arc.levels).any() for arc in arcs]
         new = bench.collocate(mesh, sharpen_steps(outcome.path, arcs), durations, near=True,
-                               sizes=bench.sizes(outcome), least=kept * durations * held,
-                               most=options.iterations)
+                              sizes=bench.sizes(outcome), least=kept * durations * held,
+                              most=options.iterations)
         return new if new.converged and self.no_dearer(new, outcome) else None
 
     def no_dearer(self, new: TranscriptionOutcome, outcome: TranscriptionOutcome) -> bool:

@@ -164,7 +164,7 @@ def _with_jumps(bench: Bench, outcome: TranscriptionOutcome) -> TranscriptionOut
         if not bench.monitor.allows(mesh.layout.intervals):
             break
         new = bench.collocate(mesh, sharpen_steps(path, arcs), durations, near=True,
-                               sizes=bench.sizes(outcome), most=options.iterations)
+                              sizes=bench.sizes(outcome), most=options.iterations)
         if not new.converged or is_below(outcome.objective, new.objective, _SAME):
             break
         outcome = new

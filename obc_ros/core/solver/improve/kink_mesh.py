@@ -195,8 +195,7 @@ def solve_on_kinks(bench: Bench, outcome: TranscriptionOutcome,
     if bench.bounded or bench.programs.twin or len(layout.phases) > 1 or layout.stages:
         return None
     found = solve_boundary_values(bench.programs, bench.stated, outcome, course,
-                                  bench.sizes(outcome),
-                                  rough=True)
+                                  bench.sizes(outcome), rough=True)
     if found is None or len(found.lengths) == 1:
         return None
     guide = transcribe_on_points(bench.stated, found, *build_points(
@@ -206,7 +205,7 @@ def solve_on_kinks(bench: Bench, outcome: TranscriptionOutcome,
         return None
     with bench.trace.attempt('mesh at kinks') as attempt:
         new = bench.collocate(guide.mesh, guide.path, near=True, sizes=bench.sizes(outcome),
-                               guide=guide)
+                              guide=guide)
         if not new.converged or is_below(outcome.objective, new.objective, options.worse):
             attempt.end(Verdict.REJECTED, 'its cost is higher' if new.converged else new.status,
                         cost=new.objective)

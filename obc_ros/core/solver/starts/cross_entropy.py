@@ -115,7 +115,7 @@ def _solve_rollouts(bench: Bench, pool: StartPool, T: float) -> list[Transcripti
                 build_uniform_mesh(problem, _INTERVALS, bench.stages), path,
                 most=min(usual, _ITERATIONS), known=pool.known_minima)
             pool.known_minima.ended(outcome.objective, outcome.infeasibility,
-                                outcome.path if outcome.converged else None)
+                                    outcome.path if outcome.converged else None)
             attempt.end(*outcome.judge(), cost=outcome.objective)
         if bench.is_accurate(outcome):
             found.append(outcome)
