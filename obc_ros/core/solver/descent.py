@@ -133,7 +133,7 @@ class Descent:
             if (stalled or turn == options.plain) and not any(self._switching):
                 if above < options.close:
                     yield outcome, course
-                outcome = self._rethought(outcome, course, above)
+                outcome = self._rethought(outcome, above)
                 course = self._bench.course(outcome)
             yield outcome, course
             if turn == rounds - 1:
@@ -195,8 +195,7 @@ class Descent:
             return None
         return self._iteration().without_vanishing(new) if ArcIteration.vanished(new) else new
 
-    def _rethought(self, outcome: TranscriptionOutcome, course: Extremal,
-                   above: float) -> TranscriptionOutcome:
+    def _rethought(self, outcome: TranscriptionOutcome, above: float) -> TranscriptionOutcome:
         """Return the outcome, or a better one with bang arcs; `above`: its relative excess."""
         bench = self._bench
         jumping = find_jumping_inputs(bench.problem, outcome.path)

@@ -9,7 +9,6 @@ import unicodedata
 from hypothesis import given
 from hypothesis import strategies as st
 from obc_ros.core.lqr import weights
-from obc_ros.core.numerics import polynomial_bases
 from obc_ros.core.ocp import statement
 from obc_ros.core.solver import motion_planning, solve
 from obc_ros.core.solver.nlp import minimize
@@ -53,7 +52,6 @@ def build_requests(text: str) -> list[Callable[[], Any]]:
         lambda: parse_number(text, {}, text), lambda: parse_expression(text, {}, text),
         lambda: minimize.minimize({'variables': ['x'], 'cost': text, 'bounds': pair}),
         lambda: minimize.minimize({'variables': [text], 'cost': '1'}),
-        lambda: polynomial_bases.build_basis(text, 3, 2),
         lambda: motion_planning.find_registered(text, {}),
         lambda: motion_planning.find_registered('aircraft', one),
         lambda: registry.get_system(text),
