@@ -20,7 +20,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
-from obc_ros.core.numerics.explicit_steps import rk4
+from obc_ros.core.numerics.runge_kutta import RK4, take_step
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.ocp.solution import Solution, Status
 from obc_ros.core.ocp.statement import build_problem
@@ -170,7 +170,8 @@ def held_step(problem: Problem, h: float) -> ca.Function:
     """Return x after a Runge-Kutta step of order 4 with constant input, and its cost."""
     x, u = problem.x, problem.u
     f = ca.Function('f', [x, u, problem.p], [problem.f, problem.L])
-    end = rk4(lambda z, _: ca.vertcat(*f(z[:-1], u, problem.p_value)), ca.vertcat(x, 0), 0, h)
+    end, _ = take_step(RK4, lambda z, _: ca.vertcat(*f(z[:-1], u, problem.p_value)),
+                       ca.vertcat(x, 0), 0, h)
     return ca.Function('F', [x, u], [end[:-1], end[-1]])
 
 

@@ -17,7 +17,7 @@ import math
 import casadi as ca
 from obc_ros.core.closed_loop.simulation_settings import Conditions
 from obc_ros.core.numerics.arrays import Array
-from obc_ros.core.numerics.explicit_steps import dormand_prince, rk4, Slope
+from obc_ros.core.numerics.runge_kutta import DORMAND_PRINCE, RK4, Slope, take_step
 from obc_ros.core.systems.system import System
 from obc_ros.core.text.errors import DynamicsError
 
@@ -191,7 +191,7 @@ class PlantFlow:
         span, drive = ca.SX.sym('span', 2), ca.SX.sym('drive', len(self._drive))
         slope = self._slope(drive, gusty)
         if self._conditions.integrator == 'adaptive':
-            after, difference = dormand_prince(slope, x, span[0], span[1])
+            after, difference = take_step(DORMAND_PRINCE, slope, x, span[0], span[1])
             error = ca.SX(0)
             for each in ca.vertsplit(
                     ca.fabs(difference) / ca.fmax(1.0, ca.fmax(ca.fabs(x), ca.fabs(after)))):
@@ -200,7 +200,7 @@ class PlantFlow:
             results = [after, ca.if_else(ca.sum1(difference) == ca.sum1(difference),
                                          error, math.inf)]
         else:
-            results = [rk4(slope, x, span[0], span[1])]
+            results = [take_step(RK4, slope, x, span[0], span[1])[0]]
         function = ca.Function('step', [x, span, drive], [ca.densify(each) for each in results])
         return self._bound(function, 0), self._bound(function, 1)
 

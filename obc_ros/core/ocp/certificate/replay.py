@@ -28,29 +28,12 @@ import math
 import casadi as ca
 import numpy as np
 from obc_ros.core.numerics.arrays import Array, Index
+from obc_ros.core.numerics.runge_kutta import DORMAND_PRINCE
 from obc_ros.core.numerics.vectorized import VectorizedFunction
 from obc_ros.core.ocp.certificate.affine_replay import AffineReplay, Rates, replay_affine
 from obc_ros.core.ocp.problem import Problem
 
-# J. R. Dormand, P. J. Prince, A family of embedded Runge-Kutta formulae,
-# J. Comput. Appl. Math. 6 (1980), RK5(4)7M.
-_C = (0.0, 1 / 5, 3 / 10, 4 / 5, 8 / 9, 1.0, 1.0)
-_A = (
-    (),
-    (1 / 5,),
-    (3 / 40, 9 / 40),
-    (44 / 45, -56 / 15, 32 / 9),
-    (19372 / 6561, -25360 / 2187, 64448 / 6561, -212 / 729),
-    (9017 / 3168, -355 / 33, 46732 / 5247, 49 / 176, -5103 / 18656),
-    (35 / 384, 0.0, 500 / 1113, 125 / 192, -2187 / 6784, 11 / 84),
-)
-_ERROR = (71 / 57600, 0.0, -71 / 16695, 71 / 1920, -17253 / 339200, 22 / 525, -1 / 40)
-# E. Hairer, S. Norsett, G. Wanner, Solving Ordinary Differential Equations I, II.6: values
-# within a step, of order 4.
-_DENSE = (-12715105075 / 11282082432, 0.0, 87487479700 / 32700410799,
-          -10690763975 / 1880347072, 701980252875 / 199316789632, -1453857185 / 822651844,
-          69997945 / 29380423)
-
+_A, _C = DORMAND_PRINCE.A, DORMAND_PRINCE.c
 PARTS = 4           # values are returned at the quarters of an interval
 FEWEST_STEPS = 2    # in an interval, at first
 _MANY_STEPS = 32    # in an interval; for more, matrix exponentials are used if f is affine
@@ -315,12 +298,12 @@ class ReplayIntegrator:
             for i in range(1, len(_C)):
                 end = z + h*_sum(_A[i], slopes)
                 slopes[i] = rate((step + _C[i])/steps, end)
-            total += np.abs(h*_sum(_ERROR, slopes))
+            total += np.abs(h*_sum(DORMAND_PRINCE.error, slopes))
             if steps < PARTS:
                 half = end - z
                 bend = h*slopes[0] - half
-                seen.append(z + (half + (bend + (half - h*slopes[-1] - bend
-                                                 + h*_sum(_DENSE, slopes)/2)/2)/2)/2)
+                seen.append(z + (half + (bend + (half - h*slopes[-1] - bend + h*_sum(
+                    DORMAND_PRINCE.middle, slopes)/2)/2)/2)/2)
             # The last row of the pair is its step; its slope is the first of the next step.
             z, slopes[0] = end, slopes[-1]
             if (step + 1) % max(steps // PARTS, 1) == 0:

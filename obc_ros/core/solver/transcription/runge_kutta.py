@@ -9,18 +9,12 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 from obc_ros.core.numerics.arrays import Array
+from obc_ros.core.numerics.runge_kutta import BUTCHER
 from obc_ros.core.ocp.problem import Problem
 
 # Returns f and L at x and u.
 Rate = Callable[[ca.SX, ca.SX], tuple[ca.SX, ca.SX]]
 
-# J. C. Butcher, On Runge-Kutta processes of high order, J. Austral. Math. Soc. 4 (1964).
-C = (0.0, 1 / 3, 2 / 3, 1 / 3, 1 / 2, 1 / 2, 1.0)
-TABLEAU_A: tuple[tuple[float, ...], ...] = (
-    (), (1 / 3,), (0.0, 2 / 3), (1 / 12, 1 / 3, -1 / 12),
-    (-1 / 16, 9 / 8, -3 / 16, -3 / 8), (0.0, 9 / 8, -3 / 8, -3 / 4, 1 / 2),
-    (9 / 44, -9 / 11, 63 / 44, 18 / 11, 0.0, -16 / 11))
-TABLEAU_B = (11 / 120, 0.0, 27 / 40, 27 / 40, -4 / 15, -4 / 15, 11 / 120)
 
 
 def build_rate(problem: Problem) -> Rate:
@@ -52,10 +46,10 @@ def step(rate: Callable[[ca.SX, ca.SX], ca.SX], x: ca.SX, inputs: tuple[ca.SX, c
 
     """
     start, slopes = ca.vertcat(x, 0), list[ca.SX]()
-    for row, u in zip(TABLEAU_A, _called(_along(inputs[0].numel()), *inputs), strict=True):
+    for row, u in zip(BUTCHER.A, _called(_along(inputs[0].numel()), *inputs), strict=True):
         inner = _called(_after(row, start.numel()), start, h, *slopes)[0] if row else start
         slopes.append(rate(inner, u))
-    end, = _called(_after(TABLEAU_B, start.numel()), start, h, *slopes)
+    end, = _called(_after(BUTCHER.b, start.numel()), start, h, *slopes)
     return end[:-1], end[-1]
 
 
@@ -69,8 +63,8 @@ def _along(m: int) -> ca.Function:
     """Return the function from the inputs at both ends to those at the stages."""
     a, b = ca.SX.sym('a', m), ca.SX.sym('b', m)
     change, between = b - a, {0.0: a, 1.0: b}
-    between |= {c: a + c * change for c in C if c not in between}
-    return ca.Function('along', [a, b], [between[c] for c in C])
+    between |= {c: a + c * change for c in BUTCHER.c if c not in between}
+    return ca.Function('along', [a, b], [between[c] for c in BUTCHER.c])
 
 
 @lru_cache(maxsize=256)
@@ -120,7 +114,7 @@ def compute_amplification(z: NDArray[np.complex128]) -> Array:
     ndarray, shape (n,)
 
     """
-    slopes = np.zeros((len(C), len(z)), dtype=complex)
-    for k, row in enumerate(TABLEAU_A):
+    slopes = np.zeros((len(BUTCHER.c), len(z)), dtype=complex)
+    for k, row in enumerate(BUTCHER.A):
         slopes[k] = z * (1 + np.array(row) @ slopes[:k])
-    return np.asarray(np.abs(1 + np.array(TABLEAU_B) @ slopes))
+    return np.asarray(np.abs(1 + np.array(BUTCHER.b) @ slopes))

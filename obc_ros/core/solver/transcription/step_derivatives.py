@@ -22,8 +22,8 @@ import casadi as ca
 import numpy as np
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.numerics.column_functions import ByColumn, Columns
+from obc_ros.core.numerics.runge_kutta import BUTCHER
 from obc_ros.core.ocp.problem import Problem
-from obc_ros.core.solver.transcription.runge_kutta import C, TABLEAU_A, TABLEAU_B
 
 _PAID = 3000, 20_000   # thresholds of ByColumn in rows; functions with calls take long to build
 Symbols = tuple[ca.SX, ...]
@@ -166,19 +166,19 @@ class StepDerivatives:
         forward = self._forward.function(rows, [reached, m, m, *common])
         backward = self._backward.function(rows, [n + 1, reached, *self._entries, *common])
         slopes, seen = list[ca.MX](), list[tuple[ca.MX, ...]]()
-        for row, c in zip(TABLEAU_A, C, strict=True):
+        for row, c in zip(BUTCHER.A, BUTCHER.c, strict=True):
             M = _sum(row, slopes, start)
             alike = ca.vertcat(c, su, p)
             slope, j, t = forward(M, ua, ub, lengths, alike)
             slopes.append(slope)
             seen.append((M, j, t, lengths, alike))
         terms, upper = [weights], list[ca.MX]()
-        for i in reversed(range(len(TABLEAU_B))):
-            later = (TABLEAU_B[i], *(row[i] for row in reversed(TABLEAU_A[i + 1:])))
+        for i in reversed(range(len(BUTCHER.b))):
+            later = (BUTCHER.b[i], *(row[i] for row in reversed(BUTCHER.A[i + 1:])))
             back, part = backward(_sum(later, terms), *seen[i])
             terms.append(back)
             upper.append(part)
-        found, = self._finish(rows, local, _sum(TABLEAU_B, slopes, start),
+        found, = self._finish(rows, local, _sum(BUTCHER.b, slopes, start),
                               _sum((1.0,) * len(upper), upper), constants)
         return ca.Function('whole', [given], [found])
 
