@@ -13,6 +13,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 from obc_ros.core.numerics.arrays import Array
+from obc_ros.core.numerics.instructions import Instructions
 
 # Rows evaluated at once: the unit; the most of a function built for one call; of many rows.
 _FEW, _ALL, _MANY = 16, 128, 256
@@ -34,32 +35,19 @@ class Columns:
 
     def __init__(self, function: ca.Function, shared: Sequence[int] = ()) -> None:
         self._shared = shared
-        self._outputs = [function.numel_out(i) for i in range(function.n_out())]
-        count = function.n_instructions()
-        self._steps = [(function.instruction_id(k), function.instruction_input(k),
-                        function.instruction_output(k)) for k in range(count)]
-        self._constants = {k: function.instruction_constant(k) for k in range(count)
-                           if self._steps[k][0] == ca.OP_CONST}
+        self._instructions = Instructions(function)
 
     def __call__(self, rows: int, *given: ca.MX) -> list[ca.MX]:
         """Return outputs (rows, length) for inputs (rows, length), or (length, 1) if shared."""
         split = [(ca.vertsplit if i in self._shared else ca.horzsplit)(part) if part.numel()
                  else [] for i, part in enumerate(given)]
-        work = dict[int, ca.MX]()
-        zero = ca.MX(0)
-        found = [[zero] * count for count in self._outputs]
         unary, binary = ca.MX.unary, ca.MX.binary
-        for k, (operation, read, written) in enumerate(self._steps):
-            if operation == ca.OP_INPUT:
-                work[written[0]] = split[read[0]][read[1]]
-            elif operation == ca.OP_OUTPUT:
-                found[written[0]][written[1]] = work[read[0]]
-            elif operation == ca.OP_CONST:
-                work[written[0]] = ca.MX(self._constants[k])
-            elif len(read) == 2:
-                work[written[0]] = binary(operation, work[read[0]], work[read[1]])
-            else:
-                work[written[0]] = unary(operation, work[read[0]])
+
+        def apply(operation: int, operands: list[ca.MX]) -> ca.MX:
+            return (binary(operation, operands[0], operands[1]) if len(operands) == 2
+                    else unary(operation, operands[0]))
+
+        found = self._instructions.evaluate(lambda i, k: split[i][k], ca.MX, apply)
         columns = dict[int, ca.MX]()   # of values that are the same for all rows
 
         def column(part: ca.MX) -> ca.MX:

@@ -18,6 +18,7 @@ from math import inf, nextafter, pi
 import casadi as ca
 import numpy as np
 from obc_ros.core.numerics.arrays import Array
+from obc_ros.core.numerics.instructions import Instructions
 
 _UNITS = 4        # in the last place, above the error of the functions of the C library
 _FAR = 1e6        # largest argument of sin, cos and tan for which extrema or poles are located
@@ -52,25 +53,15 @@ def enclose_outputs(function: ca.Function, boxes: list[tuple[Array, Array]]) -> 
         One for each nonzero of the output.
 
     """
-    work: dict[int, Interval] = {}
-    result = [Interval(0.0, 0.0)] * function.nnz_out(0)
-    for k in range(function.n_instructions()):
-        operation = function.instruction_id(k)
-        inputs, outputs = function.instruction_input(k), function.instruction_output(k)
-        if operation == ca.OP_INPUT:
-            lower, upper = boxes[inputs[0]]
-            work[outputs[0]] = Interval(float(lower[inputs[1]]), float(upper[inputs[1]]))
-        elif operation == ca.OP_CONST:
-            value = float(function.instruction_constant(k))
-            work[outputs[0]] = Interval(value, value)
-        elif operation == ca.OP_OUTPUT:
-            result[outputs[1]] = work[inputs[0]]
-        else:
-            apply = _OPERATIONS.get(operation)
-            found = apply(*(work[index] for index in inputs)) if apply else WHOLE
-            undefined = math.isnan(found.low) or math.isnan(found.high)
-            work[outputs[0]] = WHOLE if undefined else found
-    return result
+    def apply(operation: int, operands: list[Interval]) -> Interval:
+        enclose = _OPERATIONS.get(operation)
+        found = enclose(*operands) if enclose else WHOLE
+        undefined = math.isnan(found.low) or math.isnan(found.high)
+        return WHOLE if undefined else found
+
+    return Instructions(function).evaluate(
+        lambda i, k: Interval(float(boxes[i][0][k]), float(boxes[i][1][k])),
+        lambda value: Interval(value, value), apply)[0]
 
 
 def add_intervals(a: Interval, b: Interval) -> Interval:

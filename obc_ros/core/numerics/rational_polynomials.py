@@ -17,6 +17,7 @@ from math import isfinite
 
 import casadi as ca
 from obc_ros.core.numerics.arrays import Array
+from obc_ros.core.numerics.instructions import Instructions
 
 # (generator, exponent) for each factor, sorted by generator.
 Monomial = tuple[tuple[int, int], ...]
@@ -60,7 +61,6 @@ class Algebra:
     """
 
     def __init__(self, symbols: int) -> None:
-        self.symbols = symbols
         self._known: dict[object, int] = {}
         self._kinds: dict[int, tuple[int, Polynomial, int]] = {}   # operation, operand, partner
         self._next = symbols
@@ -253,23 +253,14 @@ def read_polynomials(function: ca.Function, values: Sequence[Sequence[float | No
         (i, k) for i, column in enumerate(values) for k, value in enumerate(column)
         if value is None)}
     algebra = Algebra(len(place))
-    work: dict[int, Polynomial] = {}
-    result: list[Polynomial] = [{} for _ in range(function.nnz_out(0))]
-    for k in range(function.n_instructions()):
-        operation = function.instruction_id(k)
-        inputs, outputs = function.instruction_input(k), function.instruction_output(k)
-        if operation == ca.OP_INPUT:
-            value = values[inputs[0]][inputs[1]]
-            work[outputs[0]] = (algebra.generator(place[inputs[0], inputs[1]]) if value is None
-                                else make_constant(convert_to_rational(value)))
-        elif operation == ca.OP_CONST:
-            work[outputs[0]] = make_constant(
-                convert_to_rational(float(function.instruction_constant(k))))
-        elif operation == ca.OP_OUTPUT:
-            result[outputs[1]] = work[inputs[0]]
-        else:
-            work[outputs[0]] = algebra.apply(operation, [work[index] for index in inputs])
-    return algebra, result
+
+    def read(i: int, k: int) -> Polynomial:
+        value = values[i][k]
+        return (algebra.generator(place[i, k]) if value is None
+                else make_constant(convert_to_rational(value)))
+
+    return algebra, Instructions(function).evaluate(
+        read, lambda value: make_constant(convert_to_rational(value)), algebra.apply)[0]
 
 
 def split_affine(a: Polynomial, symbols: int) -> tuple[list[Fraction], Fraction] | None:

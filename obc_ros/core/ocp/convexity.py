@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 
 import casadi as ca
 import numpy as np
+from obc_ros.core.numerics.instructions import Instructions
 from obc_ros.core.numerics.interval_arithmetic import enclose_outputs
 from obc_ros.core.ocp.nonconvexity import is_semidefinite
 from obc_ros.core.ocp.problem import Problem
@@ -237,9 +238,7 @@ _ZERO = Shape(True, True, True, True)
 
 def _jumps(slope: ca.SX, z: ca.SX) -> bool:
     """Return whether an expression contains the sign function."""
-    function = ca.Function('slope', [z], [slope])
-    return any(function.instruction_id(k) == ca.OP_SIGN
-               for k in range(function.n_instructions()))
+    return Instructions(ca.Function('slope', [z], [slope])).have(ca.OP_SIGN)
 
 
 def _split(factor: float, term: ca.SX, found: list[tuple[float, ca.SX]]) -> bool:

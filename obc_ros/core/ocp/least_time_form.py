@@ -73,10 +73,7 @@ def find_target(problem: Problem) -> Target | None:
         None for a problem that is not of this form.
 
     """
-    bounded = (np.isfinite(problem.x_lower).any() or np.isfinite(problem.x_upper).any()
-               or problem.path.numel() > 0)
-    boxed = np.isfinite(problem.u_lower).all() and np.isfinite(problem.u_upper).all()
-    if not problem.final_time.free or bounded or not boxed or problem.q == 0:
+    if not (problem.final_time.free and problem.boxed.all() and problem.q) or problem.constrained:
         return None
     form = _form(problem)
     if not form.has_target:

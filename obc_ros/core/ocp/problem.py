@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 
 import casadi as ca
 import numpy as np
-from obc_ros.core.numerics.arrays import Array
+from obc_ros.core.numerics.arrays import Array, Mask
 from obc_ros.core.ocp.guess import Guess
 
 SYMBOLIC = 'x', 'u', 'p', 'f', 'L', 'V', 'psi', 'path'   # fields that one structure determines
@@ -27,6 +27,16 @@ class FinalTime:
     lower: float = np.nan
     upper: float = np.nan
     guess: float | None = None
+
+    @property
+    def earliest(self) -> float:
+        """Return the first admissible T [s]."""
+        return self.lower if self.free else self.value
+
+    @property
+    def latest(self) -> float:
+        """Return the last admissible T [s]."""
+        return self.upper if self.free else self.value
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,3 +114,13 @@ class Problem:
     def q(self) -> int:
         """Return the number of terminal constraints."""
         return int(self.psi.numel())
+
+    @property
+    def boxed(self) -> Mask:
+        """Return which inputs have both bounds, shape (m,)."""
+        return np.asarray(np.isfinite(self.u_lower) & np.isfinite(self.u_upper))
+
+    @property
+    def constrained(self) -> bool:
+        """Return whether there are state bounds or path constraints."""
+        return bool(self.path.numel() or np.isfinite([self.x_lower, self.x_upper]).any())

@@ -454,7 +454,7 @@ def _defined_at_start(problem: Problem, functions: ca.Function) -> None:
 def _trial_inputs(problem: Problem) -> list[Array]:
     lower, upper = problem.u_lower, problem.u_upper
     clipped = [np.clip(np.full(problem.m, value), lower, upper) for value in (0.0, 1.0, -1.0)]
-    boxed = np.isfinite(lower) & np.isfinite(upper)
+    boxed = problem.boxed
     middle = clipped[0].copy()
     middle[boxed] = 0.5 * lower[boxed] + 0.5 * upper[boxed]
     guess = np.array([problem.guess.u[name][0] if name in problem.guess.u else middle[index]

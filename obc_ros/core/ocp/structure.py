@@ -5,6 +5,7 @@
 import casadi as ca
 import numpy as np
 from obc_ros.core.numerics.arrays import Mask
+from obc_ros.core.numerics.instructions import find_dependence
 from obc_ros.core.ocp.problem import Problem
 
 
@@ -45,10 +46,9 @@ def find_idle_inputs(problem: Problem) -> tuple[bool, ...]:
 
     """
     x, u = problem.x, problem.u
-    lam = ca.jacobian_sparsity(ca.vertcat(problem.V, problem.psi), x).get_triplet()[1]
-    moved = ca.vertcat(problem.L, problem.f[sorted(set(lam))])
-    weighs = ca.jacobian_sparsity(moved, u).get_triplet()[1]
-    return tuple(j not in weighs for j in range(problem.m))
+    ends = find_dependence(ca.vertcat(problem.V, problem.psi), x).any(axis=0)
+    moved = ca.vertcat(problem.L, problem.f[np.flatnonzero(ends).tolist()])
+    return tuple(bool(not column.any()) for column in find_dependence(moved, u).T)
 
 
 def find_deciding_inputs(problem: Problem) -> Mask:
@@ -69,12 +69,8 @@ def find_deciding_inputs(problem: Problem) -> Mask:
     """
     rows = ca.vertcat(problem.x, problem.path)
     rate = ca.mtimes(ca.jacobian(rows, problem.x), problem.f)
-    found: Mask = np.zeros((int(rows.numel()), problem.m), dtype=bool)
-    found[ca.jacobian_sparsity(rate, problem.u).get_triplet()] = True
-    mixed = np.zeros_like(found)
-    mixed[ca.jacobian_sparsity(rows, problem.u).get_triplet()] = True
-    found[mixed.any(axis=1)] = False
-    return found
+    mixed = find_dependence(rows, problem.u).any(axis=1, keepdims=True)
+    return np.asarray(find_dependence(rate, problem.u) & ~mixed)
 
 
 def find_shared_inputs(problem: Problem) -> Mask:
@@ -91,9 +87,7 @@ def find_shared_inputs(problem: Problem) -> Mask:
     ndarray of bool, shape (m,)
 
     """
-    found: Mask = np.zeros(problem.m, dtype=bool)
-    found[ca.jacobian_sparsity(problem.path, problem.u).get_triplet()[1]] = True
-    return found
+    return np.asarray(find_dependence(problem.path, problem.u).any(axis=0))
 
 
 def find_clocks(problem: Problem) -> Mask:
@@ -131,12 +125,8 @@ def find_branching_inputs(problem: Problem) -> Mask:
         path constraint contains it.
 
     """
-    boxed = np.isfinite(problem.u_lower) & np.isfinite(problem.u_upper)
     lam, u = ca.SX.sym('lam', problem.n), problem.u
     H = problem.L + ca.dot(lam, problem.f)
     curvature = ca.diag(ca.jacobian(ca.gradient(H, u), u))
-    bent, shared = (np.zeros((count, problem.m), dtype=bool) for count in (
-        problem.m, problem.path.numel()))
-    bent[ca.jacobian_sparsity(curvature, u).get_triplet()] = True
-    shared[ca.jacobian_sparsity(problem.path, u).get_triplet()] = True
-    return np.asarray(boxed & bent.diagonal() & ~shared.any(axis=0))
+    bent = find_dependence(curvature, u).diagonal()
+    return np.asarray(problem.boxed & bent & ~find_shared_inputs(problem))

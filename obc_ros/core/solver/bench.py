@@ -197,16 +197,12 @@ class Bench:
     @property
     def bounded(self) -> bool:
         """Return whether there are state bounds or path constraints."""
-        return is_bounded(self.stated)
+        return self.stated.constrained
 
     @property
     def switching(self) -> tuple[bool, ...]:
         """Return the inputs that may be held at bounds between switching times."""
         return tuple(self.may_hold and each for each in self.programs.switching)
-
-    def without_margin(self) -> 'Bench':
-        """Return the bench with the bounds as stated."""
-        return replace(self, margin=np.zeros_like(self.margin)) if self.margin.any() else self
 
     def collocate(self, mesh: Mesh, start: Path, durations: Array | None = None, *,
                   near: bool = False, sizes: ProblemScales | None = None, most: int = 500,
@@ -458,12 +454,6 @@ class Bench:
             self.certify(outcome, extremal)
 
 
-def is_bounded(problem: Problem) -> bool:
-    """Return whether a problem has state bounds or path constraints."""
-    return bool(problem.path.numel() or np.any(
-        np.isfinite(problem.x_lower) | np.isfinite(problem.x_upper)))
-
-
 def build_bench(task: Task, *, with_arcs: bool = True, quick: bool = False) -> Bench:
     """
     Return the bench of a search.
@@ -478,7 +468,7 @@ def build_bench(task: Task, *, with_arcs: bool = True, quick: bool = False) -> B
         One start and a few meshes, for paths that need not be optimal.
 
     """
-    problem, programs, bounded = task.problem, task.programs, is_bounded(task.problem)
+    problem, programs, bounded = task.problem, task.programs, task.problem.constrained
     smooth = programs.twin.problem(problem, 0) if programs.twin else problem
     return Bench(
         stated=problem, problem=smooth, programs=programs, monitor=task.monitor, tally=Tally(),

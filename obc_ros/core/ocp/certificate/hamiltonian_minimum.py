@@ -23,6 +23,7 @@ import itertools
 import casadi as ca
 import numpy as np
 from obc_ros.core.numerics.arrays import Array, Index
+from obc_ros.core.numerics.instructions import find_dependence, Instructions
 from obc_ros.core.numerics.vectorized import VectorizedFunction
 from obc_ros.core.ocp.problem import Problem
 
@@ -272,8 +273,7 @@ def _groups(problem: Problem) -> list[_Group]:
     # The sparsity has an entry wherever dH/du_i depends on u_j, also through |u|.
     linked = np.eye(m, dtype=bool)
     linked[Huu.sparsity().get_triplet()] = True
-    rows = np.zeros((problem.path.numel(), m), dtype=bool)
-    rows[ca.jacobian_sparsity(problem.path, u).get_triplet()] = True
+    rows = find_dependence(problem.path, u)
     groups = linked | ((rows.T.astype(int) @ rows.astype(int)) > 0)
     groups |= groups.T
     for k in range(m):
@@ -310,7 +310,7 @@ def _slack(problem: Problem, at: Points, rows: list[int]) -> Array:
 
 def _kinked(problem: Problem) -> bool:
     function = ca.Function('H', [problem.x, problem.u, problem.p], [problem.L, problem.f])
-    return any(function.instruction_id(k) in _KINKED for k in range(function.n_instructions()))
+    return Instructions(function).have(*_KINKED)
 
 
 def _line(slope: Array, curvature: Array, lower: Array, upper: Array, scale: float,

@@ -5,6 +5,7 @@
 import casadi as ca
 import numpy as np
 from obc_ros.core.numerics.arrays import Mask
+from obc_ros.core.numerics.instructions import find_dependence
 from obc_ros.core.ocp.problem import Problem
 
 _ORDERS = 3    # highest order of a constraint that is treated
@@ -41,8 +42,7 @@ class BoundRates:
             for order in range(_ORDERS + 1):
                 if ca.depends_on(chain[-1], problem.u):
                     self.orders[row] = order
-                    enters = ca.jacobian_sparsity(chain[-1], problem.u).get_triplet()[1]
-                    self.deciding[row, enters] = True
+                    self.deciding[row] = find_dependence(chain[-1], problem.u)[0]
                     slope = ca.jacobian(chain[-1], problem.u)
                     self.straight[row] = not order and not ca.depends_on(slope, problem.u)
                     break

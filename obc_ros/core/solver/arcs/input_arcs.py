@@ -19,6 +19,7 @@ import math
 import casadi as ca
 import numpy as np
 from obc_ros.core.numerics.arrays import Array, Mask
+from obc_ros.core.numerics.instructions import find_dependence
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.solver.transcription.mesh import HELD, Layout, LINEAR, Mesh, Path, Phase
 
@@ -27,6 +28,7 @@ Signature = tuple[tuple[float | None, ...], ...]
 
 _LOWER, _INSIDE, _UPPER = -1, 0, 1
 _SMEAR = 2.0   # length, in the longest intervals, up to which an arc may be a smeared jump
+_FEWEST = 3, 8   # minimum numbers of intervals in an arc without and with a free input
 _MET = 1e-6    # relative violation of a constraint that inputs at their bounds may have
 
 
@@ -162,9 +164,7 @@ def drop_excluded_bounds(problem: Problem, arcs: list[Arc], smear: float) -> lis
                if not ca.depends_on(row, problem.x)]
     value = ca.Function('c', [problem.u, problem.p], [ca.vertcat(*rows)])
     lower, upper = problem.path_lower[numbers], problem.path_upper[numbers]
-    entries = ca.jacobian_sparsity(ca.vertcat(*rows), problem.u).get_triplet()
-    enters: Mask = np.zeros((len(rows), problem.m), dtype=bool)
-    enters[entries] = True
+    enters = find_dependence(ca.vertcat(*rows), problem.u)
     kept: list[Arc] = []
     start = 0.0
     for k, arc in enumerate(arcs):
@@ -278,8 +278,8 @@ def _tidy(spans: list[_Span], T: float) -> list[_Span]:
     return kept
 
 
-def build_arc_mesh(problem: Problem, arcs: Sequence[Arc], stages: int, density: float,
-                   least: tuple[int, int] = (3, 8)) -> tuple[Mesh, Array]:
+def build_arc_mesh(problem: Problem, arcs: Sequence[Arc], stages: int, density: float
+                   ) -> tuple[Mesh, Array]:
     """
     Build a mesh with one phase for each arc.
 
@@ -293,8 +293,6 @@ def build_arc_mesh(problem: Problem, arcs: Sequence[Arc], stages: int, density: 
         Gauss points in each interval.
     density : float
         Intervals per second.
-    least : pair of int
-        Minimum numbers of intervals in an arc without and with a free input.
 
     Returns
     -------
@@ -306,7 +304,7 @@ def build_arc_mesh(problem: Problem, arcs: Sequence[Arc], stages: int, density: 
     phases = []
     for arc in arcs:
         free = [math.isnan(level) for level in arc.levels]
-        count = max(least[any(free)], math.ceil(density * (arc.end - arc.start)))
+        count = max(_FEWEST[any(free)], math.ceil(density * (arc.end - arc.start)))
         phases.append(Phase(count, tuple(LINEAR if f else HELD for f in free),
                             (False,) * problem.m))
     layout = Layout(tuple(phases), stages, problem.final_time.free)

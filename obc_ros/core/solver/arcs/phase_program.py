@@ -182,8 +182,8 @@ class _Solve:
         none = np.zeros((1, 1))
         self.at_psi = self._add(psi, none, none) if problem.q else slice(0, 0)
         final = problem.final_time
-        span = (final.lower, final.upper) if final.free else (final.value, final.value)
-        self._add(ca.sum2(self.T), *(np.full((1, 1), each / sizes.time) for each in span))
+        self._add(ca.sum2(self.T), *(np.full((1, 1), each / sizes.time)
+                                     for each in (final.earliest, final.latest)))
 
     def _hold(self, x: ca.MX, u: ca.MX, c: ca.MX) -> None:
         """Add the equations of active constraints, and bounds where they are not active."""

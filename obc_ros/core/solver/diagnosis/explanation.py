@@ -161,7 +161,7 @@ class _Doubt:
                 sentence := explain_level_terminal(problem, found.x[-1])):
             return Reason(False, sentence)
         kept = found is not None and not self.lost and not describe_shortfall(problem, found)
-        if kept or problem.q == 0 and not _bounded(problem):
+        if kept or problem.q == 0 and not problem.constrained:
             return self.mixed(found) or self.without_end(found)
         nearest = self.best(relax_terminal(problem))
         if not self.keeps(nearest):
@@ -211,12 +211,12 @@ class _Doubt:
         """Return that the cost decreases without limit or that states diverge, if they do."""
         sentence = explain_unbounded(self.problem, self.certified, None if self.lost else found)
         if not sentence and self.lost:
-            sentence = explain_escape(self.problem, _last(self.problem))
+            sentence = explain_escape(self.problem, self.problem.final_time.latest)
         return Reason(False, sentence) if sentence else None
 
     def too_short(self) -> Reason | None:
         """Return that the terminal constraints can be met at a later T, if they can."""
-        problem, last = self.problem, _last(self.problem)
+        problem, last = self.problem, self.problem.final_time.latest
         guess = FinalTime(free=True, lower=1e-3 * last, upper=_LATER * last, guess=2 * last)
         later = replace(problem, L=ca.SX(1), V=ca.SX(0), final_time=guess, structure='')
         answer = self.solve(later)
@@ -300,15 +300,6 @@ def _nearly_optimal(answer: Solution) -> bool:
                     Condition.HAMILTONIAN))
 
 
-def _last(problem: Problem) -> float:
-    final = problem.final_time
-    return final.upper if final.free else final.value
-
-
-def _bounded(problem: Problem) -> bool:
-    return bool(np.isfinite([problem.x_lower, problem.x_upper]).any() or problem.path.numel())
-
-
 def _arrives(solution: Solution) -> bool:
     """Return whether the constraints are met; dynamics and optimality are not examined."""
     certificate = solution.certificate
@@ -332,4 +323,4 @@ def _almost(problem: Problem, found: Solution) -> bool:
 
 
 def _time(problem: Problem) -> str:
-    return f'by T = {_last(problem):.6g}'
+    return f'by T = {problem.final_time.latest:.6g}'

@@ -57,9 +57,8 @@ def relax_terminal(problem: Problem) -> Problem:
     """Return the problem of minimising the violation of the terminal constraints."""
     nearest = replace(problem, L=ca.SX(0), psi=ca.SX(0, 1), structure='',
                       V=ca.sumsqr(problem.psi / _sizes(problem)))
-    boxed = np.isfinite([problem.u_lower, problem.u_upper]).all()
     # Without a cost of inputs, arcs on their bounds are recognised.
-    return nearest if boxed and all(find_switching_inputs(nearest)) else replace(
+    return nearest if problem.boxed.all() and all(find_switching_inputs(nearest)) else replace(
         nearest, L=_effort(problem))
 
 
@@ -84,7 +83,7 @@ def relax_path_constraints(problem: Problem) -> Problem:
 
 def _effort(problem: Problem) -> ca.SX:
     """Return a small cost of the distance of inputs from the middle of their bounds."""
-    boxed = np.isfinite(problem.u_lower) & np.isfinite(problem.u_upper)
+    boxed = problem.boxed
     half = np.where(boxed, 0.5*(problem.u_upper - problem.u_lower), 1.0)
     middle = np.where(boxed, problem.u_lower + half, np.clip(
         0.0, problem.u_lower, problem.u_upper))

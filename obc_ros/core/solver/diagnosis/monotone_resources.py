@@ -82,8 +82,7 @@ def explain_shortage(problem: Problem, solve: Solver) -> str:
         if (left - bound if supply.upper else bound - left) > _SHORT * size:
             name = problem.states[supply.index]
             final = problem.final_time
-            by = f'{"by" if final.free else "at"} T = ' + format_number(
-                final.upper if final.free else final.value)
+            by = f'{"by" if final.free else "at"} T = {format_number(final.latest)}'
             change, extreme = ('decreases', 'smallest') if supply.upper else (
                 'increases', 'largest')
             return (f'{name} never {change}, and the {extreme} final value found for it, with '

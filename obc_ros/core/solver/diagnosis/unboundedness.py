@@ -67,7 +67,7 @@ def explain_unbounded(problem: Problem, solve: Solver, found: Solution | None) -
 
     The inputs of a path that was found are the initial guess, clipped to the bounds.
     """
-    free = ~(np.isfinite(problem.u_lower) & np.isfinite(problem.u_upper))
+    free = ~problem.boxed
     if not free.any():
         return ''
     size = np.maximum(1.0, np.abs(np.where(np.isfinite(problem.u_lower), problem.u_lower, 0.0)))

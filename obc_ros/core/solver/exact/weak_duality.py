@@ -146,8 +146,7 @@ def is_excluded(problem: Problem) -> bool:
 
     """
     plant = find_affine_dynamics(problem)
-    boxed = np.isfinite([problem.u_lower, problem.u_upper]).all()
-    if plant is None or not boxed or problem.final_time.free:
+    if plant is None or not problem.boxed.all() or problem.final_time.free:
         return False
     T = problem.final_time.value
     half = 0.5 * (problem.u_upper - problem.u_lower)

@@ -19,6 +19,7 @@ from fractions import Fraction
 import casadi as ca
 import numpy as np
 from obc_ros.core.numerics.arrays import Array, Mask
+from obc_ros.core.numerics.instructions import find_dependence
 from obc_ros.core.numerics.interval_arithmetic import (
     add_intervals,
     enclose_outputs,
@@ -92,7 +93,7 @@ def _path_at(problem: Problem, box: tuple[Array, Array], where: str, known: Mask
     p, u = (problem.p_value, problem.p_value), (problem.u_lower, problem.u_upper)
     middle = np.clip(np.zeros(problem.m), *u)
     for row in range(problem.path.numel()):
-        uses = ca.jacobian_sparsity(problem.path[row], problem.x).get_triplet()[1]
+        uses = find_dependence(problem.path[row], problem.x)[0]
         if ca.depends_on(rate[row, :], problem.u) or not known[uses].all():
             continue
         # The constraint is affine in u: its value at one input and its slopes give its range.
@@ -168,8 +169,7 @@ def _where_pinned(problem: Problem, end: End) -> Iterator[str]:
     pinned, box = end.pinned(), _box(end)
     x = 0.5 * (box[0] + box[1])
     for row in set(range(problem.q)) - set(end.rows):
-        used = np.zeros(problem.n, dtype=bool)
-        used[ca.jacobian_sparsity(problem.psi[row], problem.x).get_triplet()[1]] = True
+        used = find_dependence(problem.psi[row], problem.x)[0]
         if not pinned[used].all():
             continue
         psi = ca.Function('psi', [problem.x, problem.p], [problem.psi[row]])
@@ -245,9 +245,7 @@ def _path_at_end(problem: Problem) -> Iterator[str]:
 def _in_between(problem: Problem, end: Array, pinned: Mask) -> Iterator[str]:
     """Yield constraints on one state that are violated at a value which this state must pass."""
     path = ca.Function('path', [problem.x, problem.u, problem.p], [problem.path])
-    uses = np.zeros((problem.path.numel(), problem.n + problem.m), dtype=bool)
-    uses[ca.jacobian_sparsity(
-        problem.path, ca.vertcat(problem.x, problem.u)).get_triplet()] = True
+    uses = find_dependence(problem.path, ca.vertcat(problem.x, problem.u))
     for row in np.flatnonzero(uses.sum(axis=1) == 1):
         index = int(np.argmax(uses[row]))
         if index >= problem.n or not pinned[index]:
@@ -290,18 +288,17 @@ def _beyond_reach(problem: Problem) -> Iterator[str]:
 def _too_soon(problem: Problem) -> Iterator[str]:
     """Yield the minimum time of a linear system with bounded inputs if less time is available."""
     rows = find_affine_rows(problem)
-    boxed = np.isfinite(problem.u_lower).all() and np.isfinite(problem.u_upper).all()
-    if rows is None or not rows.affine.any() or not boxed or find_affine_dynamics(problem) is None:
+    if rows is None or not rows.affine.any() or not problem.boxed.all() or (
+            find_affine_dynamics(problem) is None):
         return
-    final, unlimited, none = problem.final_time, np.full(problem.n, np.inf), np.zeros(0)
-    within = FinalTime(free=True, lower=0.0, upper=final.upper if final.free else final.value)
+    unlimited, none = np.full(problem.n, np.inf), np.zeros(0)
+    within = FinalTime(free=True, lower=0.0, upper=problem.final_time.latest)
     found = solve_time_optimal(replace(
         problem, L=ca.SX(1), V=ca.SX(0), psi=problem.psi[np.flatnonzero(rows.affine).tolist()],
         path=ca.SX(0, 1), path_lower=none, path_upper=none, x_lower=-unlimited,
         x_upper=unlimited, final_time=within, structure=''))
     if found is not None and found.status is Status.INFEASIBLE:
-        more = (np.isfinite([problem.x_lower, problem.x_upper]).any() or problem.path.numel()
-                or not rows.affine.all())
+        more = problem.constrained or not rows.affine.all()
         yield f'{found.message}{", without regard to the other constraints" if more else ""}'
 
 

@@ -148,8 +148,8 @@ def state_least_effort(problem: Problem) -> Problem:
         width of its bounds; u_m is the middle of the bounds, 0 for an input without both bounds.
 
     """
-    bounded = np.isfinite(problem.u_lower) & np.isfinite(problem.u_upper)
-    low, high = (np.where(bounded, bound, 0.0) for bound in (problem.u_lower, problem.u_upper))
+    low, high = (np.where(problem.boxed, bound, 0.0)
+                 for bound in (problem.u_lower, problem.u_upper))
     half = np.where(high > low, (high - low) / 2, 1.0)
     return replace(problem, structure='', V=ca.SX(0),
                    L=1 + ca.sumsqr((problem.u - (low + high) / 2) / half))
@@ -157,7 +157,7 @@ def state_least_effort(problem: Problem) -> Problem:
 
 def _unlimited(problem: Problem) -> Mask:
     """Return which inputs have a missing bound and no path constraint, shape (m,)."""
-    free: Mask = ~(np.isfinite(problem.u_lower) & np.isfinite(problem.u_upper))
+    free: Mask = ~problem.boxed
     if free.any() and problem.path.numel():
         free &= [not ca.depends_on(problem.path, u) for u in ca.vertsplit(problem.u)]
     return free
@@ -196,10 +196,9 @@ def _exact(problem: Problem, expressions: ca.SX) -> list[Polynomial]:
 
 def _linear(problem: Problem, free: Mask) -> str:
     """Return a sentence if no nu satisfies dH/du = 0 for the inputs without bounds, else ''."""
-    bounded = np.isfinite([problem.x_lower, problem.x_upper]).any() or problem.path.numel()
     slopes = ca.jacobian(ca.vertcat(problem.L, problem.V, problem.psi),
                          ca.vertcat(problem.x, problem.u))
-    if (find_affine_dynamics(problem) is None or bounded or problem.final_time.free
+    if (find_affine_dynamics(problem) is None or problem.constrained or problem.final_time.free
             or ca.depends_on(slopes, ca.vertcat(problem.x, problem.u))):
         return ''
     n, q, T = problem.n, problem.q, problem.final_time.value

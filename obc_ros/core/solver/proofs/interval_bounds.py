@@ -13,6 +13,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 from obc_ros.core.numerics.arrays import Array
+from obc_ros.core.numerics.instructions import find_dependence
 from obc_ros.core.numerics.interval_arithmetic import (
     add_intervals,
     enclose_outputs,
@@ -77,7 +78,7 @@ def find_unsatisfiable(problem: Problem) -> Iterator[str]:
     """
     low, high = find_lower_bounds(problem), problem.x_upper
     yield from _path(problem, low, high)
-    last = problem.final_time.upper if problem.final_time.free else problem.final_time.value
+    last = problem.final_time.latest
     # For linear systems the check of the minimum time gives more.
     curved = bool(problem.q) and find_affine_dynamics(problem) is None
     for within in ('within its bounds', 'within reach')[:1 + curved]:
@@ -142,28 +143,21 @@ def _margin(found: Interval) -> float:
     return _MARGIN * (1 + sum(ends))
 
 
-def _used(problem: Problem, row: int) -> NDArray[np.bool_]:
-    """Return which states appear in a terminal constraint."""
-    used = np.zeros(problem.n, dtype=bool)
-    used[ca.jacobian_sparsity(problem.psi[row], problem.x).get_triplet()[1]] = True
-    return used
-
-
 def _turning(problem: Problem, row: int, low: Array) -> str:
     """Return, as text, the states of a terminal constraint that stay nonnegative by themselves."""
     names = [name for name, used, unbounded in zip(
-        problem.states, _used(problem, row), low > problem.x_lower, strict=True)
+        problem.states, find_dependence(problem.psi[row], problem.x)[0], low > problem.x_lower,
+        strict=True)
         if used and unbounded]
     return f' because no input takes {" or ".join(names)} below 0' if names else ''
 
 
 def _extent(problem: Problem, row: int, low: Array, high: Array) -> str:
     """Return, as text, the range that the states of a terminal constraint can reach."""
-    used, final = _used(problem, row), problem.final_time
+    used = find_dependence(problem.psi[row], problem.x)[0]
     parts = [
         f'{name} stays between {format_number(float(low[k]))} and {format_number(float(high[k]))}'
              for k, name in enumerate(problem.states)
              if used[k] and np.isfinite([low[k], high[k]]).all()]
-    by = final.upper if final.free else final.value
     how_far = f' ({", ".join(parts)})' if parts else ''
-    return f' by T = {by:.6g}{how_far}'
+    return f' by T = {problem.final_time.latest:.6g}{how_far}'

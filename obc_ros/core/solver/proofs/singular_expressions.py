@@ -15,6 +15,7 @@ from itertools import chain
 import casadi as ca
 import numpy as np
 from obc_ros.core.numerics.arrays import Array
+from obc_ros.core.numerics.instructions import apply_to_expressions, Instructions
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.ocp.wording import format_number
 
@@ -306,23 +307,18 @@ def _operations(problem: Problem) -> Iterator[tuple[str, int, list[ca.SX]]]:
             yield where, operation, operands
 
 
-def _done_in(problem: Problem, expression: ca.SX) -> Iterator[tuple[int, list[ca.SX]]]:
-    """Yield the operations in an expression with their operands."""
+def _done_in(problem: Problem, expression: ca.SX) -> list[tuple[int, list[ca.SX]]]:
+    """Return the operations in an expression with their operands."""
     symbols = [problem.x, problem.u, problem.p]
-    function = ca.Function('one', symbols, [expression])
-    work: dict[int, ca.SX] = {}
-    for k in range(function.n_instructions()):
-        operation = function.instruction_id(k)
-        inputs, outputs = function.instruction_input(k), function.instruction_output(k)
-        if operation == ca.OP_INPUT:
-            work[outputs[0]] = symbols[inputs[0]][inputs[1]]
-        elif operation == ca.OP_CONST:
-            work[outputs[0]] = ca.SX(function.instruction_constant(k))
-        elif operation != ca.OP_OUTPUT:
-            operands = [work[index] for index in inputs]
-            yield operation, operands
-            work[outputs[0]] = (ca.SX.binary(operation, *operands) if len(operands) == 2
-                                else ca.SX.unary(operation, *operands))
+    found: list[tuple[int, list[ca.SX]]] = []
+
+    def apply(operation: int, operands: list[ca.SX]) -> ca.SX:
+        found.append((operation, operands))
+        return apply_to_expressions(operation, operands)
+
+    Instructions(ca.Function('one', symbols, [expression])).evaluate(
+        lambda i, k: symbols[i][k], ca.SX, apply)
+    return found
 
 
 def find_suspects(problem: Problem) -> list[Suspect]:

@@ -16,6 +16,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 from obc_ros.core.numerics.arrays import Array, Mask
+from obc_ros.core.numerics.instructions import find_dependence
 from obc_ros.core.numerics.interval_arithmetic import (
     add_intervals,
     enclose_outputs,
@@ -34,6 +35,7 @@ from obc_ros.core.numerics.rational_polynomials import (
 from obc_ros.core.numerics.taylor_enclosure import Box, TaylorStep, Tube
 from obc_ros.core.ocp.affine_constraints import End
 from obc_ros.core.ocp.problem import Problem
+from obc_ros.core.ocp.wording import format_number
 
 _MISSED = 1e-6   # relative: above the tolerances of a certificate
 _EARLIER, _PARTS = 16, 32   # steps, at least: up to the first and to the last admissible T
@@ -47,8 +49,7 @@ def find_missed_states(problem: Problem, words: list[str]) -> Iterator[str]:
     `words`: the lower and the upper bound of each state, then each terminal constraint, as text.
     """
     driven = _driven(problem)
-    uses = np.zeros((problem.q, problem.n), dtype=bool)
-    uses[ca.jacobian_sparsity(problem.psi, problem.x).get_triplet()] = True
+    uses = find_dependence(problem.psi, problem.x)
     bounded = np.isfinite(problem.x_lower) | np.isfinite(problem.x_upper)
     decided = ~uses[:, driven].any(axis=1)
     if driven.all() or not (bounded[~driven].any() or decided.any()):
@@ -74,8 +75,7 @@ def find_missed_states(problem: Problem, words: list[str]) -> Iterator[str]:
 def _left(problem: Problem, alone: NDArray[np.int_], steps: list[TaylorStep], nothing: str,
           words: list[str]) -> Iterator[str]:
     """Yield bounds that states violate by the first admissible T."""
-    final = problem.final_time
-    earliest = final.lower if final.free else final.value
+    earliest = problem.final_time.earliest
     for k, index in enumerate(map(int, alone)):
         for upper in (True, False):
             for step in steps:
@@ -135,26 +135,21 @@ def _missed(problem: Problem, reason: str, wanted: str, values: list[Interval],
         return
     final = problem.final_time
     if final.free:
-        yield (f'{reason}: {wanted} holds at no T from {_number(final.lower)} to '
-               f'{_number(final.upper)}')
+        yield (f'{reason}: {wanted} holds at no T from {format_number(final.lower)} to '
+               f'{format_number(final.upper)}')
     elif there is not None:
-        yield (f'{reason}: at T = {_number(final.value)} it is {_number(there)}, and the '
-               f'terminal constraint {wanted} cannot be met')
+        yield (f'{reason}: at T = {format_number(final.value)} it is {format_number(there)}, and '
+               f'the terminal constraint {wanted} cannot be met')
     else:
         missed = abs(0.5 * (values[-1].low + values[-1].high))
-        yield (f'{reason}: at T = {_number(final.value)} the terminal constraint {wanted} is '
-               f'missed by {_number(missed)}')
-
-
-def _number(value: float) -> str:
-    return f'{value:.6g}' if abs(value) > 1e-12 else '0'
+        yield (f'{reason}: at T = {format_number(final.value)} the terminal constraint {wanted} '
+               f'is missed by {format_number(missed)}')
 
 
 def _boxes_at_the_end(problem: Problem, steps: list[TaylorStep]) -> list[Box]:
     """Return boxes for all admissible final times; none if the enclosure ends earlier."""
     final = problem.final_time
-    last = final.upper if final.free else final.value
-    if not steps or steps[-1].end < last:
+    if not steps or steps[-1].end < final.latest:
         return []
     if not final.free:
         return [steps[-1].after]
@@ -181,8 +176,7 @@ def _terms(problem: Problem, steps: list[TaylorStep], psi: ca.Function) -> float
 
 def _stops(problem: Problem) -> Array:
     """Return increasing times up to the last admissible final time."""
-    final = problem.final_time
-    earliest, last = (final.lower, final.upper) if final.free else (final.value, final.value)
+    earliest, last = problem.final_time.earliest, problem.final_time.latest
     stops = np.unique(np.concatenate([
         np.linspace(0.0, earliest, _EARLIER + 1), np.linspace(earliest, last, _PARTS + 1)]))
     return np.asarray(stops[stops > 0])
@@ -309,13 +303,8 @@ def _movable(problem: Problem) -> Mask:
 
 def _driven(problem: Problem) -> Mask:
     """Return on which states an input acts, directly or through other states, shape (n,)."""
-    def pattern(symbols: ca.SX) -> Mask:
-        found = np.zeros((problem.n, symbols.numel()), dtype=bool)
-        found[ca.jacobian_sparsity(problem.f, symbols).get_triplet()] = True
-        return found
-
-    driven = pattern(problem.u)[:, _movable(problem)].any(axis=1)
-    through = pattern(problem.x)
+    driven = find_dependence(problem.f, problem.u)[:, _movable(problem)].any(axis=1)
+    through = find_dependence(problem.f, problem.x)
     for _ in range(problem.n):
         driven = driven | (through & driven).any(axis=1)
     return np.asarray(driven)

@@ -107,7 +107,7 @@ class Guesser:
         """Return the input (m,) within bounds that minimises |f(x, u)|, from u = 0."""
         lower, upper = problem.u_lower, problem.u_upper
         u = _inside(np.zeros(problem.m), lower, upper)
-        both = np.isfinite(lower) & np.isfinite(upper)
+        both = problem.boxed
         nudge = np.where(both & (u == lower) | both & (u == upper),
                          1e-2 * (np.where(both, lower, 0) + np.where(both, upper, 0) - 2 * u), 0)
         u = u + nudge

@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 import casadi as ca
 import numpy as np
 from obc_ros.core.numerics.arrays import Array
+from obc_ros.core.numerics.instructions import apply_to_expressions, Instructions
 from obc_ros.core.ocp.guess import Guess
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.solver.transcription.program import TranscriptionOutcome
@@ -37,8 +38,6 @@ class Twin:
         For each smooth input the stated input that it is a part of, and its sign; 0: the whole.
     kinks : Function
         c (m, 1) of the inputs that are split, of the stated parameters.
-    rounded : bool
-        Whether an absolute value is smoothed by eps.
 
     """
 
@@ -47,7 +46,6 @@ class Twin:
     expressions: tuple[ca.SX, ...]
     split: tuple[tuple[int, int], ...]
     kinks: ca.Function
-    rounded: bool
 
     def problem(self, stated: Problem, turn: int = -1) -> Problem:
         """
@@ -121,24 +119,21 @@ def build_smooth_twin(problem: Problem) -> Twin | None:
         None if no absolute value occurs.
 
     """
-    function = ca.Function('stated', [problem.x, problem.u, problem.p], [
-        problem.f, problem.L, problem.path, problem.psi, problem.V])
-    count = function.n_instructions()
-    if all(function.instruction_id(k) != ca.OP_FABS for k in range(count)):
+    instructions = Instructions(ca.Function('stated', [problem.x, problem.u, problem.p], [
+        ca.densify(each) for each in (
+            problem.f, problem.L, problem.path, problem.psi, problem.V)]))
+    if not instructions.have(ca.OP_FABS):
         return None
     eps = ca.SX.sym('eps')
     split: dict[int, ca.SX] = {}
-    rounded = False
 
     def look(e: ca.SX) -> ca.SX:
-        nonlocal rounded
         found = _single_input(problem, e)
         if found is None or not ca.is_equal(split.setdefault(*found), found[1], 9):
-            rounded = True
             return ca.sqrt(e**2 + eps**2)
         return ca.fabs(e)
 
-    _replayed(function, (problem.x, problem.u, problem.p), look)
+    _replayed(instructions, (problem.x, problem.u, problem.p), look)
     rows: list[tuple[int, int]] = []
     for i in range(problem.m):
         rows += [(i, 1), (i, -1)] if i in split else [(i, 0)]
@@ -159,10 +154,10 @@ def build_smooth_twin(problem: Problem) -> Twin | None:
         return ca.fabs(slope) * magnitude[index]
 
     # The stated inputs are substituted last, so that |k u| is recognised.
-    expressions = _replayed(function, (problem.x, problem.u, problem.p), smooth)
+    expressions = _replayed(instructions, (problem.x, problem.u, problem.p), smooth)
     expressions = ca.substitute(expressions, [problem.u], [ca.vertcat(*whole)])
     return Twin(u, ca.vertcat(problem.p, eps), tuple(expressions), tuple(rows),
-                ca.Function('kinks', [problem.p], [ca.vertcat(*kinks)]), rounded)
+                ca.Function('kinks', [problem.p], [ca.vertcat(*kinks)]))
 
 
 def _single_input(problem: Problem, e: ca.SX) -> tuple[int, ca.SX] | None:
@@ -177,24 +172,11 @@ def _single_input(problem: Problem, e: ca.SX) -> tuple[int, ca.SX] | None:
     return used[0], kink
 
 
-def _replayed(function: ca.Function, arguments: tuple[ca.SX, ...],
+def _replayed(instructions: Instructions, arguments: tuple[ca.SX, ...],
               absolute: Callable[[ca.SX], ca.SX]) -> list[ca.SX]:
     """Return the outputs of a function of SX with |e| replaced by absolute(e)."""
-    work: dict[int, ca.SX] = {}
-    results = [ca.SX.zeros(function.sparsity_out(i)) for i in range(function.n_out())]
-    for k in range(function.n_instructions()):
-        operation = function.instruction_id(k)
-        inputs, outputs = function.instruction_input(k), function.instruction_output(k)
-        if operation == ca.OP_CONST:
-            work[outputs[0]] = ca.SX(function.instruction_constant(k))
-        elif operation == ca.OP_INPUT:
-            work[outputs[0]] = arguments[inputs[0]].nz[inputs[1]]
-        elif operation == ca.OP_OUTPUT:
-            results[outputs[0]].nz[outputs[1]] = work[inputs[0]]
-        elif operation == ca.OP_FABS:
-            work[outputs[0]] = absolute(work[inputs[0]])
-        elif len(inputs) == 1:
-            work[outputs[0]] = ca.SX.unary(operation, work[inputs[0]])
-        else:
-            work[outputs[0]] = ca.SX.binary(operation, work[inputs[0]], work[inputs[1]])
-    return results
+    found = instructions.evaluate(
+        lambda i, k: arguments[i].nz[k], ca.SX, lambda operation, operands: (
+            absolute(operands[0]) if operation == ca.OP_FABS
+            else apply_to_expressions(operation, operands)))
+    return [ca.vertcat(ca.SX(0, 1), *entries) for entries in found]

@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 from obc_ros.core.numerics.arrays import Array, Index
 from obc_ros.core.numerics.collocation import build_collocation, compute_gauss_points
+from obc_ros.core.numerics.instructions import find_dependence
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.ocp.solution import Verdict
 from obc_ros.core.solver.nlp.interior_point import StoppingRule
@@ -179,9 +180,7 @@ class Transcription:
         self.c = compute_gauss_points(layout.stages)
         self._number(problem)
         self._problem = problem
-        jacobian = ca.jacobian_sparsity(problem.path, ca.vertcat(problem.x, problem.u))
-        self._uses = np.zeros((self.l, self.n + self.m), dtype=bool)
-        self._uses[jacobian.get_triplet()] = True
+        self._uses = find_dependence(problem.path, ca.vertcat(problem.x, problem.u))
         self._path = ca.Function('path', [problem.x, problem.u, problem.p], [problem.path])
 
     def _number(self, problem: Problem) -> None:
@@ -411,10 +410,8 @@ class Transcription:
             if self.l:
                 rows.append(np.tile(path, self._program.rows[2] // self.l))
         if len(self.layout.phases) > 1:
-            time_ = problem.final_time
-            span = (time_.lower, time_.upper) if time_.free else (time_.value, time_.value)
-            lower.append(np.array([span[0] / scales.time]))
-            upper.append(np.array([span[1] / scales.time]))
+            lower.append(np.array([problem.final_time.earliest / scales.time]))
+            upper.append(np.array([problem.final_time.latest / scales.time]))
         bounds = np.concatenate(lower), np.concatenate(upper)
         each = self.n * (s + 1) + self.l * (s + 1)
         places = each * np.arange(N)[:, None] + self.n * (s + 1) + np.arange(self.l)

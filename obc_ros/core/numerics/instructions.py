@@ -1,0 +1,93 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""CasADi functions of scalars, instruction by instruction: other arithmetics, and structure."""
+
+from collections.abc import Callable
+from typing import TypeVar
+
+import casadi as ca
+import numpy as np
+from obc_ros.core.numerics.arrays import Mask
+
+Number = TypeVar('Number')
+
+
+class Instructions:
+    """
+    The instructions of a function of SX.
+
+    Parameters
+    ----------
+    function : casadi.Function
+        A function of SX.
+
+    """
+
+    def __init__(self, function: ca.Function) -> None:
+        self._lengths = [function.nnz_out(i) for i in range(function.n_out())]
+        self._steps = [(k, function.instruction_id(k), function.instruction_input(k),
+                        function.instruction_output(k)) for k in range(function.n_instructions())]
+        self._constants = {k: float(function.instruction_constant(k))
+                           for k, operation, *_ in self._steps if operation == ca.OP_CONST}
+
+    def evaluate(self, read: Callable[[int, int], Number], constant: Callable[[float], Number],
+                 apply: Callable[[int, list[Number]], Number]) -> list[list[Number]]:
+        """
+        Evaluate the function in another arithmetic.
+
+        Parameters
+        ----------
+        read : callable
+            Returns the value of entry k of input i; called as read(i, k), where it is used.
+        constant : callable
+            Returns the value of a number.
+        apply : callable
+            Returns the result of an operation of CasADi; called as apply(operation, operands).
+
+        Returns
+        -------
+        list of list
+            The nonzero entries of each output.
+
+        """
+        work: dict[int, Number] = {}
+        results: list[dict[int, Number]] = [{} for _ in self._lengths]
+        for k, operation, inputs, outputs in self._steps:
+            if operation == ca.OP_INPUT:
+                work[outputs[0]] = read(inputs[0], inputs[1])
+            elif operation == ca.OP_CONST:
+                work[outputs[0]] = constant(self._constants[k])
+            elif operation == ca.OP_OUTPUT:
+                results[outputs[0]][outputs[1]] = work[inputs[0]]
+            else:
+                work[outputs[0]] = apply(operation, [work[index] for index in inputs])
+        return [[found[k] for k in range(length)]
+                for found, length in zip(results, self._lengths, strict=True)]
+
+    def have(self, *operations: int) -> bool:
+        """Return whether one of some operations occurs."""
+        return any(operation in operations for _, operation, *_ in self._steps)
+
+
+def apply_to_expressions(operation: int, operands: list[ca.SX]) -> ca.SX:
+    """Return the result of an operation of CasADi on expressions."""
+    return (ca.SX.binary if len(operands) == 2 else ca.SX.unary)(operation, *operands)
+
+
+def find_dependence(expressions: ca.SX, symbols: ca.SX) -> Mask:
+    """
+    Return which symbols appear in which expressions.
+
+    Parameters
+    ----------
+    expressions, symbols : casadi.SX
+        Columns of lengths r and k.
+
+    Returns
+    -------
+    ndarray of bool, shape (r, k)
+
+    """
+    found: Mask = np.zeros((expressions.numel(), symbols.numel()), dtype=bool)
+    found[ca.jacobian_sparsity(expressions, symbols).get_triplet()] = True
+    return found
