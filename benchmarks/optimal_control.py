@@ -24,7 +24,7 @@ from obc_ros.core.numerics.runge_kutta import RK4, take_step
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.ocp.solution import Solution, Status
 from obc_ros.core.ocp.statement import build_problem
-from obc_ros.core.solver.nlp.progress import ProgressMonitor
+from obc_ros.core.solver.nlp.meter import Meter
 from obc_ros.core.solver.solve import Cache, solve
 from obc_ros.core.solver.starts.initial_guess import estimate_scales, Guesser
 from obc_ros.core.solver.transcription.mesh import build_uniform_mesh
@@ -335,11 +335,11 @@ def one_solve(problem: Problem, N: int) -> tuple[float, timing.Times, int]:
     begun = time.perf_counter()
     program = Transcription(problem, mesh.layout)
     start = program.start(mesh, guess, guess.durations, sizes)
-    outcome = program.solve(problem, mesh, start, sizes, limits, ProgressMonitor())
+    outcome = program.solve(problem, mesh, start, sizes, limits, Meter())
     first = time.perf_counter() - begun
     if not outcome.converged:
         raise RuntimeError(outcome.status)
-    times = wall(lambda: program.solve(problem, mesh, start, sizes, limits, ProgressMonitor()))
+    times = wall(lambda: program.solve(problem, mesh, start, sizes, limits, Meter()))
     # Derivatives are built on first use.
     return max(first - times.median, 0.0), times, outcome.iterations
 

@@ -27,7 +27,7 @@ from obc_ros.core.solver.adjoint.mesh_refinement import (
     refine_mesh,
 )
 from obc_ros.core.solver.arcs.control_discontinuities import find_switching_times
-from obc_ros.core.solver.nlp.progress import ProgressMonitor
+from obc_ros.core.solver.nlp.meter import Meter
 from obc_ros.core.solver.options import DEFAULTS, Options
 from obc_ros.core.solver.program_cache import Answered, ProgramCache
 from obc_ros.core.solver.starts.initial_guess import estimate_scales
@@ -52,7 +52,7 @@ class Task:
         As stated, in the symbols of `programs`.
     programs : ProgramCache
         Programs and functions built for the structure of the problem.
-    monitor : ProgressMonitor
+    meter : Meter
         Limits of iterations, work and time.
     time_limit : float, optional
         As the caller has given it [s], for messages.
@@ -61,7 +61,7 @@ class Task:
 
     problem: Problem
     programs: ProgramCache
-    monitor: ProgressMonitor
+    meter: Meter
     time_limit: float = math.inf
 
     @property
@@ -69,10 +69,10 @@ class Task:
         """Return the options of the search."""
         return self.programs.options
 
-    def restate(self, problem: Problem, monitor: ProgressMonitor | None = None) -> 'Task':
+    def restate(self, problem: Problem, meter: Meter | None = None) -> 'Task':
         """Return the task of a related problem, with programs of its own."""
         return replace(self, problem=problem, programs=ProgramCache(problem, self.options),
-                       monitor=monitor or self.monitor)
+                       meter=meter or self.meter)
 
 
 @dataclass(frozen=True)
@@ -146,8 +146,8 @@ class Bench:
     ----------
     stated, problem : Problem
         That of the task, and the one that is solved: its smooth reformulation if |.| occurs.
-    programs, monitor
-        As in `Task`; the monitor may be a part of that of the task.
+    programs, meter
+        As in `Task`; the meter may be a part of that of the task.
     tally : Tally
         The work of this search.
     pinned : ndarray of bool, shape (n,)
@@ -168,7 +168,7 @@ class Bench:
     stated: Problem
     problem: Problem
     programs: ProgramCache
-    monitor: ProgressMonitor
+    meter: Meter
     tally: Tally
     pinned: Mask
     margin: Array
@@ -187,7 +187,7 @@ class Bench:
     @property
     def trace(self) -> Trace:
         """Return the record of what is tried."""
-        return self.monitor.trace
+        return self.meter.trace
 
     @property
     def work(self) -> int:
@@ -261,13 +261,13 @@ class Bench:
         w = program.start(mesh, start, durations, sizes) if warm is None else warm.w
         each = mesh.layout.intervals * (1 + mesh.layout.stages)
         with self.trace.attempt('collocation', mesh.layout.describe()) as attempt:
-            self.monitor.limit(most, each)
-            outcome = program.solve(problem, mesh, w, sizes, limits, self.monitor, near=near,
+            self.meter.limit(most, each)
+            outcome = program.solve(problem, mesh, w, sizes, limits, self.meter, near=near,
                                     multipliers=(warm.lam_w, warm.lam_g) if warm else None,
                                     guide=guide, rough=rough, once=once, known=known)
-            if near and not outcome.converged and not self.monitor.stopped:
-                self.monitor.limit(most, each)
-                outcome = program.solve(problem, mesh, w, sizes, limits, self.monitor)
+            if near and not outcome.converged and not self.meter.stopped:
+                self.meter.limit(most, each)
+                outcome = program.solve(problem, mesh, w, sizes, limits, self.meter)
             attempt.end(*outcome.judge(), cost=outcome.objective)
         self.tally.spend(outcome.iterations * each)
         self.programs.worked(outcome.iterations, mesh.layout)
@@ -406,7 +406,7 @@ class Bench:
             errors.append(Error(exceeded, EXCEEDED[0], 2.0))
         longest = outcome.path.t[-1] / (2 * self.options.coarse.intervals)
         return refine_mesh(outcome.mesh, outcome.path, verdict.kinks, errors, longest,
-                           self.monitor.max_intervals)
+                           self.meter.max_intervals)
 
     def certify(self, outcome: TranscriptionOutcome, extremal: BoundaryValues | None = None
                 ) -> Candidate:
@@ -429,14 +429,14 @@ class Bench:
         times = (np.cumsum(record.extremal.lengths)[:-1] if record.extremal else
                  find_switching_times(outcome))
         found = replace(self.programs.judge.samples(problem, course), switching_times=times,
-                        iterations=self.monitor.iterations)
-        if self.monitor.stopped:   # to certify a path far from a solution may take long
+                        iterations=self.meter.iterations)
+        if self.meter.stopped:   # to certify a path far from a solution may take long
             return Candidate(found, record)
         found = replace(found, certificate=certificate.certify(problem, found))
         if found.certificate and found.certificate.feasible:
             self.trace.found(found.objective, found.certified)
-        if self.monitor.best:
-            self.monitor.best.take(problem, found)
+        if self.meter.best:
+            self.meter.best.take(problem, found)
         return Candidate(found, record)
 
     def record(self, outcome: TranscriptionOutcome,
@@ -449,7 +449,7 @@ class Bench:
 
     def keep(self, outcome: TranscriptionOutcome, extremal: BoundaryValues | None = None) -> None:
         """Certify an intermediate outcome and pass it on, if the caller wants such paths."""
-        best = self.monitor.best
+        best = self.meter.best
         if best and outcome.converged and best.is_due(self.stated):
             self.certify(outcome, extremal)
 
@@ -471,7 +471,7 @@ def build_bench(task: Task, *, with_arcs: bool = True, quick: bool = False) -> B
     problem, programs, bounded = task.problem, task.programs, task.problem.constrained
     smooth = programs.twin.problem(problem, 0) if programs.twin else problem
     return Bench(
-        stated=problem, problem=smooth, programs=programs, monitor=task.monitor, tally=Tally(),
+        stated=problem, problem=smooth, programs=programs, meter=task.meter, tally=Tally(),
         quick=quick,
         may_hold=with_arcs, intervals=programs.options.coarse.intervals,
         typical=programs.options.coarse.iterations, stages=3 if bounded else 0,

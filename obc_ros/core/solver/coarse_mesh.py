@@ -69,7 +69,7 @@ def solve_coarse(bench: Bench, pool: StartPool, why_not: Callable[[Problem], str
 
     """
     options = bench.options.coarse
-    most, convex = bench.monitor.max_intervals, bench.programs.convex(bench.problem)
+    most, convex = bench.meter.max_intervals, bench.programs.convex(bench.problem)
     if not bench.stages and bench.programs.guesser.is_stiff(bench.problem, options.intervals):
         bench = replace(bench, stages=3)
     levels = [(min(options.intervals, most), bench.stages)] + [
@@ -94,7 +94,7 @@ def solve_coarse(bench: Bench, pool: StartPool, why_not: Callable[[Problem], str
             return CoarseResult(bench, _by_cost(good), True)
         if intervals <= options.intervals and not bench.quick:
             reason = why_not(bench.stated)
-        if reason or bench.monitor.stopped:
+        if reason or bench.meter.stopped:
             break
     else:
         if good := start_from_rollouts(bench, pool, get_final_time(bench.problem)):
@@ -134,7 +134,7 @@ def _solve_first(bench: Bench, pool: StartPool) -> tuple[Bench, list[Transcripti
             around = start_around(bench, pool, outcome)
         patient = bench.work - begun < options.patience * (1 + bench.stages)
         most = options.starts if bench.quick else options.starts_in_vain
-        if (bench.monitor.stopped or bench.quick and good or number >= around + (
+        if (bench.meter.stopped or bench.quick and good or number >= around + (
                 options.starts if good or not patient else most)):
             return bench, found
     raise AssertionError('the loop has no end of its own')
@@ -179,7 +179,8 @@ def solve_next_start(bench: Bench, pool: StartPool, *, once: bool,
         outcome = bench.collocate(
             build_uniform_mesh(bench.problem, bench.intervals, bench.stages), start, most=most,
             rough=rough, once=once, known=pool.known_minima)
-        pool.known_minima.ended(outcome.objective, outcome.infeasibility,
-                                outcome.path if outcome.converged else None)
+        pool.known_minima.record_end(
+            outcome.objective, outcome.infeasibility,
+            outcome.path if outcome.converged else None)
         attempt.end(*outcome.judge(), cost=outcome.objective)
     return outcome

@@ -52,8 +52,8 @@ def conclude(task: Task, found: Solution, *, searched: bool) -> Solution:
     Solution
 
     """
-    problem, monitor = task.problem, task.monitor
-    late = monitor.stopped and (monitor.stopped == 'cancelled' or not np.isfinite(found.objective))
+    problem, meter = task.problem, task.meter
+    late = meter.stopped and (meter.stopped == 'cancelled' or not np.isfinite(found.objective))
     if found.status is not Status.INFEASIBLE and (found.certificate or not late):
         found = judge(problem, found)
     sentence = explain_larger_inputs(problem, found, _solver_of_related(task)) if (
@@ -129,22 +129,22 @@ def drop_multipliers(found: Solution, L: float) -> Solution:
 
 def _ended(task: Task, found: Solution, explained: bool) -> Solution:
     """Return a solution with its final status, and with the reason if it is not certified."""
-    problem, monitor, time_limit = task.problem, task.monitor, task.time_limit
+    problem, meter, time_limit = task.problem, task.meter, task.time_limit
     path = f'; {_uncertified(found)}' if found.t.size and not found.certified else ''
-    if monitor.stopped == 'cancelled':
+    if meter.stopped == 'cancelled':
         return replace(found, status=Status.CANCELLED, message=f'cancelled on request{path}')
     if found.status in (Status.SOLVED, Status.INFEASIBLE):
         return found
-    if monitor.stopped == 'timed_out':
+    if meter.stopped == 'timed_out':
         advice = advise_bounds(problem)
         return replace(found, status=Status.TIMED_OUT, message=(
             '; '.join(filter(None, (f'no certified solution within {time_limit:g} s{path}',
-                                    monitor.trace.describe_effort(), advice)))))
+                                    meter.trace.describe_effort(), advice)))))
     if not explained:
         return found
-    if monitor.short:
+    if meter.short:
         found = replace(found, message=(
-            f'{found.message}; a mesh with more than max_intervals = {monitor.max_intervals} was '
+            f'{found.message}; a mesh with more than max_intervals = {meter.max_intervals} was '
             'needed'))
     return _explained(task, found)
 
@@ -152,21 +152,21 @@ def _ended(task: Task, found: Solution, explained: bool) -> Solution:
 def _explained(task: Task, found: Solution) -> Solution:
     """Return a solution with the reason why none was certified, if one is found."""
     options = task.options.budget
-    problem, monitor = task.problem, task.monitor
-    if monitor.remaining() < options.least:
+    problem, meter = task.problem, task.meter
+    if meter.remaining() < options.least:
         return found
-    with monitor.trace.attempt('explanation', aside=True) as attempt:
+    with meter.trace.attempt('explanation', aside=True) as attempt:
         reason = explain(problem, *_explaining(task), found=found)
         proved = reason is not None and reason.infeasible
         attempt.end(Verdict.PROVED if proved else Verdict.NOT_PROVED,
                     reason.sentence if reason else '')
-    if reason is None or monitor.stopped == 'cancelled':
+    if reason is None or meter.stopped == 'cancelled':
         sentence = found.message
         if found.certificate and found.certificate.residuals[Condition.DYNAMICS] > _NO_PATH:
             sentence = ('no path was found that satisfies all constraints; in the nearest one '
                         f'{sentence}')
         return replace(found, message='; '.join(filter(None, (
-            sentence, monitor.trace.describe_effort(), advise_bounds(problem)))))
+            sentence, meter.trace.describe_effort(), advise_bounds(problem)))))
     if not reason.infeasible:
         is_path = found.certificate is not None and found.certificate.feasible
         return replace(found, message='; '.join(
@@ -190,7 +190,7 @@ def look_for_proof(task: Task) -> Callable[[Problem], str]:
 
     """
     def why_not(problem: Problem) -> str:
-        with task.monitor.trace.attempt('proof', 'that no path exists', aside=True) as attempt:
+        with task.meter.trace.attempt('proof', 'that no path exists', aside=True) as attempt:
             proved = is_proved_infeasible(problem)
             reason = explain(problem, *(_explaining(task) if proved else ()), proved=proved)
             sentence = reason.sentence if reason and reason.infeasible else ''
@@ -203,7 +203,7 @@ def look_for_proof(task: Task) -> Callable[[Problem], str]:
 def _explaining(task: Task) -> tuple[Callable[[Problem], Solution], ...]:
     """Return the quick and the thorough solver of `explain`, which share one budget of work."""
     options = task.options.budget
-    task = replace(task, monitor=task.monitor.part(options.explanation))
+    task = replace(task, meter=task.meter.part(options.explanation))
     return _solver_of_related(task), _solver_of_related(task, quick=False)
 
 
@@ -215,7 +215,7 @@ def _solver_of_related(task: Task, quick: bool = True) -> Callable[[Problem], So
     """
     options = task.options.budget
     def solve_related(other: Problem) -> Solution:
-        part = task.monitor.part(options.related)
+        part = task.meter.part(options.related)
         begun = not part.stopped
         with part.trace.attempt('related problem', 'quick' if quick else 'thorough',
                                 aside=True) as entry:

@@ -119,7 +119,7 @@ class Descent:
         bench = self._bench
         worth = number and above < options.look and (
             bench.programs.twin or bench.judged(course).spread < options.spread)
-        return bool(above < options.close or worth or bench.monitor.stopped)
+        return bool(above < options.close or worth or bench.meter.stopped)
 
     def _meshes(self, outcome: TranscriptionOutcome,
                 rounds: int) -> Iterator[tuple[TranscriptionOutcome, Extremal]]:
@@ -186,7 +186,7 @@ class Descent:
         options = self._bench.options.descent
         bench = self._bench
         mesh = bench.finer(outcome, course, self._exceeded)
-        if bench.monitor.stopped or not bench.monitor.allows(mesh.layout.intervals):
+        if bench.meter.stopped or not bench.meter.allows(mesh.layout.intervals):
             return None
         most = options.work // (mesh.layout.intervals * (1 + mesh.layout.stages))
         new = bench.collocate(mesh, outcome.path, near=True, sizes=bench.sizes(outcome),

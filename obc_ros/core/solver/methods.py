@@ -103,7 +103,7 @@ def solve_automatically(task: Task) -> Solution:
 
 def _try_exact(task: Task, exact: ExactMethod) -> Solution | None:
     """Return the final result of an exact method, None if there is none."""
-    with task.monitor.trace.attempt('exact method', exact.name) as attempt:
+    with task.meter.trace.attempt('exact method', exact.name) as attempt:
         found = exact.solve(task.problem)
         if found is None:
             attempt.end(Verdict.REJECTED, 'it does not apply')
@@ -112,14 +112,14 @@ def _try_exact(task: Task, exact: ExactMethod) -> Solution | None:
         attempt.end(*judge_path(found), cost=found.objective)
     if found.status in (Status.SOLVED, Status.INFEASIBLE) or exact.decides and not found.t.size:
         return found
-    if task.monitor.best:
-        task.monitor.best.take(task.problem, found)
+    if task.meter.best:
+        task.meter.best.take(task.problem, found)
     return None
 
 
 def _prove_infeasible(task: Task) -> str:
     """Return a proof that no path satisfies the constraints, '' without one."""
-    with task.monitor.trace.attempt('proof', 'of a contradiction') as attempt:
+    with task.meter.trace.attempt('proof', 'of a contradiction') as attempt:
         reason = explain_contradiction(task.problem)
         attempt.end(Verdict.PROVED if reason else Verdict.NOT_PROVED, reason)
     return reason
@@ -138,7 +138,7 @@ def _find_any_path(task: Task, L: float) -> Solution:
 def _search(task: Task, refine: Refine = refine_after_search) -> Solution:
     """Return the result of a search, refined unless its work was stopped."""
     found, bench = search(task, why_not=look_for_proof(task))
-    return (found if bench.monitor.stopped else refine(bench, found)).solution
+    return (found if bench.meter.stopped else refine(bench, found)).solution
 
 
 def _transcribe(task: Task) -> Solution:

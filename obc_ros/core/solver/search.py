@@ -19,7 +19,7 @@ from obc_ros.core.ocp.solution import Solution, Status, Verdict
 from obc_ros.core.solver.bench import Bench, build_bench, Candidate, Task
 from obc_ros.core.solver.coarse_mesh import CoarseResult, solve_coarse
 from obc_ros.core.solver.descent import descend
-from obc_ros.core.solver.nlp.progress import ProgressMonitor
+from obc_ros.core.solver.nlp.meter import Meter
 from obc_ros.core.solver.program_cache import ProgramCache
 from obc_ros.core.solver.proofs.contradictions import explain_contradiction
 from obc_ros.core.solver.proofs.optimality import describe_local
@@ -88,11 +88,11 @@ def _descend(coarse: CoarseResult, pool: StartPool) -> tuple[Candidate, Bench, l
             'no path was found from any initial guess'))), bench, []
     if not bench.quick and (inside := _keep_inside(coarse)):
         return Candidate(inside), bench, []
-    bench = replace(bench, monitor=_budget(coarse))
+    bench = replace(bench, meter=_budget(coarse))
     if bench.quick:
         return descend(bench, outcomes[0]), bench, []
     first, floor = descend_from_coarse(bench, pool, outcomes[0])
-    if not (first.certified or bench.monitor.stopped) and (
+    if not (first.certified or bench.meter.stopped) and (
             reason := explain_contradiction(bench.stated)):
         # The discretised problem may have paths although the stated one has none.
         return Candidate(Solution(Status.INFEASIBLE, reason)), bench, []
@@ -101,18 +101,18 @@ def _descend(coarse: CoarseResult, pool: StartPool) -> tuple[Candidate, Bench, l
     return explored.best, bench, explored.minima
 
 
-def _budget(coarse: CoarseResult) -> ProgressMonitor:
+def _budget(coarse: CoarseResult) -> Meter:
     """Return the work that the descents may take."""
     options = coarse.bench.options.budget
     bench = coarse.bench
     if bench.quick:
-        return bench.monitor
-    left = options.share * bench.monitor.remaining()
+        return bench.meter
+    left = options.share * bench.meter.remaining()
     if not coarse.sound:
-        return bench.monitor.part(int(options.vain * bench.work), left)
+        return bench.meter.part(int(options.vain * bench.work), left)
     if _mixes(bench, coarse.outcomes[0]):
-        return bench.monitor.part(bench.work + options.chattering, left)
-    return bench.monitor
+        return bench.meter.part(bench.work + options.chattering, left)
+    return bench.meter
 
 
 def _mixes(bench: Bench, outcome: TranscriptionOutcome) -> bool:
@@ -146,12 +146,12 @@ def _keep_inside(coarse: CoarseResult) -> Solution | None:
     if problem is bench.stated:
         return None
     with bench.trace.attempt('positivity', 'bounds >= 0 on amounts') as attempt:
-        found, _ = search(Task(problem, ProgramCache(problem, bench.options), bench.monitor),
+        found, _ = search(Task(problem, ProgramCache(problem, bench.options), bench.meter),
                           with_arcs=bench.may_hold)
         answer = found.solution
         if answer.certificate:
             answer = replace(answer, certificate=certify(bench.stated, answer))
-        fits = answer.certificate.feasible if answer.certificate else bench.monitor.stopped
+        fits = answer.certificate.feasible if answer.certificate else bench.meter.stopped
         good = answer.certified or coarse.sound and fits
         attempt.end(Verdict.ACCEPTED if good else Verdict.REJECTED, cost=answer.objective)
     return answer if good else None

@@ -19,7 +19,7 @@ from obc_ros.core.ocp.solution import MAX_INTERVALS, Report, Solution
 from obc_ros.core.solver.bench import Task
 from obc_ros.core.solver.conclusion import conclude, mark_unfinished
 from obc_ros.core.solver.methods import EXACT_METHODS, METHODS
-from obc_ros.core.solver.nlp.progress import BestPath, ProgressMonitor
+from obc_ros.core.solver.nlp.meter import BestPath, Meter
 from obc_ros.core.solver.options import DEFAULTS, Options
 from obc_ros.core.solver.program_cache import ProgramCache
 
@@ -103,15 +103,15 @@ def solve(problem: Problem, *, method: str = '', time_limit: float = 60.0,
     """
     name, begun = get_method(method or problem.method), time.monotonic()
     kept = min(options.budget.certificate * time_limit, options.budget.certificate_most)
-    monitor = ProgressMonitor(time_limit - kept, report, max_intervals)
+    meter = Meter(time_limit - kept, report, max_intervals)
     problem, programs = (cache or Cache(1)).prepared(problem, options)
     if keep is not None:
-        monitor.watch(BestPath(problem, lambda path: keep(mark_unfinished(path))))
-    task = Task(problem, programs, monitor, time_limit)
+        meter.watch(BestPath(problem, lambda path: keep(mark_unfinished(path))))
+    task = Task(problem, programs, meter, time_limit)
     found = METHODS[name](task)
     searched = all(exact.name != (found.method or name) for exact in EXACT_METHODS)
     found = conclude(task, found, searched=searched)
     built = programs.take_build_time()
-    return replace(found, method=found.method or name, iterations=monitor.iterations,
-                   attempts=monitor.trace.attempts(), build_time=built,
+    return replace(found, method=found.method or name, iterations=meter.iterations,
+                   attempts=meter.trace.attempts(), build_time=built,
                    solve_time=time.monotonic() - begun - built)

@@ -61,15 +61,15 @@ def test_a_path_is_returned_where_no_minimum_exists():
 
 def test_a_path_is_returned_at_the_time_limit(monkeypatch):
     """The search is stopped after a few iterations."""
-    from obc_ros.core.solver.nlp.progress import ProgressMonitor
+    from obc_ros.core.solver.nlp.meter import Meter
     problem = problems.build('vanderpol_bounded')
-    step = ProgressMonitor.step
+    step = Meter.step
 
     def late(self, cost, infeasibility):
         if self.iterations > 6:
             self.stopped = self.stopped or 'timed_out'
         return step(self, cost, infeasibility)
-    monkeypatch.setattr(ProgressMonitor, 'step', late)
+    monkeypatch.setattr(Meter, 'step', late)
     found = solve(problem, method='transcription')
     assert found.status is Status.TIMED_OUT
     assert len(found.t)

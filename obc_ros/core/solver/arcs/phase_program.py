@@ -32,7 +32,7 @@ from obc_ros.core.ocp.structure import find_idle_inputs
 from obc_ros.core.solver.arcs.constraint_orders import BoundRates
 from obc_ros.core.solver.arcs.input_arcs import Arc, limit_shortening
 from obc_ros.core.solver.arcs.phases import DEGREE, Grazing, OUTWARDS, Phased
-from obc_ros.core.solver.nlp.progress import ProgressMonitor, Watch
+from obc_ros.core.solver.nlp.meter import Meter, Watch
 from obc_ros.core.solver.transcription.mesh import Path
 from obc_ros.core.solver.transcription.program import ProblemScales
 
@@ -95,7 +95,7 @@ class PhasedProgram:
             for chain in self.bounds.chains]
 
     def solve(self, problem: Problem, arcs: Sequence[Arc], meshes: list[Array], guess: Path,
-              sizes: ProblemScales, pinned: Mask, monitor: ProgressMonitor,
+              sizes: ProblemScales, pinned: Mask, meter: Meter,
               grazing: Grazing = frozenset()) -> Phased:
         """
         Solve the program of some arcs by IPOPT.
@@ -114,7 +114,7 @@ class PhasedProgram:
             Scales of states, inputs, time and cost.
         pinned : ndarray of bool, shape (n,)
             Components of x(T) that psi fixes.
-        monitor : ProgressMonitor
+        meter : Meter
             Limits.
         grazing : frozenset of (int, int)
             Junctions and rows, as in `Phased.outwards`, at which the path meets or leaves a bound
@@ -126,7 +126,7 @@ class PhasedProgram:
 
         """
         return _Solve(self, problem, list(arcs), meshes, sizes, pinned, grazing).run(
-            guess, monitor)
+            guess, meter)
 
 
 class _Solve:
@@ -403,7 +403,7 @@ class _Solve:
         rows = [row for where, row in self.grazing if where == place]
         return np.asarray(self.program.bounds.deciding[rows].any(axis=0))
 
-    def run(self, guess: Path, monitor: ProgressMonitor) -> Phased:
+    def run(self, guess: Path, meter: Meter) -> Phased:
         """Solve the program."""
         self.guess = guess
         count = len(guess.x)
@@ -415,7 +415,7 @@ class _Solve:
         w = ca.vertcat(ca.vec(self.X), ca.vec(self.U), ca.vec(self.T))
         g = ca.vertcat(*self.g)
         watch = Watch(int(w.numel()), int(g.numel()), 0)
-        watch.begin(monitor, np.concatenate(self.lower), np.concatenate(self.upper), sizes.cost)
+        watch.begin(meter, np.concatenate(self.lower), np.concatenate(self.upper), sizes.cost)
         options: dict[str, Any] = {
             'print_time': False, 'error_on_fail': False, 'show_eval_warnings': False,
             'inputs_check': False,

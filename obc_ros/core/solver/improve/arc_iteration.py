@@ -82,7 +82,7 @@ class ArcIteration:
                 arcs = self.checked(found, outcome)
             shown = get_signature(arcs)
             elsewhere = have_moved(arcs, outcome.path.durations, options.vanishing)
-            if bench.monitor.stopped or shown == now and not elsewhere:
+            if bench.meter.stopped or shown == now and not elsewhere:
                 break
             if shown == now:
                 new = self.with_arcs(arcs, outcome, density, options.seen)
@@ -94,7 +94,7 @@ class ArcIteration:
                 continue
             if shown in seen:
                 density *= 1.5
-                if density > bench.monitor.max_intervals / 4:
+                if density > bench.meter.max_intervals / 4:
                     break
             seen.add(shown)
             new = self.with_arcs(arcs, outcome, density)
@@ -106,7 +106,7 @@ class ArcIteration:
             if self.touches_otherwise(outcome, seen):
                 continue
             density *= 2
-            if not bench.monitor.allows(int(density)):
+            if not bench.meter.allows(int(density)):
                 break
             new = bench.collocate(
                 build_uniform_mesh(self.problem, int(density), bench.stages), outcome.path,
@@ -126,7 +126,7 @@ class ArcIteration:
         """
         arcs = self.checked(found, outcome, moving=False)
         shown = get_signature(arcs)
-        if shown in seen or self.bench.monitor.stopped:
+        if shown in seen or self.bench.meter.stopped:
             return None, shown
         seen.add(shown)
         return self.with_arcs(arcs, outcome, density), shown
@@ -175,7 +175,7 @@ class ArcIteration:
         bench = self.bench
         mesh, durations = build_arc_mesh(
             self.problem, arcs, bench.stages, density / outcome.path.t[-1])
-        if not bench.monitor.allows(mesh.layout.intervals) or not self.programs.transcription(
+        if not bench.meter.allows(mesh.layout.intervals) or not self.programs.transcription(
                 self.problem, mesh.layout).solvable(self.problem, mesh):
             return None
         held = [not np.isnan(arc.levels).any() for arc in arcs]

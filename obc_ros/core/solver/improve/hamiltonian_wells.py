@@ -55,7 +55,7 @@ def move_to_best_branch(bench: Bench, outcome: TranscriptionOutcome) -> Transcri
             return _with_jumps(bench, best) if _leaps(bench, best) else best
         found = [new for path in paths if (new := _from_inputs(bench, best, path)) is not None]
         new = min(found, key=lambda each: each.objective, default=best)
-        if bench.monitor.stopped or not is_below(new.objective, best.objective, _SAME):
+        if bench.meter.stopped or not is_below(new.objective, best.objective, _SAME):
             break
         best = _with_jumps(bench, new)
     return best
@@ -161,7 +161,7 @@ def _with_jumps(bench: Bench, outcome: TranscriptionOutcome) -> TranscriptionOut
             break
         mesh, durations = build_arc_mesh(
             bench.problem, arcs, bench.stages, len(path.ua) / path.t[-1])
-        if not bench.monitor.allows(mesh.layout.intervals):
+        if not bench.meter.allows(mesh.layout.intervals):
             break
         new = bench.collocate(mesh, sharpen_steps(path, arcs), durations, near=True,
                               sizes=bench.sizes(outcome), most=options.iterations)

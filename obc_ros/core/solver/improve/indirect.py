@@ -83,7 +83,7 @@ def refine_after_search(bench: Bench, found: Candidate) -> Candidate:
     programs = bench.programs
     if (found.record is None or found.nearby
             or bench.work < options.work and not programs.touched_up
-            or bench.monitor.remaining() < options.least or not _is_smooth(bench, found.record)):
+            or bench.meter.remaining() < options.least or not _is_smooth(bench, found.record)):
         return found
     with bench.trace.attempt('indirect refinement') as attempt:
         values = _boundary_values(bench, found.record)
@@ -159,7 +159,7 @@ def _sampled(bench: Bench, found: BoundaryValues, wanted: float) -> Solution:
     return Solution(
         status=Status.NOT_CONVERGED, message='', objective=found.cost, t=t, x=x, u=u, lam=lam,
         hamiltonian=H, nu=found.nu, switching_times=np.cumsum(found.lengths)[:-1],
-        iterations=bench.monitor.iterations)
+        iterations=bench.meter.iterations)
 
 
 def _in_the_mean(found: BoundaryValues, t: Array, arc: Index) -> tuple[Array, Array]:

@@ -200,8 +200,8 @@ def solve_on_kinks(bench: Bench, outcome: TranscriptionOutcome,
         return None
     guide = transcribe_on_points(bench.stated, found, *build_points(
         found, options.deviation, outcome.path.t[-1] / options.intervals,
-        2 * bench.monitor.max_intervals))
-    if not bench.monitor.allows(guide.mesh.layout.intervals):
+        2 * bench.meter.max_intervals))
+    if not bench.meter.allows(guide.mesh.layout.intervals):
         return None
     with bench.trace.attempt('mesh at kinks') as attempt:
         new = bench.collocate(guide.mesh, guide.path, near=True, sizes=bench.sizes(outcome),

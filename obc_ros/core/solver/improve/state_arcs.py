@@ -32,7 +32,7 @@ from obc_ros.core.solver.arcs.phases import DEGREE, Grazing, Phased
 from obc_ros.core.solver.arcs.state_contacts import add_contacts, find_contacts, StateContact
 from obc_ros.core.solver.bench import Bench, Candidate
 from obc_ros.core.solver.improve.phase_samples import BY_SAMPLES, certify_samples, join_phases
-from obc_ros.core.solver.nlp.progress import ProgressMonitor
+from obc_ros.core.solver.nlp.meter import Meter
 from obc_ros.core.solver.options import BoundaryOptions, DEFAULTS
 from obc_ros.core.solver.trace import judge_path
 from obc_ros.core.solver.transcription.mesh import build_uniform_mesh, Path
@@ -147,7 +147,7 @@ def tidy_arcs(arcs: list[Arc]) -> list[Arc]:
 
 
 def settle_arcs(problem: Problem, program: PhasedProgram, arcs: list[Arc], guess: Path,
-                sizes: ProblemScales, pinned: Mask, monitor: ProgressMonitor, fine: float,
+                sizes: ProblemScales, pinned: Mask, meter: Meter, fine: float,
                 spread: tuple[Array, Array],
                 options: BoundaryOptions = DEFAULTS.boundary) -> Phased | None:
     """
@@ -161,7 +161,7 @@ def settle_arcs(problem: Problem, program: PhasedProgram, arcs: list[Arc], guess
         Initial arcs.
     guess : Path
         Initial guess.
-    sizes, pinned, monitor : ProblemScales, ndarray, ProgressMonitor
+    sizes, pinned, meter : ProblemScales, ndarray, Meter
         As in `PhasedProgram.solve`.
     fine : float
         Factor of the number of intervals.
@@ -179,10 +179,10 @@ def settle_arcs(problem: Problem, program: PhasedProgram, arcs: list[Arc], guess
     for _ in range(options.solves):
         meshes = _meshes(arcs, spread, fine, options)
         K = sum(len(mesh) for mesh in meshes)
-        if monitor.stopped or not monitor.allows(K):
+        if meter.stopped or not meter.allows(K):
             return None
-        monitor.limit(options.iterations, K * DEGREE)
-        found = program.solve(problem, arcs, meshes, guess, sizes, pinned, monitor)
+        meter.limit(options.iterations, K * DEGREE)
+        found = program.solve(problem, arcs, meshes, guess, sizes, pinned, meter)
         smooth = tidy_arcs([replace(arc, jump=False) for arc in arcs])
         if not found.converged and len(smooth) < len(arcs):
             arcs = smooth
@@ -192,7 +192,7 @@ def settle_arcs(problem: Problem, program: PhasedProgram, arcs: list[Arc], guess
         arcs = found.arcs
         kept = tidy_arcs(_shrunk(_that_jump(found), program.bounds))
         if len(kept) == len(arcs) and np.all(found.durations >= short):
-            return _grazing(problem, program, found, sizes, pinned, monitor, found.grazing(),
+            return _grazing(problem, program, found, sizes, pinned, meter, found.grazing(),
                             options) if found.converged else None
         arcs, guess = kept, join_phases(found)
     return None
@@ -238,14 +238,14 @@ def _meshes(arcs: list[Arc], spread: tuple[Array, Array], fine: float,
 
 
 def _grazing(problem: Problem, program: PhasedProgram, found: Phased, sizes: ProblemScales,
-             pinned: Mask, monitor: ProgressMonitor, where: Grazing,
+             pinned: Mask, meter: Meter, where: Grazing,
              options: BoundaryOptions) -> Phased:
     """Solve again with tangential junctions; return the former path if that costs more."""
-    if not where or monitor.stopped:
+    if not where or meter.stopped:
         return found
-    monitor.limit(options.iterations, len(found.h) * DEGREE)
+    meter.limit(options.iterations, len(found.h) * DEGREE)
     new = program.solve(
-        problem, found.arcs, found.meshes, join_phases(found), sizes, pinned, monitor, where)
+        problem, found.arcs, found.meshes, join_phases(found), sizes, pinned, meter, where)
     same = new.converged and len(tidy_arcs(new.arcs)) == len(new.arcs) and not is_below(
         found.cost, new.cost, _SAME)
     return new if same else found
@@ -254,7 +254,7 @@ def _grazing(problem: Problem, program: PhasedProgram, found: Phased, sizes: Pro
 def _may_have_arcs(bench: Bench) -> bool:
     """Return whether boundary arcs may be used for this problem."""
     return bench.bounded and bench.may_hold and not (
-        bench.quick or bench.programs.twin or bench.monitor.stopped)
+        bench.quick or bench.programs.twin or bench.meter.stopped)
 
 
 def solve_along_bounds(bench: Bench, outcome: TranscriptionOutcome, known: Candidate | None = None
@@ -289,7 +289,7 @@ def solve_along_bounds(bench: Bench, outcome: TranscriptionOutcome, known: Candi
         cost = known.solution.objective
         allowed = cost + options.no_dearer * abs(cost)
     seen: set[tuple[Signature, float, int]] = set()
-    bench = replace(bench, monitor=bench.monitor.part(max(options.work, bench.work)))
+    bench = replace(bench, meter=bench.meter.part(max(options.work, bench.work)))
     for gap in options.gaps:
         arcs = read_spans(problem, program, outcome, value, bench.margin,
                           bench.programs.switching, gap)
@@ -324,13 +324,13 @@ class _Turn:
         return replace(self, arcs=arcs, guess=sharpen_steps(join_phases(found), arcs),
                        off=math.inf)
 
-    def finer(self, found: Phased, erred: float, monitor: ProgressMonitor,
+    def finer(self, found: Phased, erred: float, meter: Meter,
               options: BoundaryOptions) -> '_Turn':
         """Continue with shorter intervals, distributed anew if the errors decrease slowly."""
         arcs, guess, spread = self.arcs, self.guess, self.spread
         again = get_signature(found.arcs) == self.led_to
         if again and erred < options.steady * self.erred:
-            monitor.extend(options.work)
+            meter.extend(options.work)
         if again or erred > options.stiff * self.erred:
             spread = spread_by_error(found)
             if again or len(found.arcs) == len(arcs):
@@ -347,7 +347,7 @@ def _settled_on(bench: Bench, outcome: TranscriptionOutcome, arcs: list[Arc], al
     `allowed`: maximum cost. `seen`: arcs and meshes that were tried and are not tried again.
     """
     options = bench.options.boundary
-    problem, monitor, pinned = bench.problem, bench.monitor, bench.pinned
+    problem, meter, pinned = bench.problem, bench.meter, bench.pinned
     program, judge = bench.programs.phased, bench.programs.judge
     fitter = bench.programs.fitter(problem)
     turn, sizes = _Turn(arcs, sharpen_steps(outcome.path, arcs), spread_like(outcome.path)), (
@@ -359,7 +359,7 @@ def _settled_on(bench: Bench, outcome: TranscriptionOutcome, arcs: list[Arc], al
         if turn.fine > options.finest or turn.key in seen:
             break
         seen.add(turn.key)
-        found = settle_arcs(problem, program, turn.arcs, turn.guess, sizes, pinned, monitor,
+        found = settle_arcs(problem, program, turn.arcs, turn.guess, sizes, pinned, meter,
                             turn.fine, turn.spread, options)
         if found is None or found.cost > allowed:
             break
@@ -377,14 +377,14 @@ def _settled_on(bench: Bench, outcome: TranscriptionOutcome, arcs: list[Arc], al
                     get_signature(touched), turn.fine, turn.graded) not in seen:
                 turn = turn.like(found, touched)
             else:
-                turn = turn.finer(found, erred, monitor, options)
+                turn = turn.finer(found, erred, meter, options)
             continue
         new = reread_arcs(problem, program, judge, found, answer, value, options)
         if get_signature(new) != get_signature(found.arcs):
             turn = turn.like(found, new)
             continue
         # The cost hardly depends on the time of a tangential junction, which is inaccurate.
-        smooth = _grazing(problem, program, found, sizes, pinned, monitor,
+        smooth = _grazing(problem, program, found, sizes, pinned, meter,
                           found.grazing(options.nearly, touched=True), options)
         if smooth is not found and (
                 better := certify_samples(problem, program, judge, fitter, smooth)).certified:
@@ -447,9 +447,9 @@ def solve_at_once(bench: Bench, switches: bool, start: TranscriptionOutcome) -> 
     options = bench.options.boundary
     if not (start.converged and switches and _may_have_arcs(bench)):
         return None
-    outcome, problem, whole = start, bench.problem, bench.monitor
+    outcome, problem, whole = start, bench.problem, bench.meter
     for finer in (1, *options.finer):
-        bench = replace(bench, monitor=whole.part(options.work))
+        bench = replace(bench, meter=whole.part(options.work))
         mesh = build_uniform_mesh(problem, finer * start.mesh.layout.intervals, bench.stages)
         if finer > 1 and whole.allows(mesh.layout.intervals):
             new = bench.collocate(mesh, outcome.path, near=True, sizes=bench.sizes(outcome))

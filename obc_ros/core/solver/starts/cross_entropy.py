@@ -107,15 +107,16 @@ def _solve_rollouts(bench: Bench, pool: StartPool, T: float) -> list[Transcripti
     paths = label_paths(search_rollouts(problem, T), 'cross-entropy rollout')
     for number, path in enumerate(islice(paths, _TRIED_MOST)):
         vain = number >= _TRIED and not found
-        if vain or bench.monitor.stopped or not bench.monitor.allows(_INTERVALS):
+        if vain or bench.meter.stopped or not bench.meter.allows(_INTERVALS):
             break
         usual = 2 * found[0].iterations if found else _ITERATIONS
         with bench.trace.attempt(GUESS, path.origin) as attempt:
             outcome = bench.collocate(
                 build_uniform_mesh(problem, _INTERVALS, bench.stages), path,
                 most=min(usual, _ITERATIONS), known=pool.known_minima)
-            pool.known_minima.ended(outcome.objective, outcome.infeasibility,
-                                    outcome.path if outcome.converged else None)
+            pool.known_minima.record_end(
+                outcome.objective, outcome.infeasibility,
+                outcome.path if outcome.converged else None)
             attempt.end(*outcome.judge(), cost=outcome.objective)
         if bench.is_accurate(outcome):
             found.append(outcome)

@@ -49,7 +49,7 @@ def find_other_lengths(bench: Bench, last: Candidate, starts: Iterator[Path],
     found: list[TranscriptionOutcome] = []
     for T in [T for T in _lengths(bench, outcome) for _ in range(1 + twice)]:
         most = max(options.work, begun)
-        if bench.monitor.stopped or bench.work - begun > most:
+        if bench.meter.stopped or bench.work - begun > most:
             break
         for start in islice(starts, 1):
             new = _held(bench, T, start)

@@ -51,7 +51,7 @@ def _lengthen(bench: Bench, intervals: int, start: Path) -> TranscriptionOutcome
     options = bench.options.horizon
     whole, final = bench.problem, bench.problem.final_time
     outcome: TranscriptionOutcome | None = None
-    bench = replace(bench, monitor=bench.monitor.part(options.work))
+    bench = replace(bench, meter=bench.meter.part(options.work))
     for halvings in range(options.halvings, -1, -1):
         length = final.value / 2**halvings
         bench = replace(bench, problem=replace(whole, final_time=replace(final, value=length)))
@@ -75,7 +75,7 @@ def _solve_finely(bench: Bench, mesh: Mesh,
     """
     options = bench.options.horizon
     for number in range(options.meshes):
-        if bench.monitor.stopped or not bench.monitor.allows(mesh.layout.intervals):
+        if bench.meter.stopped or not bench.meter.allows(mesh.layout.intervals):
             break
         outcome = bench.collocate(mesh, path, most=options.iterations)
         if not outcome.converged:

@@ -141,7 +141,7 @@ def _explore(bench: Bench, pool: StartPool, best: Candidate, floor: float,
     why = 'the problem is convex: there is no other minimum' if alone else (
         f'{options.most} starts were tried')
     for number in range(0 if alone else options.most):
-        stop = bench.monitor.stopped or _explain_enough(
+        stop = bench.meter.stopped or _explain_enough(
             bench, pool, number, (before, spent), wanted, best.certified, uneven=uneven, bent=bent)
         if stop:
             why = stop
@@ -320,7 +320,7 @@ def _may_be_better(bench: Bench, outcome: TranscriptionOutcome, best: Candidate,
             outcome.mesh.layout.intervals > bench.intervals):
         return True
     mesh = build_uniform_mesh(bench.problem, options.finer * bench.intervals, bench.stages)
-    if not bench.monitor.allows(mesh.layout.intervals):
+    if not bench.meter.allows(mesh.layout.intervals):
         return True
     known, new = (bench.collocate(mesh, path, path.t[-1:], near=True, most=options.iterations)
                   for path in (kept.outcome.path, outcome.path))
@@ -340,7 +340,7 @@ def _others(bench: Bench, found: list[TranscriptionOutcome], followed: list[floa
     costs: list[float] = []
     for outcome in sorted(found, key=lambda outcome: outcome.objective):
         cost, known = outcome.objective, [*followed, *costs]
-        if len(costs) == MOST_MINIMA or bench.monitor.stopped:
+        if len(costs) == MOST_MINIMA or bench.meter.stopped:
             break
         if cost > coarse and all(abs(cost - other) > ANOTHER * abs(other) for other in known) and (
                 bench.is_accurate(outcome)):

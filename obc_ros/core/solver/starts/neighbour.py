@@ -34,7 +34,7 @@ def solve_from_neighbour(bench: Bench) -> Candidate | None:
 
     """
     last = None if bench.quick else bench.programs.neighbour(bench.stated)
-    if last is None or last.outcome.mesh.layout.intervals > bench.monitor.max_intervals:
+    if last is None or last.outcome.mesh.layout.intervals > bench.meter.max_intervals:
         return None
     with bench.trace.attempt('neighbour', 'from a solution with other numbers') as attempt:
         found = _follow(bench, last)
@@ -68,7 +68,7 @@ def _follow(bench: Bench, last: Answered) -> Candidate | None:
         return Candidate(Solution(Status.INFEASIBLE, reason))
     else:
         programs.forget(last)   # it does not serve the next problem either
-        if found is not None and not bench.monitor.stopped:   # kinks have left the mesh points
+        if found is not None and not bench.meter.stopped:   # kinks have left the mesh points
             found = descend(bench, outcome, options.meshes)
             found = replace(found, record=found.record and replace(
                 found.record, rivals=last.rivals, refined=last.refined, looked=last.looked))

@@ -34,7 +34,7 @@ class LocalMinima:
         """Set whether the present start is a rollout of random inputs."""
         self.from_rollout = from_rollout
 
-    def again(self, cost: float, infeasibility: float) -> bool:
+    def record_iterate(self, cost: float, infeasibility: float) -> bool:
         """
         Record an iterate of the present solve; return whether it leads to a known minimum.
 
@@ -48,7 +48,7 @@ class LocalMinima:
         self._now.append(place)
         return place in self._iterates or self._knows(cost, infeasibility)
 
-    def ended(self, cost: float, infeasibility: float, path: Path | None) -> None:
+    def record_end(self, cost: float, infeasibility: float, path: Path | None) -> None:
         """
         Record the end of the present solve.
 

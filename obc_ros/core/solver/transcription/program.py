@@ -27,7 +27,7 @@ from obc_ros.core.numerics.instructions import find_dependence
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.ocp.solution import Verdict
 from obc_ros.core.solver.nlp.interior_point import StoppingRule
-from obc_ros.core.solver.nlp.progress import ProgressMonitor, Watch
+from obc_ros.core.solver.nlp.meter import Meter, Watch
 from obc_ros.core.solver.transcription.banded_program import Found, Stages
 from obc_ros.core.solver.transcription.block_program import assemble, Block, BlockProgram, Piece
 from obc_ros.core.solver.transcription.intervals import Pieces
@@ -426,7 +426,7 @@ class Transcription:
         return bounds
 
     def solve(self, problem: Problem, mesh: Mesh, start: Array, scales: ProblemScales,
-              limits: TightenedLimits, monitor: ProgressMonitor, *, near: bool = False,
+              limits: TightenedLimits, meter: Meter, *, near: bool = False,
               rough: float = 0.0,
               once: bool = False, known: LocalMinima | None = None,
               multipliers: tuple[Array, Array] | None = None,
@@ -444,7 +444,7 @@ class Transcription:
             Scales of the unknowns and of the cost.
         limits : TightenedLimits
             Bounds besides those of the problem.
-        monitor : ProgressMonitor
+        meter : Meter
             Counts every iteration and may end the solve.
         near : bool
             Whether the start is near the solution.
@@ -473,28 +473,28 @@ class Transcription:
                 guessed = self.multipliers(mesh, start, guide, scales, (lower, upper))
 
             def seen(f: float, worst: float) -> bool:
-                again = known is not None and known.again(f * scales.cost, worst)
-                return monitor.step(f * scales.cost, worst) or once and again
+                again = known is not None and known.record_iterate(f * scales.cost, worst)
+                return meter.step(f * scales.cost, worst) or once and again
 
             found = self._staged.run(
                 start, (lower, upper), StoppingRule(rough=rough, spare=once), seen, near=near,
                 multipliers=guessed, mu=0.0 if guide is None else guide.mu)
-            if found.converged or once or monitor.stopped or monitor.spent:
+            if found.converged or once or meter.stopped or meter.spent:
                 return self._outcome(problem, mesh, scales, found, (0.0, 0.0))
         rows = self._row_bounds(problem, mesh, scales, limits)
         solver, watch = self._solver('warm' if multipliers else 'near' if near else 'far')
-        watch.begin(monitor, *rows, scales.cost)
+        watch.begin(meter, *rows, scales.cost)
         arguments = {
             'x0': start, 'p': self._constants(problem, mesh, scales, problem.final_time.value),
             'lbx': lower, 'ubx': upper, 'lbg': rows[0], 'ubg': rows[1]}
         if multipliers is not None:
             arguments['lam_x0'], arguments['lam_g0'] = multipliers
-        begun = monitor.iterations - 1   # the start is reported as an iteration, too
+        begun = meter.iterations - 1   # the start is reported as an iteration, too
         result, stats = solver(**arguments), solver.stats()
         w, lam_w, g, lam_g = (
             result[key].full().ravel() for key in ('x', 'lam_x', 'g', 'lam_g'))
         # A program that IPOPT refuses leaves the number of its iterations undefined.
-        count = min(max(int(str(stats['iter_count'])), 0), monitor.iterations - begun)
+        count = min(max(int(str(stats['iter_count'])), 0), meter.iterations - begun)
         found = Found(
             w=w, f=float(result['f']), g=g, lam_w=lam_w, lam_g=lam_g,
             converged=bool(stats['success']), status=str(stats['return_status']),

@@ -15,7 +15,7 @@ from obc_ros.core.solver.arcs.phases import DEGREE, Phased
 from obc_ros.core.solver.bench import build_bench, Task
 from obc_ros.core.solver.improve.phase_samples import sample_phases
 from obc_ros.core.solver.improve.state_arcs import settle_arcs
-from obc_ros.core.solver.nlp.progress import ProgressMonitor
+from obc_ros.core.solver.nlp.meter import Meter
 from obc_ros.core.solver.program_cache import ProgramCache
 from obc_ros.core.solver.solve import solve
 from obc_ros.core.solver.starts.horizon_continuation import lengthen_horizon
@@ -43,7 +43,7 @@ def test_a_state_bound_with_held_inputs_is_imposed_at_the_end():
     arcs = [Arc(0.0, 1.3, (1.0,), (0,)), Arc(1.3, 3.0, (0.0,), (0,))]
     found = PhasedProgram(problem, (True,)).solve(
         problem, arcs, [np.full(3, 1 / 3)] * 2, guess, estimate_scales(problem, guess),
-        np.zeros(1, dtype=bool), ProgressMonitor())
+        np.zeros(1, dtype=bool), Meter())
     assert found.converged
     assert found.cost == pytest.approx(-2.5, abs=1e-7)
     assert found.durations == pytest.approx([1, 2], abs=1e-6)
@@ -112,7 +112,7 @@ def test_costates_with_fast_modes_need_few_intervals():
     found = programs.phased.solve(
         problem, [Arc(0.0, 1.0, (np.nan,))], [np.full(24, 1 / 24)], line,
         estimate_scales(problem, line),
-        np.zeros(2, dtype=bool), ProgressMonitor())
+        np.zeros(2, dtype=bool), Meter())
     answer = sample_phases(problem, programs.phased, programs.judge, found, 300)
     lam_x = np.exp(-40 * (1 - answer.t))
     assert answer.lam == pytest.approx(np.column_stack([lam_x, 1 - lam_x]), abs=2e-5)
@@ -127,7 +127,7 @@ def test_an_inactive_state_bound_leaves_horizon_continuation():
     costs = []
     for more in ({}, {'state_bounds': {'v': [-6, None]}}):
         problem = problems.build(pendulum, **more)
-        bench = build_bench(Task(problem, ProgramCache(problem), ProgressMonitor(60.0)))
+        bench = build_bench(Task(problem, ProgramCache(problem), Meter(60.0)))
         outcome = lengthen_horizon(replace(bench, stages=3), 4)
         assert outcome is not None
         assert outcome.converged
@@ -185,7 +185,7 @@ def test_phases_without_an_input_jump_are_merged():
     arcs = [Arc(0.0, 1.0, free, on), Arc(1.0, 2.0, free, on, jump=True)]
     found = settle_arcs(problem, PhasedProgram(problem, (True, True)), arcs, guess,
                         estimate_scales(problem, guess), np.zeros(3, dtype=bool),
-                        ProgressMonitor(), 1,
+                        Meter(), 1,
                         spread_like(guess))
     assert len(found.arcs) == 1
     assert found.cost == pytest.approx(minimum, abs=1e-8)
@@ -225,7 +225,7 @@ def test_inputs_without_effect_at_the_end_stay_continuous():
     programs = ProgramCache(problem)
     found = programs.phased.solve(
         problem, [Arc(0.0, 1.0, (np.nan, np.nan), (0, 0, 0, 0, 1))], [np.full(4, 0.25)], guess,
-        estimate_scales(problem, guess), np.zeros(4, dtype=bool), ProgressMonitor())
+        estimate_scales(problem, guess), np.zeros(4, dtype=bool), Meter())
     assert found.converged
     assert found.cost == pytest.approx(-np.sqrt(0.5), abs=1e-9)
     assert found.u == pytest.approx(np.full((4, DEGREE, 2), np.sqrt(0.5)), abs=1e-5)

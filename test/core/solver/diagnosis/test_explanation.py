@@ -11,7 +11,7 @@ from obc_ros.core.ocp.certificate.certificate import certify
 from obc_ros.core.ocp.solution import Solution, Status
 from obc_ros.core.solver.bench import Task
 from obc_ros.core.solver.diagnosis.explanation import explain
-from obc_ros.core.solver.nlp.progress import ProgressMonitor
+from obc_ros.core.solver.nlp.meter import Meter
 from obc_ros.core.solver.program_cache import ProgramCache
 from obc_ros.core.solver.proofs.interval_bounds import find_lower_bounds
 from obc_ros.core.solver.search import search
@@ -75,9 +75,9 @@ def test_a_failed_search_leaves_time_for_the_diagnosis():
     """
     T = problems.read('quad_2d_mintime')['expected']['objective']
     problem = problems.build('quad_2d_mintime', final_time={'free': False, 'value': T / 2})
-    whole = ProgressMonitor()
+    whole = Meter()
     _, bench = search(Task(problem, ProgramCache(problem), whole))
-    assert bench.monitor.stopped == 'spent'
+    assert bench.meter.stopped == 'spent'
     assert whole.stopped == ''
     found = solve(problem)
     assert_only_searched(found)

@@ -4,7 +4,7 @@
 
 import casadi as ca
 from obc_ros.core.solver.bench import build_bench, Task
-from obc_ros.core.solver.nlp.progress import ProgressMonitor
+from obc_ros.core.solver.nlp.meter import Meter
 from obc_ros.core.solver.program_cache import ProgramCache
 from obc_ros.core.solver.solve import solve
 from obc_ros.core.solver.transcription.mesh import build_uniform_mesh
@@ -26,7 +26,7 @@ def test_costs_of_coarse_paths_agree_after_replay(intervals: int):
     least = problems.read('rayleigh_bounded')['expected']['objective']
     costs, closed = [], []
     for stages in (0, 3):
-        bench = build_bench(Task(problem, ProgramCache(problem), ProgressMonitor()))
+        bench = build_bench(Task(problem, ProgramCache(problem), Meter()))
         line = bench.programs.guesser.line(problem, problem.final_time.value)
         outcome = bench.collocate(build_uniform_mesh(problem, intervals, stages), line)
         assert outcome.converged

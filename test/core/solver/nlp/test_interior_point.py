@@ -15,7 +15,7 @@ from obc_ros.core.solver.nlp.interior_point import (
     solve_program,
     StoppingRule,
 )
-from obc_ros.core.solver.nlp.progress import ProgressMonitor
+from obc_ros.core.solver.nlp.meter import Meter
 from obc_ros.core.solver.starts.initial_guess import estimate_scales, Guesser
 from obc_ros.core.solver.transcription.mesh import build_uniform_mesh
 from obc_ros.core.solver.transcription.program import Transcription, TranscriptionOutcome
@@ -191,7 +191,7 @@ def solve_transcription(problem: Problem, *, own: bool,
     limits = TightenedLimits(np.array([final.lower]), np.array([final.upper]), np.zeros(problem.n),
                              guesser.final_state(problem)[1])
     start = program.start(mesh, guess, guess.durations, sizes) if near is None else near.w
-    return program.solve(problem, mesh, start, sizes, limits, ProgressMonitor(),
+    return program.solve(problem, mesh, start, sizes, limits, Meter(),
                          near=near is not None,
                          multipliers=None if near is None else (near.lam_w, near.lam_g))
 

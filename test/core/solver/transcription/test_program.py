@@ -10,7 +10,7 @@ import numpy as np
 from obc_ros.core.ocp.nonconvexity import Uneven
 from obc_ros.core.solver.adjoint.costates import CostateIntegrator
 from obc_ros.core.solver.adjoint.mesh_refinement import Error, refine_mesh
-from obc_ros.core.solver.nlp.progress import ProgressMonitor
+from obc_ros.core.solver.nlp.meter import Meter
 from obc_ros.core.solver.starts.cross_entropy import search_rollouts
 from obc_ros.core.solver.starts.initial_guess import estimate_scales, Guesser
 from obc_ros.core.solver.transcription.block_program import assemble, Block, Piece
@@ -61,7 +61,7 @@ def solve_program_on(mapping, mesh, **limits):
                              limits.get('longest', np.full(count, 1e3)), np.zeros(problem.n),
                              np.zeros(problem.n, dtype=bool))
     start = program.start(mesh, guess, durations, sizes)
-    return problem, program.solve(problem, mesh, start, sizes, bounds, ProgressMonitor())
+    return problem, program.solve(problem, mesh, start, sizes, bounds, Meter())
 
 
 def test_derivatives_of_a_program_equal_those_of_casadi():
@@ -225,12 +225,12 @@ def test_a_monitor_ends_a_solver_after_one_iteration():
     guess = Guesser(problem).line(problem, 10.0)
     sizes = estimate_scales(problem, guess)
     program = Transcription(problem, mesh.layout)
-    monitor = ProgressMonitor(10.0, report)
+    meter = Meter(10.0, report)
     outcome = program.solve(
         problem, mesh, program.start(mesh, guess, guess.durations, sizes), sizes,
-        TightenedLimits(np.zeros(1), np.ones(1), np.zeros(3), np.zeros(3, dtype=bool)), monitor)
+        TightenedLimits(np.zeros(1), np.ones(1), np.zeros(3), np.zeros(3, dtype=bool)), meter)
     assert not outcome.converged
-    assert monitor.stopped == 'cancelled'
+    assert meter.stopped == 'cancelled'
     assert seen == [1, 2, 3]
 
 
@@ -254,7 +254,7 @@ def test_multistart_ends_when_no_other_minimum_is_expected(minima, searches):
     for k in range(searches):
         assert not known_minima.enough()
         cost = (1.0 + k % minima) * (1 + 1e-5 * k)   # costs as rough as those of the searches
-        known_minima.ended(cost, 0.0, build_path())
+        known_minima.record_end(cost, 0.0, build_path())
     assert searches == math.ceil(2 * ((minima + 0.5) * (minima + 2) - minima))
     assert known_minima.enough()
 
@@ -262,13 +262,13 @@ def test_multistart_ends_when_no_other_minimum_is_expected(minima, searches):
 def test_a_search_that_repeats_an_earlier_one_is_recognised():
     known_minima = LocalMinima()
     path = [(5.0, 0.3), (3.0, 0.1), (2.0, 1e-9)]
-    assert not any(known_minima.again(*iterate) for iterate in path)
-    known_minima.ended(*path[-1], build_path())
-    assert not known_minima.again(5.1, 0.3)     # starts elsewhere
-    assert known_minima.again(3.0, 0.1)         # reaches the path of an earlier search
-    assert known_minima.again(2.0001, 1e-7)     # reaches an earlier minimum
-    assert not known_minima.again(2.01, 1e-7)   # reaches another minimum
-    assert not known_minima.again(2.0001, 0.2)  # is not feasible
+    assert not any(known_minima.record_iterate(*iterate) for iterate in path)
+    known_minima.record_end(*path[-1], build_path())
+    assert not known_minima.record_iterate(5.1, 0.3)     # starts elsewhere
+    assert known_minima.record_iterate(3.0, 0.1)         # reaches the path of an earlier search
+    assert known_minima.record_iterate(2.0001, 1e-7)     # reaches an earlier minimum
+    assert not known_minima.record_iterate(2.01, 1e-7)   # reaches another minimum
+    assert not known_minima.record_iterate(2.0001, 0.2)  # is not feasible
 
 
 @pytest.mark.parametrize('running_cost, terminal_cost, uneven', [

@@ -1,15 +1,15 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""Progress monitors: what ends a solver, and what ends only a part of the work."""
+"""Meters: what ends a solver, and what ends only a part of the work."""
 
-from obc_ros.core.solver.nlp.progress import ProgressMonitor
+from obc_ros.core.solver.nlp.meter import Meter
 import pytest
 
 
 @pytest.mark.parametrize('each', [1, 7, 16])
 def test_a_part_ends_after_its_budget_and_the_whole_continues(each: int) -> None:
     """All solvers of a part share its budget; later solvers of the part have none left."""
-    whole = ProgressMonitor()
+    whole = Meter()
     part = whole.part(100)
     steps = 0
     for _ in range(3):
@@ -24,7 +24,7 @@ def test_a_part_ends_after_its_budget_and_the_whole_continues(each: int) -> None
 
 def test_nested_parts_use_the_budgets_of_both() -> None:
     """The inner part ends with its own budget or with that of the outer part."""
-    part = ProgressMonitor().part(100)
+    part = Meter().part(100)
     for wanted in ('spent', '', 'spent'):
         inner = part.part(60)
         inner.limit(1000, 10)
@@ -39,7 +39,7 @@ def test_nested_parts_use_the_budgets_of_both() -> None:
 
 def test_a_limit_of_iterations_ends_a_solver_not_its_part() -> None:
     """The next solver of the part starts with a new limit."""
-    part = ProgressMonitor().part(1000)
+    part = Meter().part(1000)
     part.limit(5, 10)
     assert [part.step(0.0, 0.0) for _ in range(5)] == [False] * 4 + [True]
     assert part.spent
@@ -51,7 +51,7 @@ def test_a_limit_of_iterations_ends_a_solver_not_its_part() -> None:
 def test_cancelling_the_whole_cancels_its_parts() -> None:
     """A part is cancelled at the next iteration, and later parts at once."""
     cancelled = iter([False, False, True, False])
-    whole = ProgressMonitor(report=lambda *_: next(cancelled))
+    whole = Meter(report=lambda *_: next(cancelled))
     part = whole.part(1000)
     assert [part.step(0.0, 0.0) for _ in range(4)] == [False, False, True, True]
     assert part.stopped == whole.stopped == 'cancelled'
@@ -60,8 +60,8 @@ def test_cancelling_the_whole_cancels_its_parts() -> None:
 
 def test_a_part_ends_at_the_time_limit_of_the_whole() -> None:
     """It also ends at its own time limit, which leaves the whole running."""
-    assert ProgressMonitor(0.0).part(1000).step(0.0, 0.0)
-    whole = ProgressMonitor(60.0)
+    assert Meter(0.0).part(1000).step(0.0, 0.0)
+    whole = Meter(60.0)
     part = whole.part(1000, 0.0)
     assert part.step(0.0, 0.0)
     assert part.stopped == 'timed_out'

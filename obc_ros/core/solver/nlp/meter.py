@@ -1,6 +1,10 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""Progress reports, limits of iterations, work and time, and the best intermediate path."""
+"""
+The meter of a solve: iterations, work and time, their limits, and reports of progress.
+
+The best intermediate path and the iteration callback of IPOPT are here because both report to it.
+"""
 
 from collections.abc import Callable, Sequence
 import math
@@ -70,9 +74,9 @@ class BestPath:
         self._begun = math.nan
 
 
-class ProgressMonitor:
+class Meter:
     """
-    Reports progress and decides when to stop.
+    Counts iterations, work and time, reports progress, and decides when to stop.
 
     Work is counted in iterations times `each`, so that it does not depend on the load of the
     machine.
@@ -138,9 +142,9 @@ class ProgressMonitor:
         self.short |= intervals > self.max_intervals
         return intervals <= self.max_intervals
 
-    def part(self, work: int, time_limit: float = math.inf) -> 'ProgressMonitor':
+    def part(self, work: int, time_limit: float = math.inf) -> 'Meter':
         """
-        Return a monitor with its own budget, which also counts for this one.
+        Return a meter with its own budget, which also counts for this one.
 
         Parameters
         ----------
@@ -187,10 +191,10 @@ class ProgressMonitor:
         return bool(self.stopped) or self.iterations >= self.most
 
 
-class _Part(ProgressMonitor):
-    """A monitor with its own budget that stops with the monitor it is part of."""
+class _Part(Meter):
+    """A meter with its own budget that stops with the meter it is part of."""
 
-    def __init__(self, whole: ProgressMonitor, work: int, time_limit: float) -> None:
+    def __init__(self, whole: Meter, work: int, time_limit: float) -> None:
         super().__init__(time_limit, max_intervals=whole.max_intervals)
         self._whole, self._left = whole, work
         self.trace, self.stopped, self.best = whole.trace, whole.stopped, whole.best
@@ -216,7 +220,7 @@ class Watch(ca.Callback):
 
     Attributes
     ----------
-    monitor : ProgressMonitor
+    meter : Meter
     lower, upper : ndarray, shape (rows,)
         Bounds of g.
     cost_scale : float
@@ -228,15 +232,15 @@ class Watch(ca.Callback):
         ca.Callback.__init__(self)
         self._sizes = {'x': unknowns, 'f': 1, 'g': rows, 'lam_x': unknowns, 'lam_g': rows,
                        'lam_p': constants}
-        self.monitor = ProgressMonitor()
+        self.meter = Meter()
         self.lower = self.upper = np.zeros(rows)
         self.cost_scale = 1.0
         self.construct('watch', {})
 
-    def begin(self, monitor: ProgressMonitor, lower: Array, upper: Array,
+    def begin(self, meter: Meter, lower: Array, upper: Array,
               cost_scale: float) -> None:
         """Set the attributes, before each solve."""
-        self.monitor, self.cost_scale = monitor, cost_scale
+        self.meter, self.cost_scale = meter, cost_scale
         self.lower, self.upper = lower, upper
 
     def get_n_in(self) -> int:
@@ -255,5 +259,5 @@ class Watch(ca.Callback):
         """Return 1 if the solver has to stop, else 0."""
         g = arg[2].full().ravel()
         violation = np.maximum(self.lower - g, g - self.upper)
-        return [ca.DM(int(self.monitor.step(
+        return [ca.DM(int(self.meter.step(
             float(arg[1]) * self.cost_scale, float(np.max(violation, initial=0.0)))))]
