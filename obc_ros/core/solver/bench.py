@@ -101,17 +101,6 @@ class Candidate:
         return self.solution.certified
 
 
-class Tally:
-    """The work of the collocations of one search, in iterations times intervals."""
-
-    def __init__(self) -> None:
-        self.work = 0
-
-    def spend(self, work: int) -> None:
-        """Add work."""
-        self.work += work
-
-
 class _Memo:
     """The integrated costates of the last outcomes, and the last Hamiltonian loss."""
 
@@ -146,10 +135,10 @@ class Bench:
     ----------
     stated, problem : Problem
         That of the task, and the one that is solved: its smooth reformulation if |.| occurs.
-    programs, meter
-        As in `Task`; the meter may be a part of that of the task.
-    tally : Tally
-        The work of this search.
+    programs : ProgramCache
+        As in `Task`.
+    whole, meter : Meter
+        Of this search, a part of that of the task; and of what is tried now, a part of `whole`.
     pinned : ndarray of bool, shape (n,)
         Components of x(T) that psi fixes.
     margin : ndarray, shape (n + l,)
@@ -168,8 +157,8 @@ class Bench:
     stated: Problem
     problem: Problem
     programs: ProgramCache
+    whole: Meter
     meter: Meter
-    tally: Tally
     pinned: Mask
     margin: Array
     quick: bool = False
@@ -191,8 +180,8 @@ class Bench:
 
     @property
     def work(self) -> int:
-        """Return the work of this search so far."""
-        return self.tally.work
+        """Return the work of the outcomes of this search so far; see `Meter.effort`."""
+        return self.whole.effort
 
     @property
     def bounded(self) -> bool:
@@ -269,7 +258,7 @@ class Bench:
                 self.meter.limit(most, each)
                 outcome = program.solve(problem, mesh, w, sizes, limits, self.meter)
             attempt.end(*outcome.judge(), cost=outcome.objective)
-        self.tally.spend(outcome.iterations * each)
+        self.whole.credit(outcome.iterations * each)
         self.programs.worked(outcome.iterations, mesh.layout)
         return outcome
 
@@ -470,9 +459,9 @@ def build_bench(task: Task, *, with_arcs: bool = True, quick: bool = False) -> B
     """
     problem, programs, bounded = task.problem, task.programs, task.problem.constrained
     smooth = programs.twin.problem(problem, 0) if programs.twin else problem
+    whole = task.meter.part()
     return Bench(
-        stated=problem, problem=smooth, programs=programs, meter=task.meter, tally=Tally(),
-        quick=quick,
+        stated=problem, problem=smooth, programs=programs, whole=whole, meter=whole, quick=quick,
         may_hold=with_arcs, intervals=programs.options.coarse.intervals,
         typical=programs.options.coarse.iterations, stages=3 if bounded else 0,
         margin=np.zeros(problem.n + int(problem.path.numel())),

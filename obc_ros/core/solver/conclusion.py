@@ -142,7 +142,7 @@ def _ended(task: Task, found: Solution, explained: bool) -> Solution:
                                     meter.trace.describe_effort(), advice)))))
     if not explained:
         return found
-    if meter.short:
+    if meter.trace.mesh_refused:
         found = replace(found, message=(
             f'{found.message}; a mesh with more than max_intervals = {meter.max_intervals} was '
             'needed'))

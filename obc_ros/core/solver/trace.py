@@ -69,11 +69,13 @@ class Trace:
     ----------
     work : int
         Iterations times intervals so far.
+    mesh_refused : bool
+        Whether a mesh with more than the maximum number of intervals was needed.
 
     """
 
     def __init__(self) -> None:
-        self.work = 0
+        self.work, self.mesh_refused = 0, False
         self._entries: list[Entry] = []
         self._open: list[Entry] = []   # the innermost last
         self._best, self._certified = math.inf, False
@@ -100,9 +102,9 @@ class Trace:
             For `under`, again and again if the attempt is interrupted.
 
         """
-        inner = self._open[-1] if self._open else None
-        entry = Entry(len(self._entries) + 1, inner.number if inner else 0, method, what,
-                      self.work, aside or inner is not None and inner.aside)
+        inner = self._open[-1].number if self._open else 0
+        entry = Entry(len(self._entries) + 1, inner, method, what, self.work,
+                      aside or self._aside)
         self._entries.append(entry)
         return entry
 
@@ -127,11 +129,17 @@ class Trace:
 
     def found(self, cost: float, certified: bool) -> None:
         """Note the cost of a feasible path, for `describe`; a certified one replaces others."""
-        if self._open and self._open[-1].aside:
-            return
-        if (certified, -cost) > (self._certified, -self._best):
+        if not self._aside and (certified, -cost) > (self._certified, -self._best):
             self._best, self._certified = cost, certified
             self._description = None
+
+    def note_refused_mesh(self) -> None:
+        """Note that a mesh with more than the maximum number of intervals was needed."""
+        self.mesh_refused |= not self._aside
+
+    @property
+    def _aside(self) -> bool:
+        return bool(self._open) and self._open[-1].aside
 
     def describe(self) -> str:
         """Return what is tried now, and the best cost so far, in words."""

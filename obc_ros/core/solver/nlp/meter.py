@@ -91,12 +91,13 @@ class Meter:
         So far, and at which the present solve ends. `stopped` stays '' then.
     each : int
         Work of one iteration.
+    effort : int
+        Work of the solves that led to outcomes, from `credit`: by it a search compares how much
+        its parts took. Failed attempts before a second one, phases and other parts are left out.
     deadline : float
         On the monotonic clock [s].
     max_intervals : int
         Maximum number of intervals of a mesh.
-    short : bool
-        Whether a mesh with more was needed.
     best : BestPath or None
         Receives intermediate paths.
 
@@ -104,15 +105,21 @@ class Meter:
 
     def __init__(self, time_limit: float = math.inf, report: Report | None = None,
                  max_intervals: int = MAX_INTERVALS) -> None:
-        self.max_intervals, self.short = max_intervals, False
+        self.max_intervals = max_intervals
         self.deadline = time.monotonic() + time_limit
-        self.stopped = ''
+        self._reason = ''
         self.trace = Trace()
         self.iterations = 0
         self.most = 1_000_000
         self.each = 1
+        self.effort = 0
         self.best: BestPath | None = None
         self._report = report
+
+    @property
+    def stopped(self) -> str:
+        """Return why work is to stop, '' while it goes on."""
+        return self._reason
 
     def watch(self, best: BestPath) -> None:
         """Pass intermediate paths on."""
@@ -132,24 +139,29 @@ class Meter:
         """
         self.most, self.each = self.iterations + iterations, each
 
+    def credit(self, work: int) -> None:
+        """Add the work of an outcome to `effort`."""
+        self.effort += work
+
     @property
     def spent(self) -> bool:
         """Return whether the present solve has used up its iterations."""
         return self.iterations >= self.most
 
     def allows(self, intervals: int) -> bool:
-        """Return whether a mesh may have so many intervals; set `short` if it may not."""
-        self.short |= intervals > self.max_intervals
+        """Return whether a mesh may have so many intervals; the trace notes if it may not."""
+        if intervals > self.max_intervals:
+            self.trace.note_refused_mesh()
         return intervals <= self.max_intervals
 
-    def part(self, work: int, time_limit: float = math.inf) -> 'Meter':
+    def part(self, work: float = math.inf, time_limit: float = math.inf) -> 'Meter':
         """
-        Return a meter with its own budget, which also counts for this one.
+        Return a meter that begins at zero, with its own budget, which also counts for this one.
 
         Parameters
         ----------
-        work : int
-            Budget, after which `stopped` is 'spent'.
+        work : float
+            Budget, after which `stopped` is 'spent'; without limit if left out.
         time_limit : float
             [s], so that a slow machine keeps time for the rest.
 
@@ -181,23 +193,27 @@ class Meter:
         self.trace.spend(self.each)
         if self._report is not None and self._report(
                 self.trace.describe(), self.iterations + 1, cost, infeasibility):
-            self.stopped = 'cancelled'
+            self._reason = 'cancelled'
         return self._count()
 
     def _count(self) -> bool:
         self.iterations += 1
         if not self.stopped and time.monotonic() > self.deadline:
-            self.stopped = 'timed_out'
+            self._reason = 'timed_out'
         return bool(self.stopped) or self.iterations >= self.most
 
 
 class _Part(Meter):
     """A meter with its own budget that stops with the meter it is part of."""
 
-    def __init__(self, whole: Meter, work: int, time_limit: float) -> None:
+    def __init__(self, whole: Meter, work: float, time_limit: float) -> None:
         super().__init__(time_limit, max_intervals=whole.max_intervals)
         self._whole, self._left = whole, work
-        self.trace, self.stopped, self.best = whole.trace, whole.stopped, whole.best
+        self.trace, self.best = whole.trace, whole.best
+
+    @property
+    def stopped(self) -> str:
+        return self._whole.stopped or self._reason
 
     def limit(self, iterations: int, each: int = 1) -> None:
         super().limit(iterations, each)
@@ -210,7 +226,8 @@ class _Part(Meter):
     def step(self, cost: float, infeasibility: float) -> bool:
         self._whole.step(cost, infeasibility)
         self._left -= self.each
-        self.stopped = self._whole.stopped or self.stopped or ('spent' if self._left < 0 else '')
+        if not self._reason and self._left < 0:
+            self._reason = 'spent'
         return self._count()
 
 

@@ -66,3 +66,25 @@ def test_a_part_ends_at_the_time_limit_of_the_whole() -> None:
     assert part.step(0.0, 0.0)
     assert part.stopped == 'timed_out'
     assert not whole.stopped
+
+
+def test_a_part_counts_its_own_effort() -> None:
+    """The iterations of all parts add up in the whole; effort is that of one part."""
+    whole = Meter()
+    for number, each in ((3, 5), (2, 7)):
+        part = whole.part()
+        part.limit(1000, each)
+        for _ in range(number):
+            part.step(0.0, 0.0)
+        part.credit(number * each)
+        assert part.effort == number * each
+        assert part.stopped == ''
+    assert whole.trace.work == 3 * 5 + 2 * 7
+
+
+def test_a_part_stops_at_once_when_another_part_is_cancelled() -> None:
+    """Both belong to the whole, which is cancelled by the report of the other one."""
+    whole = Meter(report=lambda *_: True)
+    first, second = whole.part(), whole.part()
+    assert second.step(0.0, 0.0)
+    assert first.stopped == 'cancelled'
