@@ -2,12 +2,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """Numbers, bounds and terminal constraints of a problem as text for messages."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
 from obc_ros.core.numerics.arrays import Array, Mask
 from obc_ros.core.ocp.problem import Problem
+
+_ONE = 1e-9   # distance of a factor from 1 up to which it is left out
 
 
 def format_number(value: float) -> str:
@@ -51,7 +54,7 @@ def describe_terminal(problem: Problem, row: int) -> str:
     names = [(name, a) for name, a in zip(problem.states, rows.A[row], strict=True) if a]
     if len(names) == 1:
         return f'{names[0][0]} = {format_number(-rows.b[row] / names[0][1])}'
-    return f'{_sum(names)} = {format_number(-rows.b[row])}'
+    return f'{describe_sum(names)} = {format_number(-rows.b[row])}'
 
 
 def state_bound(problem: Problem, index: int, upper: bool) -> str:
@@ -86,11 +89,27 @@ class AffineRows:
     affine: Mask
 
 
-def _sum(terms: list[tuple[str, float]]) -> str:
+def describe_sum(terms: Iterable[tuple[str, float]], times: str = '*') -> str:
+    """
+    Return a sum as text.
+
+    Parameters
+    ----------
+    terms : iterable of (str, float)
+        Names, and their factors; a factor of 1 is left out.
+    times : str
+        What stands between a factor and a name.
+
+    Returns
+    -------
+    str
+        Such as ``2*x - y``.
+
+    """
     text = ''
-    for name, a in terms:
-        factor = '' if abs(a) == 1 else f'{format_number(abs(a))}*'
-        text += f' {"-" if a < 0 else "+"} {factor}{name}'
+    for name, factor in terms:
+        size = '' if abs(abs(factor) - 1) < _ONE else f'{format_number(abs(factor))}{times}'
+        text += f' {"-" if factor < 0 else "+"} {size}{name}'
     return text[3:] if text.startswith(' + ') else '-' + text[3:]
 
 

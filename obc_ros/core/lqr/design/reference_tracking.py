@@ -29,6 +29,7 @@ from obc_ros.core.closed_loop.feedback import (
 from obc_ros.core.lqr.design.design import Design, design_again, linearize_plant, LinearizedPlant
 from obc_ros.core.lqr.sampled import discretize_cost
 from obc_ros.core.numerics.arrays import Array
+from obc_ros.core.numerics.samples import interpolate_columns
 from obc_ros.core.riccati import propagation
 from obc_ros.core.systems.equilibrium import find_nearest_equilibrium, linearize
 from obc_ros.core.systems.system import System
@@ -329,10 +330,10 @@ def _sampled_step(A: Array, B: Array, found: Design, P: Array, time: float
 
 
 def _sample(along: Course, t: float) -> tuple[Array, Array]:
-    x = np.array([np.interp(t, along.t, column) for column in along.x.T])
+    x = interpolate_columns(t, along.t, along.x)
     if along.holds:
         return x, along.u[max(0, int(np.searchsorted(along.t, t, 'right')) - 1)]
-    return x, np.array([np.interp(t, along.t, column) for column in along.u.T])
+    return x, interpolate_columns(t, along.t, along.u)
 
 
 def _table(name: str, numbers: Sequence[float], count: int, wanted: tuple[str, ...],

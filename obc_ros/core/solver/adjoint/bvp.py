@@ -23,8 +23,8 @@ from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.solver.adjoint.bvp_equations import Equations, Hamiltonian, Unknowns
 from obc_ros.core.solver.adjoint.bvp_solution import BoundaryValues, cut_evenly
 from obc_ros.core.solver.adjoint.costates import Extremal
-from obc_ros.core.solver.adjoint.mesh_refinement import choose_cuts
 from obc_ros.core.solver.arcs.input_arcs import Arc
+from obc_ros.core.solver.transcription.mesh import choose_cuts
 from obc_ros.core.solver.transcription.program import ProblemScales
 
 _FEWEST, _FEWEST_ROUGH = 6, 3   # minimum number of intervals in an arc; of a rough solution
@@ -195,9 +195,6 @@ def _cut(arc: Arc, points: Array, fewest: int) -> Array:
 
 def _graded(defects: Array, fractions: Array, arc_of: Index) -> tuple[Array, Index]:
     """Return the intervals that the defects require, as parts of their arcs, and their arcs."""
-    needed = np.append(0.0, np.cumsum(np.maximum(defects / _SHARE, 1e-12) ** (1 / 6)))
-    ends = needed[np.append(0, np.flatnonzero(np.diff(arc_of, append=-1)) + 1)]
-    arcs, inner = cut_evenly(ends, np.ceil(np.diff(ends)))
     # In all arcs together, each of length 1.
-    places = np.interp(inner, needed, np.append(0.0, np.cumsum(fractions)))
+    places, arcs = cut_evenly(np.maximum(defects / _SHARE, 1e-12) ** (1 / 6), arc_of, fractions)
     return np.diff(places), arcs

@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 from obc_ros.core.numerics.arrays import Array, Index
 from obc_ros.core.numerics.collocation import build_collocation, compute_gauss_points
+from obc_ros.core.numerics.samples import interpolate_columns
 from obc_ros.core.numerics.vectorized import VectorizedFunction
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.solver.adjoint.bvp_solution import BoundaryValues
@@ -242,18 +243,14 @@ class Equations:
         known = np.vstack([np.hstack([course.x, course.lam]), np.hstack(
             [course.x_end[-1:], course.lam_end[-1:]])]) / self.size
         middle, u = (course.t[:-1] + course.t[1:]) / 2, (course.ua + course.ub) / 2 / scales.u
-
-        def at(times: Array, seen: Array, values: Array) -> Array:
-            return np.stack([np.interp(times, seen, column) for column in values.T], axis=-1)
-
         inner = t[:-1, None] + h[:, None] * compute_gauss_points(_STAGES)
-        inputs = np.where(self.free[self.arc_of][:, None], at(inner, middle, u),
+        inputs = np.where(self.free[self.arc_of][:, None], interpolate_columns(inner, middle, u),
                           self.level[self.arc_of][:, None])
         ends, off = np.cumsum(lengths), 1e-6 * t[-1]
-        at_ends = np.stack([at(ends - off, middle, u), at(ends + off, middle, u)], axis=1)
-        z = at(t, course.t, known)
+        at_ends = interpolate_columns(np.column_stack([ends - off, ends + off]), middle, u)
+        z = interpolate_columns(t, course.t, known)
         z[0, :n] = self.problem.x0 / scales.x
-        return Unknowns(z, at(inner, course.t, known), inputs, at_ends, np.append(
+        return Unknowns(z, interpolate_columns(inner, course.t, known), inputs, at_ends, np.append(
             lengths / scales.time, course.nu / scales.cost))
 
     def _equations(self, now: Unknowns) -> tuple[list[Array], _Linear]:

@@ -126,26 +126,32 @@ class BoundaryValues:
         return np.asarray((6 * mean - 4 * a - 2 * b + 6 * part[:, None] * (a + b - 2 * mean)) / h)
 
 
-def cut_evenly(ends: Array, counts: Array) -> tuple[Index, Array]:
+def cut_evenly(parts: Array, arc_of: Index, lengths: Array) -> tuple[Array, Index]:
     """
-    Cut spans into equal parts.
+    Cut arcs into new intervals with equal shares of a density.
 
     Parameters
     ----------
-    ends : ndarray, shape (P + 1,)
-        Start of the first span, and the end of each.
-    counts : ndarray, shape (P,)
-        Number of parts of each span; at least 1 is taken.
+    parts : ndarray, shape (N,)
+        Number of new intervals that each interval requires, not whole.
+    arc_of : ndarray of int, shape (N,)
+        Arc of each interval.
+    lengths : ndarray, shape (N,)
+        Lengths of the intervals, in which the density is constant.
 
     Returns
     -------
-    of : ndarray of int, shape (N,)
-        Span of each part.
-    points : ndarray, shape (N + 1,)
-        Start of the first part, and the end of each.
+    points : ndarray, shape (K + 1,)
+        Start of the first new interval, 0, and the end of each.
+    arc_of : ndarray of int, shape (K,)
+        Their arcs, each with at least one.
 
     """
-    parts: Index = np.maximum(counts, 1).astype(np.int64)
-    of = np.repeat(np.arange(len(parts)), parts)
-    number = np.arange(1, len(of) + 1) - np.repeat(np.cumsum(parts) - parts, parts)
-    return of, np.append(ends[0], ends[of] + np.diff(ends)[of] * (number / parts[of]))
+    total = np.append(0.0, np.cumsum(parts))
+    ends = total[np.append(0, np.flatnonzero(np.diff(arc_of, append=-1)) + 1)]
+    spans = np.diff(ends)
+    counts: Index = np.maximum(np.ceil(spans), 1).astype(np.int64)
+    of = np.repeat(np.arange(len(counts)), counts)
+    number = np.arange(1, len(of) + 1) - np.repeat(np.cumsum(counts) - counts, counts)
+    inner = np.append(ends[0], ends[of] + spans[of] * (number / counts[of]))
+    return np.interp(inner, total, np.append(0.0, np.cumsum(lengths))), of

@@ -18,7 +18,6 @@ from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.numerics.vectorized import Chain, VectorizedFunction
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.ocp.solution import Solution, Status
-from obc_ros.core.solver.transcription.mesh import Path
 from obc_ros.core.solver.transcription.program import TranscriptionOutcome
 from obc_ros.core.solver.transcription.runge_kutta import step_of
 
@@ -76,6 +75,13 @@ class Extremal:
     density_x: Array | None = None
     density_path: Array | None = None
 
+    @property
+    def points(self) -> tuple[Array, Array, Array]:
+        """Return x, u and lam at the starts of all parts and at the end, (K + 1, .) each."""
+        x, u, lam = (np.vstack([start, end[-1:]]) for start, end in (
+            (self.x, self.x_end), (self.ua, self.ub), (self.lam, self.lam_end)))
+        return x, u, lam
+
 
 def _largest(error: Array, size: Array) -> Array:
     """Return the largest |error| / size of each row, infinite if one is not a number."""
@@ -84,13 +90,29 @@ def _largest(error: Array, size: Array) -> Array:
             np.abs(error / size).max(axis=1), nan=np.inf, posinf=np.inf))
 
 
-def _cut(path: Path, parts: int) -> tuple[Array, Array, Array]:
-    """Return times and inputs of a path with each interval in equal parts."""
+def cut_inputs(t: Array, ua: Array, ub: Array, parts: int) -> tuple[Array, Array, Array]:
+    """
+    Cut intervals into equal parts.
+
+    Parameters
+    ----------
+    t : ndarray, shape (N + 1,)
+        Times [s].
+    ua, ub : ndarray, shape (N, m)
+        Inputs at the start and at the end of each interval, linear in between.
+    parts : int
+        Number of parts of each.
+
+    Returns
+    -------
+    t, ua, ub : ndarray
+        The same of the parts.
+
+    """
     c = np.arange(parts)[:, None] / parts
-    t = np.append((path.t[:-1, None] + np.diff(path.t)[:, None] * c[:, 0]).ravel(), path.t[-1])
-    a, b = path.ua[:, None, :], path.ub[:, None, :]
-    ua, ub = ((a + (b - a) * part).reshape(-1, path.ua.shape[1]) for part in (c, c + 1 / parts))
-    return t, ua, ub
+    a, b = ua[:, None, :], ub[:, None, :]
+    ua, ub = ((a + (b - a) * part).reshape(-1, ua.shape[1]) for part in (c, c + 1 / parts))
+    return np.append((t[:-1, None] + np.diff(t)[:, None] * c[:, 0]).ravel(), t[-1]), ua, ub
 
 
 class CostateIntegrator:
@@ -287,7 +309,7 @@ class CostateIntegrator:
 
         """
         path = outcome.path
-        t, ua, ub = _cut(path, parts)
+        t, ua, ub = cut_inputs(path.t, path.ua, path.ub, parts)
         anew, anew_end, J = self._restarted(problem, path.x, t, ua, ub, parts)
         size = np.maximum(np.abs(path.x).max(axis=0), 1e-3 * np.abs(path.x).max() + 1e-12)
         local = _largest(anew_end[parts - 1::parts] - path.x[1:], size)
@@ -295,7 +317,7 @@ class CostateIntegrator:
         defect = _largest(x[parts::parts] - path.x[1:], size)
         if local.max() > _STIFF and path.inner.shape[1]:
             # The error may be that of the explicit steps: repeat with many small ones.
-            t, ua, ub = _cut(path, _MANY)
+            t, ua, ub = cut_inputs(path.t, path.ua, path.ub, _MANY)
             _, ends, _ = self._restarted(problem, path.x, t, ua, ub, _MANY)
             local = _largest(ends[_MANY - 1::_MANY] - path.x[1:], size)
             return self._at_nodes(outcome, float(defect.max()), local)
@@ -319,7 +341,7 @@ class CostateIntegrator:
         Corrected costs can be compared on coarse meshes, the others cannot.
         """
         path, parts = outcome.path, _MANY if outcome.path.inner.shape[1] else 4
-        t, ua, ub = _cut(path, parts)
+        t, ua, ub = cut_inputs(path.t, path.ua, path.ub, parts)
         _, x_end, J = self._restarted(problem, path.x, t, ua, ub, parts)
         ends = x_end[parts - 1::parts]
         V, psi, _ = self._end(ends[-1:], outcome.nu[None, :], problem.p_value)

@@ -19,9 +19,8 @@ from numpy.typing import NDArray
 from obc_ros.core.numerics.arrays import Array, Index
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.solver.adjoint.costates import CostateIntegrator, Extremal
-from obc_ros.core.solver.transcription.mesh import Mesh, Path, split
+from obc_ros.core.solver.transcription.mesh import choose_cuts, Mesh, Path, split
 
-_MOST_CUTS = 4     # maximum number of parts of an interval in one refinement
 # Part of the maximum number of intervals up to which a mesh that needs more than the maximum is
 # spread over the maximum.
 _WORTH = 0.7
@@ -164,17 +163,6 @@ def _crossings(problem: Problem, t: Array, targets: Array) -> Array:
         part = a[rows, columns] / (a[rows, columns] - b[rows, columns])
         found.extend(t[rows] + part * (t[rows + 1] - t[rows]))
     return np.sort(np.array(found))
-
-
-def choose_cuts(errors: Array, share: float, rate: float) -> Index:
-    """
-    Return the number of parts of each interval for which its error is at most `share`.
-
-    The error of an interval is proportional to the power `rate` of its length.
-    """
-    share = max(share, 1e-300)
-    number = np.ceil((np.minimum(errors, 1e30 * share) / share) ** (1 / rate))
-    return np.clip(number, 1, _MOST_CUTS).astype(np.int64)
 
 
 def refine_mesh(mesh: Mesh, path: Path, kinks: Array, errors: Sequence[Error], longest: float,

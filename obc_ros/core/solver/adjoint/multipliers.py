@@ -20,6 +20,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 from obc_ros.core.numerics.arrays import Array, Mask
+from obc_ros.core.numerics.samples import find_runs
 from obc_ros.core.numerics.vectorized import VectorizedFunction
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.ocp.solution import Solution
@@ -193,7 +194,7 @@ class Fitter:
 
     def values(self, problem: Problem, course: Extremal) -> Array:
         """Return x and c along a course, shape (K + 1, n + l)."""
-        x, u = np.vstack([course.x, course.x_end[-1:]]), np.vstack([course.ua, course.ub[-1:]])
+        x, u, _ = course.points
         return self.at(problem, x, u)
 
     def slack(self, problem: Problem, course: Extremal) -> Array:
@@ -245,7 +246,7 @@ class Fitter:
                 near[::course.parts] |= (heavy * size[row] > apart * cost) & (apart < _PERHAPS)
                 if not self._pure[row]:
                     near |= _touched(sign * weights[:, :, row - self.n], course.parts)
-                runs = _groups(near, _GAP * course.parts)
+                runs = find_runs(near, _GAP * course.parts)
                 if not self._pure[row]:
                     runs = _parted(runs, outcome, course.parts)
                 found += [ActiveInterval(int(row), sign, first, last) for first, last in runs]
@@ -311,7 +312,7 @@ class Fitter:
 
     def _points(self, problem: Problem, course: Extremal) -> tuple[Array, ...]:
         """Return L, f, L_u, f_u, c_u, c_x at the starts of all parts and at T."""
-        x, u = np.vstack([course.x, course.x_end[-1:]]), np.vstack([course.ua, course.ub[-1:]])
+        x, u, _ = course.points
         return self._shaped(self._point(x, u, problem.p_value))
 
     def _shaped(self, values: tuple[Array, ...]) -> tuple[Array, ...]:
@@ -418,17 +419,6 @@ def _touched(weights: Array, parts: int) -> NDArray[np.bool_]:
     near = np.append(np.repeat(touched, parts), touched[-1])
     near[::parts][1:] |= touched
     return near
-
-
-def _groups(near: NDArray[np.bool_], gap: int) -> list[tuple[int, int]]:
-    """Return first and last places of the groups of true entries, at most `gap` apart."""
-    merged: list[list[int]] = []
-    for place in np.flatnonzero(near):
-        if merged and place <= merged[-1][1] + gap:
-            merged[-1][1] = int(place)
-        else:
-            merged.append([int(place), int(place)])
-    return [(first, last) for first, last in merged]
 
 
 def _parted(runs: list[tuple[int, int]], outcome: TranscriptionOutcome,

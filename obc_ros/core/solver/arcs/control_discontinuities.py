@@ -14,7 +14,7 @@ from dataclasses import replace
 import numpy as np
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.solver.arcs.input_arcs import Arc
-from obc_ros.core.solver.transcription.mesh import LINEAR, Path
+from obc_ros.core.solver.transcription.mesh import build_path, LINEAR, Path
 from obc_ros.core.solver.transcription.program import TranscriptionOutcome
 
 _JUMP = 0.3        # change of an input, as part of its range on the path, that may be a jump
@@ -134,8 +134,8 @@ def sharpen_steps(path: Path, arcs: Sequence[Arc]) -> Path:
         ua[(ua > time - wide) & (ua < time - near)] = time - wide
         ub[(ub > time - wide) & (ub <= time + near)] = time - wide
         ub[(ub > time + near) & (ub < time + wide)] = time + wide
-    return Path(t, path.states_at(t), np.zeros((len(t) - 1, 0, path.x.shape[1])),
-                path.inputs_at(ua, after=True), path.inputs_at(ub, after=False), path.durations)
+    return build_path(t, path.states_at(t), path.inputs_at(ua, after=True),
+                      path.inputs_at(ub, after=False), path.durations)
 
 
 def _follows(arc: Arc, mixed: Sequence[bool]) -> bool:

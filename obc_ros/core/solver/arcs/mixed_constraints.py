@@ -12,8 +12,9 @@ from dataclasses import replace
 
 import casadi as ca
 import numpy as np
-from obc_ros.core.numerics.arrays import Array, Mask
+from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.numerics.collocation import build_collocation
+from obc_ros.core.numerics.samples import find_runs
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.solver.arcs.constraint_orders import BoundRates
 from obc_ros.core.solver.arcs.input_arcs import Arc
@@ -87,7 +88,7 @@ def find_active(problem: Problem, outcome: TranscriptionOutcome,
     for row in np.flatnonzero(bounds.orders[n:] == 0).tolist():
         least = _WEIGHS * np.abs(weights[:, :, row]).max(initial=0.0)
         for sign in (1, -1):
-            for first, last in _runs(np.max(sign * weights[:, :, row], axis=1) > least):
+            for first, last in find_runs(np.max(sign * weights[:, :, row], axis=1) > least):
                 found.append(StateContact(n + row, sign, t[first], t[last + 1], 0.0))
     return found
 
@@ -127,7 +128,7 @@ def hold_constraints(arcs: list[Arc], found: Phased, bounds: BoundRates) -> list
                 if now and heavy.all():
                     new.append(StateContact(row, sign, arc.start, arc.end, 0.0))
                     continue
-                for first, last in _runs(heavy):
+                for first, last in find_runs(heavy):
                     if last - first >= DEGREE:
                         new.append(StateContact(row, sign, max(times[first] - h / 2, arc.start),
                                                 min(times[last] + h / 2, arc.end), 0.0))
@@ -184,9 +185,3 @@ def move_onto_constraints(problem: Problem, program: PhasedProgram, found: Phase
             inputs = inputs - np.where(size > 1e-12 * size.max(), off / size, 0.0)[:, None] * slope
         u[here] = inputs.reshape(len(here), -1, problem.m)
     return u
-
-
-def _runs(of: Mask) -> list[tuple[int, int]]:
-    """Return the first and the last index of each run of true entries."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], of, [False]])))
-    return [(int(first), int(last) - 1) for first, last in edges.reshape(-1, 2)]

@@ -6,10 +6,9 @@ import numpy as np
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.numerics.collocation import build_collocation
 from obc_ros.core.solver.arcs.phases import DEGREE, Phased
-from obc_ros.core.solver.transcription.mesh import Path
+from obc_ros.core.solver.transcription.mesh import choose_cuts, Path
 
 _RESOLVED = 1e-5   # relative size of the highest Legendre coefficient of a resolved interval
-_MOST_CUTS = 4     # maximum number of parts of an interval in one refinement
 
 
 def spread_like(path: Path) -> tuple[Array, Array]:
@@ -71,7 +70,7 @@ def spread_as_wanted(found: Phased) -> tuple[tuple[Array, Array], int]:
 
     """
     error = np.maximum(_highest(found.x).max(axis=1), _highest(found.lam).max(axis=1))
-    count = np.clip(np.ceil((error / _RESOLVED) ** (1 / DEGREE)), 1, _MOST_CUTS)
+    count = choose_cuts(error, _RESOLVED, DEGREE).astype(float)
     return (np.append(0.0, np.cumsum(found.h)), _shares(count)), int(count.sum())
 
 

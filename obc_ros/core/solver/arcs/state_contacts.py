@@ -13,6 +13,7 @@ import math
 
 import numpy as np
 from obc_ros.core.numerics.arrays import Array, Mask
+from obc_ros.core.numerics.samples import find_runs
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.solver.arcs.input_arcs import Arc
 from obc_ros.core.solver.transcription.program import TranscriptionOutcome
@@ -93,11 +94,9 @@ def find_contacts(problem: Problem, outcome: TranscriptionOutcome, value: Array,
                 step = np.diff(room)
                 close[1:-1] |= (step[:-1] <= 0) & (step[1:] >= 0) & (
                     room[1:-1] <= np.maximum(-step[:-1], step[1:]))
-            places = np.flatnonzero(close)
-            for run in np.split(places, np.flatnonzero(np.diff(places) > 1) + 1):
-                if not run.size or run[-1] == 0 or run[0] == N:
+            for first, last in find_runs(close):
+                if last == 0 or first == N:
                     continue
-                first, last = int(run[0]), int(run[-1])
                 h = max(t[first] - t[max(first - 1, 0)], t[min(last + 1, N)] - t[last])
                 wide = 0.25 * h if first == last else 0.0
                 found.append(StateContact(int(row), sign, max(t[first] - wide, 0.0),

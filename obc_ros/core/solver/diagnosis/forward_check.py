@@ -6,10 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 from obc_ros.core.numerics.arrays import Array
+from obc_ros.core.numerics.samples import interpolate_columns
 from obc_ros.core.ocp.guess import Guess
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.ocp.solution import Solution
-from obc_ros.core.solver.adjoint.costates import CostateIntegrator
+from obc_ros.core.solver.adjoint.costates import CostateIntegrator, cut_inputs
 
 _POINTS = 101   # points of a guess
 _PARTS = 16     # steps in each interval of a path
@@ -19,8 +20,7 @@ _AWAY = 1e-2    # relative distance allowed between the integrated and the state
 def guess_from_inputs(problem: Problem, found: Solution) -> Problem:
     """Return a problem with a guess from integrating the inputs of a path, within its bounds."""
     t = np.linspace(0.0, found.t[-1], _POINTS)
-    u = np.clip(np.column_stack([np.interp(t, found.t, column) for column in found.u.T]),
-                problem.u_lower, problem.u_upper)
+    u = np.clip(interpolate_columns(t, found.t, found.u), problem.u_lower, problem.u_upper)
     x = _led(problem, t, u[:-1], u[1:])
     if not np.isfinite(x).all():
         return problem
@@ -36,13 +36,8 @@ def reaches_end(problem: Problem, found: Solution) -> bool:
     If each interval is integrated from the stated state at its begin, states can cross points that
     no path crosses, such as x = 0 for x' = x u: the defect is small relative to the size of x.
     """
-    part = np.arange(_PARTS) / _PARTS
-    h = np.diff(found.t)[:, None]
-    a, b = found.u[:-1], found.u[:-1] if found.interpolation == 'zoh' else found.u[1:]
-    t = np.append((found.t[:-1, None] + h * part).ravel(), found.t[-1])
-    ua, ub = ((a[:, None] + (b - a)[:, None] * some[:, None]).reshape(-1, problem.m)
-              for some in (part, part + 1 / _PARTS))
-    end = _led(problem, t, ua, ub)[-1]
+    ub = found.u[:-1] if found.interpolation == 'zoh' else found.u[1:]
+    end = _led(problem, *cut_inputs(found.t, found.u[:-1], ub, _PARTS))[-1]
     size = np.abs(found.x).max(axis=0)
     return bool(np.all(np.abs(end - found.x[-1]) <= _AWAY * np.maximum(size, 1e-2 * size.max())))
 

@@ -12,6 +12,7 @@ from math import inf
 
 import numpy as np
 from obc_ros.core.numerics.arrays import Array
+from obc_ros.core.ocp.wording import describe_sum
 from obc_ros.core.solver.exact.reachable_set import Reach
 
 _ACCURACY = 1e-9   # relative accuracy of eigenvectors and of comparisons that use them
@@ -73,9 +74,5 @@ def _mode(name: str, sigma: float, w: Array, reach: Reach, wanted: float) -> str
 
 def _combination(states: tuple[str, ...], w: Array) -> str:
     """Return w'x as text; its largest coefficient is 1."""
-    text = ''
-    for name, weight in zip(states, w, strict=True):
-        if abs(weight) > _ACCURACY:
-            factor = '' if abs(abs(weight) - 1) < _ACCURACY else f'{abs(weight):.6g} '
-            text += (' - ' if weight < 0 else ' + ') + factor + name
-    return text[3:] if text.startswith(' + ') else '-' + text[3:]
+    return describe_sum(((name, weight) for name, weight in zip(states, w, strict=True)
+                         if abs(weight) > _ACCURACY), ' ')

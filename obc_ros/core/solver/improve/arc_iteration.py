@@ -149,8 +149,7 @@ class ArcIteration:
         if not (self.bench.bounded and free.any()) or self.touch == _NEVER:
             return arcs
         path, problem = outcome.path, self.problem
-        value = self.programs.fitter(problem).at(
-            problem, path.x, np.vstack([path.ua, path.ub[-1:]]))
+        value = self.programs.fitter(problem).at(problem, path.x, path.u)
         found = find_contacts(problem, outcome, value, self.bench.margin, free.any(axis=1),
                               perhaps=self.touch == _PERHAPS)
         return add_contacts(arcs, found, free) if found else arcs

@@ -16,6 +16,7 @@ import math
 import numpy as np
 from obc_ros.core.numerics.arrays import Array, Index
 from obc_ros.core.numerics.collocation import compute_gauss_points
+from obc_ros.core.numerics.samples import interpolate_columns
 from obc_ros.core.solver.adjoint.costates import Extremal
 from obc_ros.core.solver.adjoint.mesh_refinement import is_below
 from obc_ros.core.solver.arcs.control_discontinuities import find_jumps, sharpen_steps
@@ -123,8 +124,8 @@ def _from_inputs(bench: Bench, outcome: TranscriptionOutcome,
     # With terminal constraints the states of the path stay: those of the new inputs violate them.
     if np.isfinite(x).all() and not problem.q:
         inner = path.t[:-1, None] + h[:, None] * compute_gauss_points(path.inner.shape[1])
-        path = replace(path, x=x[np.append(0, np.cumsum(steps))], inner=np.stack([
-            np.interp(inner, t, column) for column in x.T], axis=2))
+        path = replace(path, x=x[np.append(0, np.cumsum(steps))],
+                       inner=interpolate_columns(inner, t, x))
     new = bench.collocate(outcome.mesh, path, near=True, most=options.iterations)
     return new if new.converged else None
 

@@ -21,7 +21,7 @@ from obc_ros.core.solver.adjoint.mesh_refinement import is_below
 from obc_ros.core.solver.arcs.input_arcs import Arc, find_arcs, insert_free_arcs
 from obc_ros.core.solver.bench import Bench
 from obc_ros.core.solver.program_cache import Answered, ProgramCache
-from obc_ros.core.solver.transcription.mesh import build_uniform_mesh, Mesh, Path
+from obc_ros.core.solver.transcription.mesh import build_path, build_uniform_mesh, Mesh
 from obc_ros.core.solver.transcription.program import ProblemScales, TranscriptionOutcome
 
 
@@ -65,8 +65,7 @@ def solve_boundary_values(programs: ProgramCache, problem: Problem, outcome: Tra
 def _with_slopes(programs: ProgramCache, problem: Problem, arcs: Sequence[Arc],
                  course: Extremal) -> list[Arc]:
     """Return arcs with free ones inserted in which an input crosses within a mesh interval."""
-    x, u, lam = (np.vstack([start, end[-1:]]) for start, end in (
-        (course.x, course.x_end), (course.ua, course.ub), (course.lam, course.lam_end)))
+    x, u, lam = course.points
     slopes = np.zeros((2, len(x), problem.m))
     for side, bound in enumerate((problem.u_lower, problem.u_upper)):
         for i in np.flatnonzero(np.isfinite(bound)):
@@ -106,10 +105,7 @@ def build_points(found: BoundaryValues, error: float, longest: float, most: int
     parts = np.maximum(np.sqrt(bend.max(axis=1) / (12 * error)), found.h / longest)
     parts = np.minimum(np.nan_to_num(parts, nan=most), most)
     parts *= min(1.0, most / parts.sum())
-    total = np.append(0.0, np.cumsum(parts))
-    ends = total[np.append(0, np.flatnonzero(np.diff(found.arc_of, append=-1)) + 1)]
-    arc, inner = cut_evenly(ends, np.ceil(np.diff(ends)))
-    return np.interp(inner, total, np.append(0.0, np.cumsum(found.h))), arc
+    return cut_evenly(parts, found.arc_of, found.h)
 
 
 def start_from_neighbour(programs: ProgramCache, problem: Problem, last: Answered
@@ -159,7 +155,7 @@ def transcribe_on_points(problem: Problem, found: BoundaryValues, t: Array,
     mesh = Mesh(build_uniform_mesh(problem, len(arc), 0).layout, np.diff(t) / T,
                 np.zeros((1, problem.m)))
     l = int(problem.path.numel())  # noqa: E741  # as in Outcome
-    path = Path(t, z[:, :n], np.zeros((len(arc), 0, n)), ua, ub, np.array([T]))
+    path = build_path(t, z[:, :n], ua, ub)
     return TranscriptionOutcome(
         mesh=mesh, path=path, converged=True, status='extremal', objective=found.cost,
         infeasibility=0.0, iterations=0, nu=found.nu, costates=z[:, n:],

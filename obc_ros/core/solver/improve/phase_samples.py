@@ -24,7 +24,7 @@ from obc_ros.core.solver.adjoint.multipliers import Fitter
 from obc_ros.core.solver.arcs.mixed_constraints import move_onto_constraints
 from obc_ros.core.solver.arcs.phase_program import PhasedProgram
 from obc_ros.core.solver.arcs.phases import DEGREE, Phased
-from obc_ros.core.solver.transcription.mesh import Path
+from obc_ros.core.solver.transcription.mesh import build_path, Path
 
 # The conditions whose residuals more samples may reduce.
 BY_SAMPLES = Condition.DYNAMICS, Condition.BOUNDS, Condition.COST, Condition.MINIMUM
@@ -41,8 +41,8 @@ def join_phases(found: Phased) -> Path:
     points = build_collocation(DEGREE, 'radau')[0]
     first = _basis(points, np.zeros(1))[0][0]
     x = np.vstack([found.x[:, 0], found.x[-1:, -1]])
-    return Path(at, x, np.zeros((len(found.x), 0, x.shape[1])),
-                np.einsum('j,kjm->km', first, found.u), found.u[:, -1], found.durations)
+    return build_path(at, x, np.einsum('j,kjm->km', first, found.u), found.u[:, -1],
+                      found.durations)
 
 
 def _basis(points: Array, tau: Array, derivatives: int = 0) -> list[Array]:

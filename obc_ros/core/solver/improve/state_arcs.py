@@ -282,8 +282,7 @@ def solve_along_bounds(bench: Bench, outcome: TranscriptionOutcome, known: Candi
     if not _may_have_arcs(bench):
         return None
     program = bench.programs.phased
-    value = bench.programs.fitter(problem).at(
-        problem, outcome.path.x, np.vstack([outcome.path.ua, outcome.path.ub[-1:]]))
+    value = bench.programs.fitter(problem).at(problem, outcome.path.x, outcome.path.u)
     allowed = outcome.objective + options.dearer * abs(outcome.objective)
     if known is not None and known.certified:
         cost = known.solution.objective

@@ -33,6 +33,7 @@ from obc_ros.core.numerics.rational_polynomials import (
 )
 from obc_ros.core.ocp.affine_constraints import End, find_affine_end
 from obc_ros.core.ocp.problem import Problem
+from obc_ros.core.ocp.wording import describe_sum
 
 StateMonomial = tuple[int, ...]
 
@@ -233,12 +234,9 @@ def _readable(constants: Array, size: Array) -> Array:
 
 
 def _text(problem: Problem, c: Array, monomials: list[StateMonomial]) -> str:
-    text = ''
-    for value, each in zip(c, monomials, strict=True):
-        if value:
-            name = '*'.join(problem.states[i] for i in each)
-            if len(each) == 2 and each[0] == each[1]:
-                name = f'{problem.states[each[0]]}**2'
-            factor = '' if abs(abs(value) - 1) < 1e-8 else f'{abs(value):.6g}*'
-            text += f' {"-" if value < 0 else "+"} {factor}{name}'
-    return text[3:] if text.startswith(' + ') else '-' + text[3:]
+    def name(of: StateMonomial) -> str:
+        return (f'{problem.states[of[0]]}**2' if len(of) == 2 and of[0] == of[1]
+                else '*'.join(problem.states[i] for i in of))
+
+    return describe_sum((name(each), value) for value, each in zip(c, monomials, strict=True)
+                        if value)

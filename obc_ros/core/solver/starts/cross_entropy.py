@@ -24,7 +24,12 @@ from obc_ros.core.ocp.solution import Verdict
 from obc_ros.core.solver.bench import Bench, Candidate
 from obc_ros.core.solver.starts.start_pool import StartPool
 from obc_ros.core.solver.trace import GUESS
-from obc_ros.core.solver.transcription.mesh import build_uniform_mesh, label_paths, Path
+from obc_ros.core.solver.transcription.mesh import (
+    build_path,
+    build_uniform_mesh,
+    label_paths,
+    Path,
+)
 from obc_ros.core.solver.transcription.program import TranscriptionOutcome
 
 
@@ -295,8 +300,7 @@ class _Led:
 
     def path(self, k: int) -> Path:
         """Return the path of a rollout."""
-        none = np.zeros((self._u.shape[1], 0, self._x.shape[2]))
-        return Path(self._t[k], self._x[k], none, self._u[k], self._u[k], self._t[k, -1:])
+        return build_path(self._t[k], self._x[k], self._u[k], self._u[k])
 
 
 @dataclass(frozen=True, eq=False)
@@ -510,5 +514,4 @@ def _path(t: Array, x: Array, u: Array, last: int) -> Path:
     """Return the part of a path up to a step."""
     steps = len(t) - 1
     held = u[np.arange(steps) * len(u) // steps][:last]
-    return Path(t[:last + 1], x[:last + 1], np.zeros((last, 0, x.shape[1])), held, held,
-                t[last:last + 1])
+    return build_path(t[:last + 1], x[:last + 1], held, held)

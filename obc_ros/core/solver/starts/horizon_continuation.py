@@ -13,7 +13,14 @@ from dataclasses import replace
 import numpy as np
 from obc_ros.core.ocp.solution import Verdict
 from obc_ros.core.solver.bench import Bench
-from obc_ros.core.solver.transcription.mesh import build_uniform_mesh, Layout, Mesh, Path, Phase
+from obc_ros.core.solver.transcription.mesh import (
+    build_path,
+    build_uniform_mesh,
+    Layout,
+    Mesh,
+    Path,
+    Phase,
+)
 from obc_ros.core.solver.transcription.program import TranscriptionOutcome
 
 
@@ -105,8 +112,8 @@ def _longer(bench: Bench, outcome: TranscriptionOutcome, intervals: int,
     x = np.clip(x, problem.x_lower, problem.x_upper)
     points = np.append(known.t, t[1:])
     held = last[:intervals]
-    path = Path(points, np.vstack([known.x, x[1:]]), np.zeros((len(points) - 1, 0, problem.n)),
-                np.vstack([known.ua, held]), np.vstack([known.ub, held]), np.array([length]))
+    path = build_path(points, np.vstack([known.x, x[1:]]), np.vstack([known.ua, held]),
+                      np.vstack([known.ub, held]), np.array([length]))
     before = outcome.mesh.layout
     phase = Phase(len(points) - 1, before.phases[0].modes, before.phases[0].joined)
     layout = Layout((phase,), before.stages, before.free_time)

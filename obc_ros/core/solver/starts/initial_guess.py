@@ -14,13 +14,14 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 from obc_ros.core.numerics.arrays import Array
+from obc_ros.core.numerics.samples import interpolate_columns
 from obc_ros.core.numerics.vectorized import VectorizedFunction
 from obc_ros.core.ocp.guess import Guess
 from obc_ros.core.ocp.least_time_form import get_final_time
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.solver.adjoint.costates import CostateIntegrator
 from obc_ros.core.solver.exact.reachable_set import bound_first_reach, bound_reach
-from obc_ros.core.solver.transcription.mesh import Path
+from obc_ros.core.solver.transcription.mesh import build_path, Path
 from obc_ros.core.solver.transcription.program import ProblemScales
 from obc_ros.core.solver.transcription.runge_kutta import compute_amplification
 
@@ -281,7 +282,7 @@ class Guesser:
         t = np.linspace(0.0, T, _POINTS)
         u = _inside(u, problem.u_lower, problem.u_upper)
         fine = np.linspace(0.0, T, 10 * (_POINTS - 1) + 1)
-        inputs = np.column_stack([np.interp(fine, t, column) for column in u.T])
+        inputs = interpolate_columns(fine, t, u)
         x, _ = integrator.forward(problem, fine, inputs[:-1], inputs[1:])
         x = x[::10]
         size = 1e3 * (1 + np.max(np.abs(problem.x0)))
@@ -311,7 +312,7 @@ class Guesser:
         """
         T = get_final_time(problem)
         line = self.line(problem, T)
-        u = np.vstack([line.ua, line.ub[-1:]])
+        u = line.u
         chance = np.random.default_rng(1)
         span = problem.u_upper - problem.u_lower
         size = np.where(np.isfinite(span), span, 1 + np.abs(u[0]))
@@ -420,7 +421,7 @@ class Guesser:
 
     def _along(self, problem: Problem, line: Path, x: Array) -> Array:
         """Return inputs (21, m) near those of a line that fit dx/dt = f by least squares."""
-        u = np.vstack([line.ua, line.ub[-1:]])
+        u = line.u
         f, slope, *_ = self._rest(x, u, problem.p_value)
         missing = np.gradient(x, line.t, axis=0) - f
         slope = slope.reshape(-1, problem.m, problem.n).swapaxes(1, 2)
@@ -458,7 +459,7 @@ def _wave(chance: np.random.Generator, columns: int, *, knots: bool) -> Array:
 
 
 def _path(t: Array, x: Array, u: Array) -> Path:
-    return Path(t, x, np.zeros((len(t) - 1, 0, x.shape[1])), u[:-1], u[1:], t[-1:])
+    return build_path(t, x, u[:-1], u[1:])
 
 
 def _power(size: Array | float) -> Array:

@@ -16,6 +16,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 from obc_ros.core.numerics.arrays import Array, Mask
+from obc_ros.core.numerics.samples import interpolate_columns
 from obc_ros.core.numerics.vectorized import VectorizedFunction
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.solver.bench import Bench
@@ -89,7 +90,7 @@ def bend_around(problem: Problem, line: Path) -> list[Path]:
     if not rows.size:
         return []
     s = np.linspace(0.0, 1.0, _SEEN)
-    x = np.column_stack([np.interp(s * line.t[-1], line.t, column) for column in line.x.T])
+    x = interpolate_columns(s * line.t[-1], line.t, line.x)
     # Rows that depend on u are not used.
     path = ca.substitute(problem.path, problem.u, ca.DM.zeros(problem.m))
     seen = VectorizedFunction([problem.x, problem.p], [path, ca.jacobian(path, problem.x).T])
@@ -166,8 +167,7 @@ def _bent(line: Path, choice: tuple[tuple[float, Array], ...]) -> Path:
     at = [0.0, *(part for part, _ in choice), 1.0]
     aside = np.array([none, *(each for _, each in choice), none])
     s = line.t / line.t[-1]
-    return replace(line, x=line.x + np.column_stack(
-        [np.interp(s, at, column) for column in aside.T]))
+    return replace(line, x=line.x + interpolate_columns(s, np.array(at), aside))
 
 
 class Follower:
@@ -191,7 +191,7 @@ class Follower:
             problem.f, ca.jacobian(problem.f, x).T, ca.jacobian(problem.f, u).T])
         placed = _depends(problem)[_curved(problem)].any(axis=0)
         self._placed, self._fixed = np.flatnonzero(placed), np.flatnonzero(fixed)
-        self._rest = np.vstack([line.ua, line.ub[-1:]])
+        self._rest = line.u
         found = estimate_scales(problem, line)
         length = float(np.linalg.norm(np.ptp(line.x[:, placed], axis=0)))
         self._x_size, self._u_size = np.where(placed, length, found.x), found.u

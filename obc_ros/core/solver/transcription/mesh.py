@@ -13,9 +13,11 @@ from functools import cached_property
 import numpy as np
 from obc_ros.core.numerics.arrays import Array, Index
 from obc_ros.core.numerics.collocation import compute_gauss_points
+from obc_ros.core.numerics.samples import interpolate_columns
 from obc_ros.core.ocp.problem import Problem
 
 LINEAR, STEPPED, HELD = 'linear', 'stepped', 'held'
+_MOST_CUTS = 4       # maximum number of parts of an interval in one refinement
 _SAME_TIME = 1e-10   # difference, as part of T, up to which times are equal
 
 
@@ -140,6 +142,11 @@ class Path:
     durations: Array
     origin: str = ''
 
+    @property
+    def u(self) -> Array:
+        """Return the inputs at the mesh points, those after a jump, shape (N + 1, m)."""
+        return np.vstack([self.ua, self.ub[-1:]])
+
     def states_at(self, times: Array) -> Array:
         """Return states (K, n) at times (K,) [s], by linear interpolation."""
         t, x = self.t, self.x
@@ -148,7 +155,7 @@ class Path:
             t = np.append(t[:-1, None] + np.diff(t)[:, None] * np.append(0.0, c), t[-1])
             x = np.vstack([np.concatenate([x[:-1, None], self.inner], axis=1).reshape(
                 -1, x.shape[1]), x[-1:]])
-        return np.column_stack([np.interp(times, t, column) for column in x.T])
+        return interpolate_columns(times, t, x)
 
     def inputs_at(self, times: Array, after: bool) -> Array:
         """
@@ -176,6 +183,22 @@ class Path:
         length = np.maximum(self.t[k + 1] - self.t[k], 1e-300)
         part = np.clip((times - self.t[k]) / length, 0.0, 1.0)[:, None]
         return np.asarray((1 - part) * self.ua[k] + part * self.ub[k])
+
+
+def build_path(t: Array, x: Array, ua: Array, ub: Array, durations: Array | None = None) -> Path:
+    """
+    Return a path without states inside of intervals.
+
+    Parameters
+    ----------
+    t, x, ua, ub : ndarray
+        As in `Path`.
+    durations : ndarray, optional
+        Lengths of the phases [s]; one phase without them.
+
+    """
+    return Path(t, x, np.zeros((len(ua), 0, x.shape[1])), ua, ub,
+                t[-1:] if durations is None else durations)
 
 
 def label_paths(paths: Iterable[Path], origin: str) -> Iterator[Path]:
@@ -220,3 +243,14 @@ def split(mesh: Mesh, counts: Index) -> Mesh:
                    for p, k in zip(mesh.layout.phases, number, strict=True))
     return replace(mesh, layout=replace(mesh.layout, phases=phases),
                    fractions=np.repeat(mesh.fractions / counts, counts))
+
+
+def choose_cuts(errors: Array, share: float, rate: float) -> Index:
+    """
+    Return the number of parts of each interval for which its error is at most `share`.
+
+    The error of an interval is proportional to the power `rate` of its length.
+    """
+    share = max(share, 1e-300)
+    number = np.ceil((np.minimum(errors, 1e30 * share) / share) ** (1 / rate))
+    return np.clip(number, 1, _MOST_CUTS).astype(np.int64)
