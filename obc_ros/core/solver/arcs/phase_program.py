@@ -21,7 +21,6 @@ The module is long because the unknowns and the rows of all phases share one lay
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from functools import cached_property
-from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -32,18 +31,13 @@ from obc_ros.core.ocp.structure import find_idle_inputs
 from obc_ros.core.solver.arcs.constraint_orders import BoundRates
 from obc_ros.core.solver.arcs.input_arcs import Arc, limit_shortening
 from obc_ros.core.solver.arcs.phases import DEGREE, Grazing, OUTWARDS, Phased
+from obc_ros.core.solver.nlp.ipopt import build_ipopt, Found, run_ipopt
 from obc_ros.core.solver.nlp.meter import Meter, Watch
 from obc_ros.core.solver.transcription.mesh import Path
 from obc_ros.core.solver.transcription.program import ProblemScales
 
 _LEAST = 0.1      # least length of a phase in a solve, as part of its initial length
 _LOOKS = np.linspace(0.0, 1.0, 9)[1:-1]   # samples of a phase at which a rate is checked for zero
-_OPTIONS: dict[str, object] = {
-    'print_level': 0, 'sb': 'yes', 'linear_solver': 'mumps', 'tol': 1e-11,
-    'mumps_permuting_scaling': 0, 'mumps_pivot_order': 0, 'constr_viol_tol': 1e-10,
-    'bound_relax_factor': 0.0, 'honor_original_bounds': 'yes', 'acceptable_tol': 1e-8,
-    'mu_init': 1e-4, 'bound_push': 1e-6, 'bound_frac': 1e-6, 'slack_bound_push': 1e-6,
-    'slack_bound_frac': 1e-6}
 
 
 class PhasedProgram:
@@ -408,7 +402,7 @@ class _Solve:
         self.guess = guess
         count = len(guess.x)
         self.size = np.abs(self.program.rows.map(count)(
-            guess.x.T, np.vstack([guess.ua, guess.ub[-1:]]).T,
+            guess.x.T, guess.u.T,
             ca.repmat(self.problem.p_value, 1, count)).full()).max(axis=1)
         self.build()
         problem, sizes, K, d = self.problem, self.sizes, self.K, DEGREE
@@ -416,12 +410,7 @@ class _Solve:
         g = ca.vertcat(*self.g)
         watch = Watch(int(w.numel()), int(g.numel()), 0)
         watch.begin(meter, np.concatenate(self.lower), np.concatenate(self.upper), sizes.cost)
-        options: dict[str, Any] = {
-            'print_time': False, 'error_on_fail': False, 'show_eval_warnings': False,
-            'inputs_check': False,
-            'ipopt': _OPTIONS, 'iteration_callback': watch}
-        nlp: dict[str, Any] = {'x': w, 'f': self.J, 'g': g}
-        solver = ca.nlpsol('phased', 'ipopt', nlp, options)
+        solver = build_ipopt('phases', {'x': w, 'f': self.J, 'g': g}, watch=watch)
         durations = np.array([arc.end - arc.start for arc in self.arcs])
         levels = np.array([arc.levels for arc in self.arcs])[np.repeat(self.phase_of, d)]
         u_low = np.where(np.isnan(levels), problem.u_lower, levels)
@@ -440,15 +429,14 @@ class _Solve:
         inside = times - 1e-6 * np.tile(np.append(np.zeros(d - 1), 1.0), K) * np.repeat(
             np.diff(t), d)
         u = np.clip(guess.inputs_at(inside, after=True), u_low, u_high) / sizes.u
-        found: dict[str, Any] = solver(
-            x0=np.concatenate([x.ravel(), u.ravel(), durations / sizes.time]), lbx=bounds[0],
-            ubx=bounds[1], lbg=watch.lower, ubg=watch.upper)
-        return self._phased(found, bool(solver.stats()['success']))
+        return self._phased(run_ipopt(
+            solver, np.concatenate([x.ravel(), u.ravel(), durations / sizes.time]),
+            (bounds[0], bounds[1]), (watch.lower, watch.upper)))
 
-    def _phased(self, found: dict[str, Any], converged: bool) -> Phased:
+    def _phased(self, found: Found) -> Phased:
         problem, sizes, K, d = self.problem, self.sizes, self.K, DEGREE
         n, m, program = problem.n, problem.m, self.program
-        w, lam_g = found['x'].full().ravel(), found['lam_g'].full().ravel() * sizes.cost
+        w, lam_g = found.w, found.lam_g * sizes.cost
         x = w[:n * (1 + K * d)].reshape(-1, n) * sizes.x
         u = w[n * (1 + K * d):][:m * K * d].reshape(K, d, m) * sizes.u
         durations = w[-len(self.meshes):] * sizes.time
@@ -472,17 +460,16 @@ class _Solve:
         ends = np.cumsum(durations)
         arcs = [replace(arc, start=float(end - length), end=float(end))
                 for arc, end, length in zip(self.arcs, ends, durations, strict=True)]
-        g = found['g'].full().ravel()
         astray = [(phase, row) for phase, row, slot in self.at_met
                   if lam_g[slot][0] * self.arcs[phase].met[row] < 0]
-        outwards = {key: float(g[slot][0]) for key, slot in self.outwards.items()}
+        outwards = {key: float(found.g[slot][0]) for key, slot in self.outwards.items()}
         return Phased(
             arcs=arcs, meshes=self.meshes, durations=durations, x=x[places], u=u, lam=lam,
-            eta=eta, nu=lam_g[self.at_psi], cost=float(found['f']) * sizes.cost,
-            converged=converged, outwards=outwards, pushed=self._pushed(found, lam_g, x, lam),
-            astray=astray)
+            eta=eta, nu=lam_g[self.at_psi], cost=found.f * sizes.cost,
+            converged=found.converged, outwards=outwards, astray=astray,
+            pushed=self._pushed(found.lam_w, lam_g, x, lam))
 
-    def _pushed(self, found: dict[str, Any], lam_g: Array, x: Array, lam: Array) -> Array:
+    def _pushed(self, lam_w: Array, lam_g: Array, x: Array, lam: Array) -> Array:
         """Return `Phased.pushed`: scaled multipliers of bounds that are not held."""
         n, K, d, program = self.problem.n, self.K, DEGREE, self.program
         size = np.append(np.abs(x).max(axis=0), np.zeros(program.bounds.count - n))
@@ -491,7 +478,7 @@ class _Solve:
                 x[d::d].T, ca.repmat(self.problem.p_value, 1, K)).full()
             slope = np.abs(slope.reshape(n, K, -1)[:, :, 0])
             size[row] = (slope * size[:n, None]).sum(axis=0).max()
-        lam_x = found['lam_x'].full().ravel()[n:n * (1 + K * d)] * self.sizes.cost
+        lam_x = lam_w[n:n * (1 + K * d)] * self.sizes.cost
         weights = np.zeros((K, d, len(size)))
         weights[:, :, :n] = lam_x.reshape(K, d, n) / self.sizes.x
         if len(size) > n:

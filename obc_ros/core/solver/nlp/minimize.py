@@ -29,6 +29,7 @@ from obc_ros.core.ocp.affine_constraints import eliminate_rows
 from obc_ros.core.ocp.certificate import kkt
 from obc_ros.core.ocp.certificate.kkt import KktCondition
 from obc_ros.core.ocp.solution import Certificate, Report, Status
+from obc_ros.core.solver.nlp.ipopt import build_ipopt, run_ipopt
 from obc_ros.core.text.errors import quote, StatementError
 from obc_ros.core.text.expressions import check_name, parse_expression, parse_number, suggest_name
 from obc_ros.core.text.fields import (
@@ -131,8 +132,9 @@ def minimize(statement: object, *, time_limit: float = 10.0,
     question = _question(statement)
     deadline = time.monotonic() + time_limit
     runs: list[_Run] = []
-    solver = _solver(question.program)
-    convex = _is_convex(question.program)
+    program = question.program
+    nlp = {'x': program.x, 'f': program.F, 'g': ca.vertcat(program.G, program.g)}
+    convex = _is_convex(program)
     for count, start in enumerate(_starts(question)):
         left = deadline - time.monotonic()
         if left <= 0:
@@ -140,7 +142,7 @@ def minimize(statement: object, *, time_limit: float = 10.0,
         best = min((run.F for run in runs), default=math.nan)
         if report is not None and report('minimise', count, best, math.nan):
             return Minimum(Status.CANCELLED, 'cancelled')
-        runs.append(_run(question.program, solver(left), start))
+        runs.append(_run(program, build_ipopt('static', nlp, time_limit=left), start))
         if (convex or question.guess is not None) and _converged(runs[-1]):
             break
     return _judged(question, runs, convex, deadline)
@@ -265,15 +267,14 @@ def _least_violation(program: kkt.StaticProgram, start: Array) -> Array:
     """Return a local minimiser of the squared violation of the constraints near a start."""
     slack = ca.SX.sym('slack', program.l)
     cost = ca.sumsqr(program.G) + ca.sumsqr(slack)
-    solver = ca.nlpsol('elastic', 'ipopt', {
-        'x': ca.vertcat(program.x, slack), 'f': cost, 'g': program.g - slack},
-        _options(5.0))
+    solver = build_ipopt('static', {
+        'x': ca.vertcat(program.x, slack), 'f': cost, 'g': program.g - slack}, time_limit=5.0)
     x = np.clip(np.nan_to_num(start), program.lower, program.upper)
     slack0 = np.nan_to_num(np.maximum(program.values(x)[1][program.k:], 0))
-    found = solver(x0=np.concatenate((x, slack0)), ubg=0,
-                   lbx=np.concatenate((program.lower, np.zeros(program.l))),
-                   ubx=np.concatenate((program.upper, np.full(program.l, np.inf))))
-    end = np.asarray(found['x'].full().ravel()[:len(start)], dtype=float)
+    end = run_ipopt(solver, np.concatenate((x, slack0)), (
+        np.concatenate((program.lower, np.zeros(program.l))),
+        np.concatenate((program.upper, np.full(program.l, np.inf)))), (-np.inf, 0.0)
+    ).w[:len(start)]
     return np.asarray(np.clip(end, program.lower, program.upper))
 
 
@@ -291,26 +292,12 @@ def _converged(run: _Run) -> bool:
                         'Search_Direction_Becomes_Too_Small', 'Feasible_Point_Found')
 
 
-def _options(time_limit: float) -> dict[str, Any]:
-    return {'print_time': False, 'show_eval_warnings': False, 'error_on_fail': False, 'ipopt': {
-        'print_level': 0, 'sb': 'yes', 'tol': 1e-9, 'max_iter': 500, 'bound_relax_factor': 0.0,
-        'honor_original_bounds': 'yes', 'max_wall_time': max(time_limit, 1e-3)}}
-
-
-def _solver(program: kkt.StaticProgram) -> Any:
-    """Return a function of the time left that returns a solver."""
-    made = {'x': program.x, 'f': program.F, 'g': ca.vertcat(program.G, program.g)}
-    return lambda left: ca.nlpsol('minimize', 'ipopt', made, _options(left))
-
-
 def _run(program: kkt.StaticProgram, solver: ca.Function, start: Array) -> _Run:
     """Run IPOPT from a start."""
     lower = np.concatenate((np.zeros(program.k), np.full(program.l, -np.inf)))
-    found = solver(x0=start, lbx=program.lower, ubx=program.upper, lbg=lower,
-                   ubg=np.zeros(len(lower)))
-    x = np.clip(found['x'].full().ravel(), program.lower, program.upper)
+    found = run_ipopt(solver, start, (program.lower, program.upper), (lower, 0.0))
+    x, said = np.clip(found.w, program.lower, program.upper), found.status
     F, c, _, J = program.values(x)
-    said = str(solver.stats()['return_status'])
     if not (np.isfinite(x).all() and np.isfinite(F)):
         return _Run(start, start, math.inf, 'a value that is not finite')
     first = program.values(start)[0]

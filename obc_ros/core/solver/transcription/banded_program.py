@@ -3,7 +3,7 @@
 """A transcription of one phase as a banded program, with its unknowns in order of time."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 from typing import Any
 
@@ -20,6 +20,7 @@ from obc_ros.core.solver.nlp.interior_point import (
     solve_program,
     StoppingRule,
 )
+from obc_ros.core.solver.nlp.ipopt import Found
 from obc_ros.core.solver.nlp.negative_curvature import leave_saddle
 from obc_ros.core.solver.transcription.block_program import Whole
 
@@ -30,37 +31,6 @@ _FAR, _NEAR = (0.1, 1e-2), (1e-6, 1e-6)
 # Initial barrier parameter from the solution of a neighbour: in its last one, minimum, maximum.
 _RESUMED = 100.0, 1e-8, 1e-4
 _NEARLY = StoppingRule(feasible=1e-8, optimal=1e-8)   # where the active set method takes over
-
-
-@dataclass(frozen=True, eq=False)
-class Found:
-    """
-    The result of a solve of a program.
-
-    Attributes
-    ----------
-    w, f, g : ndarray, float, ndarray
-        Unknowns, cost and rows.
-    lam_w, lam_g : ndarray
-        Multipliers of the bounds of w and of the rows, in the sign of f + lam_g' g + lam_w' w.
-    converged, status : bool, str
-        Whether the tolerances are met, and why the solve ended.
-    iterations : int
-        Number of iterations.
-    mu : float
-        Last barrier parameter; 0 if unknown.
-
-    """
-
-    w: Array
-    f: float
-    g: Array
-    lam_w: Array
-    lam_g: Array
-    converged: bool
-    status: str
-    iterations: int
-    mu: float = 0.0
 
 
 class Stages:

@@ -14,9 +14,8 @@ by O(h^4) where u* is smooth. Phases may have unknown lengths, and inputs held a
 The module is long because unknowns, constraints and derivatives share one layout.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -24,33 +23,18 @@ from numpy.typing import NDArray
 from obc_ros.core.numerics.arrays import Array, Index
 from obc_ros.core.numerics.collocation import build_collocation, compute_gauss_points
 from obc_ros.core.numerics.instructions import find_dependence
+from obc_ros.core.numerics.samples import interpolate_columns
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.ocp.solution import Verdict
 from obc_ros.core.solver.nlp.interior_point import StoppingRule
+from obc_ros.core.solver.nlp.ipopt import build_ipopt, Found, run_ipopt
 from obc_ros.core.solver.nlp.meter import Meter, Watch
-from obc_ros.core.solver.transcription.banded_program import Found, Stages
+from obc_ros.core.solver.transcription.banded_program import Stages
 from obc_ros.core.solver.transcription.block_program import assemble, Block, BlockProgram, Piece
 from obc_ros.core.solver.transcription.intervals import Pieces
 from obc_ros.core.solver.transcription.local_minima import LocalMinima
 from obc_ros.core.solver.transcription.mesh import HELD, Layout, Mesh, Path, STEPPED
 from obc_ros.core.solver.transcription.tightening import TightenedLimits
-
-_COMMON: dict[str, object] = {
-    'print_level': 0, 'sb': 'yes', 'linear_solver': 'mumps', 'tol': 1e-9,
-    # With its own permutation MUMPS treats some of these matrices as singular, for minutes.
-    'mumps_permuting_scaling': 0, 'mumps_pivot_order': 0,
-    'constr_viol_tol': 1e-9, 'compl_inf_tol': 1e-9, 'dual_inf_tol': 1e-6,
-    'bound_relax_factor': 0.0, 'honor_original_bounds': 'yes', 'max_iter': 1000,
-    'acceptable_tol': 1e-7, 'acceptable_iter': 15}
-# Options by the kind of start: a guess, a solution on another mesh, that of a neighbour.
-_STARTS: dict[str, dict[str, object]] = {
-    'far': {},
-    'near': {'mu_init': 1e-4, 'bound_push': 1e-6, 'bound_frac': 1e-6, 'slack_bound_push': 1e-6,
-             'slack_bound_frac': 1e-6},
-    'warm': {'warm_start_init_point': 'yes', 'mu_init': 1e-6, 'warm_start_bound_push': 1e-8,
-             'warm_start_mult_bound_push': 1e-8, 'warm_start_slack_bound_push': 1e-8,
-             'warm_start_bound_frac': 1e-8, 'warm_start_slack_bound_frac': 1e-8}}
-
 
 # Why a solve ended, by the status of the interior-point method and of IPOPT.
 _ENDS = {
@@ -278,13 +262,9 @@ class Transcription:
         if start not in self._solvers:
             rows = int(self._program.nlp['g'].numel())
             watch = Watch(self.unknowns, rows, self.constants)
-            options: dict[str, Any] = {
-                'print_time': False, 'error_on_fail': False, 'show_eval_warnings': False,
-                'no_nlp_grad': True, 'calc_lam_p': False, 'calc_lam_x': False, 'calc_f': False,
-                'calc_g': False, 'ipopt': _COMMON | _STARTS[start], 'iteration_callback': watch,
-                **self._program.derivatives}
-            nlp: dict[str, Any] = dict(self._program.nlp)
-            self._solvers[start] = ca.nlpsol('nlp', 'ipopt', nlp, options), watch
+            self._solvers[start] = build_ipopt(
+                start, self._program.nlp, watch=watch,
+                derivatives=self._program.derivatives), watch
         return self._solvers[start]
 
     def times(self, mesh: Mesh, durations: Array) -> Array:
@@ -329,7 +309,7 @@ class Transcription:
         """Return signs of `lam_w` and values of `lam_g` from an outcome on another mesh."""
         t = self.times(mesh, guide.path.durations)[1:]
         costates = np.vstack([guide.costates[1], guide.costates[1:]])
-        lam = np.column_stack([np.interp(t, guide.path.t, column) for column in costates.T])
+        lam = interpolate_columns(t, guide.path.t, costates)
         near = 1e-6 * np.maximum(1.0, np.abs(start))
         inputs = np.zeros(self.unknowns, dtype=bool)
         inputs[self.at_ua], inputs[self.at_ub] = True, True
@@ -484,21 +464,13 @@ class Transcription:
         rows = self._row_bounds(problem, mesh, scales, limits)
         solver, watch = self._solver('warm' if multipliers else 'near' if near else 'far')
         watch.begin(meter, *rows, scales.cost)
-        arguments = {
-            'x0': start, 'p': self._constants(problem, mesh, scales, problem.final_time.value),
-            'lbx': lower, 'ubx': upper, 'lbg': rows[0], 'ubg': rows[1]}
-        if multipliers is not None:
-            arguments['lam_x0'], arguments['lam_g0'] = multipliers
         begun = meter.iterations - 1   # the start is reported as an iteration, too
-        result, stats = solver(**arguments), solver.stats()
-        w, lam_w, g, lam_g = (
-            result[key].full().ravel() for key in ('x', 'lam_x', 'g', 'lam_g'))
+        found = run_ipopt(
+            solver, start, (lower, upper), rows, multipliers=multipliers,
+            constants=self._constants(problem, mesh, scales, problem.final_time.value))
         # A program that IPOPT refuses leaves the number of its iterations undefined.
-        count = min(max(int(str(stats['iter_count'])), 0), meter.iterations - begun)
-        found = Found(
-            w=w, f=float(result['f']), g=g, lam_w=lam_w, lam_g=lam_g,
-            converged=bool(stats['success']), status=str(stats['return_status']),
-            iterations=count)
+        found = replace(found, iterations=min(
+            max(found.iterations, 0), meter.iterations - begun))
         return self._outcome(problem, mesh, scales, found, rows)
 
     def _first_costate(self, lam: Array) -> Array:

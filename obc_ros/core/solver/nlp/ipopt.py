@@ -1,0 +1,148 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""IPOPT, as CasADi's wheel contains it: the one place that calls it, and its options by use."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+import math
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from obc_ros.core.numerics.arrays import Array
+from obc_ros.core.solver.nlp.meter import Watch
+
+_ALWAYS: dict[str, object] = {
+    'print_level': 0, 'sb': 'yes', 'bound_relax_factor': 0.0, 'honor_original_bounds': 'yes'}
+# With its own permutation MUMPS treats some of these matrices as singular, for minutes.
+_MUMPS: dict[str, object] = {
+    'linear_solver': 'mumps', 'mumps_permuting_scaling': 0, 'mumps_pivot_order': 0}
+_MESH = _ALWAYS | _MUMPS | {
+    'tol': 1e-9, 'constr_viol_tol': 1e-9, 'compl_inf_tol': 1e-9, 'dual_inf_tol': 1e-6,
+    'max_iter': 1000, 'acceptable_tol': 1e-7, 'acceptable_iter': 15}
+_NEAR: dict[str, object] = {
+    'mu_init': 1e-4, 'bound_push': 1e-6, 'bound_frac': 1e-6, 'slack_bound_push': 1e-6,
+    'slack_bound_frac': 1e-6}
+# A mesh from a guess, from a solution on another mesh and from that of a neighbour; phases; a
+# static problem.
+_USES: Mapping[str, dict[str, object]] = {
+    'far': _MESH,
+    'near': _MESH | _NEAR,
+    'warm': _MESH | {
+        'warm_start_init_point': 'yes', 'mu_init': 1e-6, 'warm_start_bound_push': 1e-8,
+        'warm_start_mult_bound_push': 1e-8, 'warm_start_slack_bound_push': 1e-8,
+        'warm_start_bound_frac': 1e-8, 'warm_start_slack_bound_frac': 1e-8},
+    'phases': _ALWAYS | _MUMPS | _NEAR | {
+        'tol': 1e-11, 'constr_viol_tol': 1e-10, 'acceptable_tol': 1e-8},
+    'static': _ALWAYS | {'tol': 1e-9, 'max_iter': 500}}
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """
+    The result of a solve of a program.
+
+    Attributes
+    ----------
+    w : ndarray
+        The last iterate.
+    f : float
+        The scaled cost there.
+    g, lam_w, lam_g : ndarray
+        Constraints and multipliers, with the signs of CasADi.
+    converged : bool
+    status : str
+        Why it ended.
+    iterations : int
+    mu : float
+        The last barrier parameter; 0 if it is not known.
+
+    """
+
+    w: Array
+    f: float
+    g: Array
+    lam_w: Array
+    lam_g: Array
+    converged: bool
+    status: str
+    iterations: int
+    mu: float = 0.0
+
+
+def build_ipopt(use: str, nlp: Mapping[str, Any], *, watch: Watch | None = None,
+                derivatives: Mapping[str, ca.Function] | None = None,
+                time_limit: float = math.inf) -> ca.Function:
+    """
+    Build a solver of a nonlinear program.
+
+    Parameters
+    ----------
+    use : str
+        'far', 'near' or 'warm' for the start of a transcription, 'phases', or 'static'.
+    nlp : mapping
+        x, f, g and, if there are constants, p.
+    watch : Watch, optional
+        Called in each iteration.
+    derivatives : mapping, optional
+        grad_f, jac_g and hess_lag in place of CasADi's. Multipliers of p are not computed then.
+    time_limit : float
+        Limit of the wall-clock time [s].
+
+    Returns
+    -------
+    casadi.Function
+        For `run_ipopt`.
+
+    """
+    options: dict[str, Any] = {
+        'print_time': False, 'error_on_fail': False, 'show_eval_warnings': False,
+        'inputs_check': use != 'phases', 'ipopt': dict(_USES[use])}
+    if math.isfinite(time_limit):
+        options['ipopt']['max_wall_time'] = max(time_limit, 1e-3)
+    if watch is not None:
+        options['iteration_callback'] = watch
+    if derivatives is not None:
+        options |= {'no_nlp_grad': True, 'calc_lam_p': False, 'calc_lam_x': False,
+                    'calc_f': False, 'calc_g': False, **derivatives}
+    return ca.nlpsol('nlp', 'ipopt', dict(nlp), options)
+
+
+def run_ipopt(solver: ca.Function, start: Array, bounds: tuple[Array, Array],
+              rows: tuple[Array | float, Array | float], *, constants: Array | None = None,
+              multipliers: tuple[Array, Array] | None = None) -> Found:
+    """
+    Run a solver.
+
+    Parameters
+    ----------
+    solver : casadi.Function
+        From `build_ipopt`.
+    start : ndarray
+        First iterate.
+    bounds, rows : pair of ndarray
+        Lower and upper bounds of x and of g.
+    constants : ndarray, optional
+        Value of p.
+    multipliers : pair of ndarray, optional
+        Initial `lam_w` and `lam_g`.
+
+    Returns
+    -------
+    Found
+        Its iterations are undefined if IPOPT refused the program.
+
+    """
+    arguments: dict[str, Any] = {
+        'x0': start, 'lbx': bounds[0], 'ubx': bounds[1], 'lbg': rows[0], 'ubg': rows[1]}
+    if constants is not None:
+        arguments['p'] = constants
+    if multipliers is not None:
+        arguments['lam_x0'], arguments['lam_g0'] = multipliers
+    result, stats = solver(**arguments), solver.stats()
+    w, lam_w, g, lam_g = (
+        np.asarray(result[key].full().ravel()) for key in ('x', 'lam_x', 'g', 'lam_g'))
+    return Found(
+        w=w, f=float(result['f']), g=g, lam_w=lam_w, lam_g=lam_g,
+        converged=bool(stats['success']), status=str(stats['return_status']),
+        iterations=int(str(stats['iter_count'])))
