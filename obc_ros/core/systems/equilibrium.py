@@ -15,6 +15,7 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 from obc_ros.core.numerics.arrays import Array, Mask
+from obc_ros.core.numerics.newton import take_damped_steps
 from obc_ros.core.systems.system import Signal, System
 from obc_ros.core.text.errors import DynamicsError, ObcError, StatementError
 
@@ -244,20 +245,18 @@ def _keep_inputs(system: System, u: Array, best: _Found, loose: Mask, held: Mask
 
 def _newton(system: System, start: Array, loose: Mask, held: Mask) -> _Found:
     """Reduce |f| of the held states by damped Newton steps of minimum norm."""
-    found = _candidate(system, start, held)
-    for _ in range(_STEPS):
-        J = np.hstack(system.jacobians(found.x, found.u))[held][:, loose]
-        if found.left <= _NEGLIGIBLE or not (np.isfinite(J).all() and J.size):
-            break
-        step = np.zeros(loose.size)
-        step[loose] = np.linalg.lstsq(J, -found.f[held], rcond=None)[0]
-        z = np.concatenate([found.x, found.u])
-        trials = (_candidate(system, z + step * 0.5**k, held) for k in range(_HALVINGS))
-        better = next((trial for trial in trials if trial.size < found.size), None)
-        if better is None:
-            break
-        found = better
-    return found
+    def step(at: _Found, _: float) -> Array | None:
+        J = np.hstack(system.jacobians(at.x, at.u))[held][:, loose]
+        if at.left <= _NEGLIGIBLE or not (np.isfinite(J).all() and J.size):
+            return None
+        way = np.zeros(loose.size)
+        way[loose] = np.linalg.lstsq(J, -at.f[held], rcond=None)[0]
+        return way
+
+    return take_damped_steps(
+        _candidate(system, start, held), step, lambda at, way, part: _candidate(
+            system, np.concatenate([at.x, at.u]) + way * part, held),
+        lambda at: at.size, [0.5**k for k in range(_HALVINGS)], _STEPS)
 
 
 def _candidate(system: System, z: Array, held: Mask) -> _Found:

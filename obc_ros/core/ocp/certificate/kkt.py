@@ -20,6 +20,7 @@ from functools import cached_property
 import casadi as ca
 import numpy as np
 from obc_ros.core.numerics.arrays import Array, Mask
+from obc_ros.core.numerics.newton import take_damped_steps
 from obc_ros.core.ocp.solution import Certificate
 
 
@@ -149,16 +150,15 @@ def polish_minimum(program: StaticProgram, x: Array) -> KktPoint:
         residual is not taken.
 
     """
-    point = fit_multipliers(program, x)
-    for _ in range(_NEWTON_STEPS):
-        step = _newton_step(program, point)
-        if step is None or np.abs(step).max(initial=0) <= 1e-15 * (1 + np.abs(point.x).max()):
-            break
-        moved = fit_multipliers(program, np.clip(point.x + step, program.lower, program.upper))
-        if not _error(program, moved) < _error(program, point):
-            break
-        point = moved
-    return point
+    def step(at: KktPoint, _: float) -> Array | None:
+        way = _newton_step(program, at)
+        small = way is None or np.abs(way).max(initial=0) <= 1e-15 * (1 + np.abs(at.x).max())
+        return None if small else way
+
+    return take_damped_steps(
+        fit_multipliers(program, x), step, lambda at, way, _: fit_multipliers(
+            program, np.clip(at.x + way, program.lower, program.upper)),
+        lambda at: _error(program, at), (1.0,), _NEWTON_STEPS)
 
 
 def certify_minimum(program: StaticProgram, point: KktPoint) -> Certificate:

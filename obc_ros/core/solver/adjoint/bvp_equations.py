@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 from obc_ros.core.numerics.arrays import Array, Index
 from obc_ros.core.numerics.collocation import build_collocation, compute_gauss_points
+from obc_ros.core.numerics.newton import take_damped_steps
 from obc_ros.core.numerics.samples import interpolate_columns
 from obc_ros.core.numerics.vectorized import VectorizedFunction
 from obc_ros.core.ocp.problem import Problem
@@ -33,6 +34,7 @@ TOLERANCE = 1e-12      # scaled residual at which Newton's method ends
 _ENOUGH = 1e-8         # scaled residual that it must reach
 _STAGES = 3            # Gauss points in an interval
 _MOST_STEPS = 12       # maximum number of Newton steps
+_PARTS = 1.0, 0.5, 0.25, 0.1   # of a step, tried in turn
 _AT_ONCE = 2_000_000   # numbers in the matrices of intervals condensed at a time (16 MB)
 
 
@@ -153,6 +155,7 @@ class Unknowns:
 
 # The rates at Gauss points and at the ends of arcs, and the unknowns that they are at.
 _Linear = tuple[_Rates, _Rates, Unknowns]
+_Linearised = tuple[list[Array], _Linear]   # with the residuals there
 
 
 class Equations:
@@ -183,23 +186,16 @@ class Equations:
 
     def solve(self, now: Unknowns, tolerance: float = TOLERANCE) -> BoundaryValues | None:
         """Solve by damped Newton steps from `now`; None if they do not converge."""
+        def step(at: _Linearised, before: float) -> Unknowns | None:
+            norm = _norm(at[0])
+            # At rounding errors the residual does not decrease any more.
+            small = not norm > tolerance or norm < _ENOUGH and norm > 0.1 * before
+            return None if small else self._step(*at)
+
         try:
-            left, linear = self._equations(now)
-            norm = before = math.inf
-            for _ in range(_MOST_STEPS):
-                norm, before = _norm(left), norm
-                # At rounding errors the residual does not decrease any more.
-                if not norm > tolerance or norm < _ENOUGH and norm > 0.1 * before:
-                    break
-                step = self._step(left, linear)
-                for part in (1.0, 0.5, 0.25, 0.1):
-                    trial = now.moved(part, step)
-                    after, again = self._equations(trial)
-                    if _norm(after) < norm:
-                        now, left, linear = trial, after, again
-                        break
-                else:
-                    break
+            left, (*_, now) = take_damped_steps(
+                self._equations(now), step, lambda at, way, part: self._equations(
+                    at[1][2].moved(part, way)), lambda at: _norm(at[0]), _PARTS, _MOST_STEPS)
             norm = _norm(left)
             good = norm < max(tolerance, _ENOUGH) and bool(np.all(now.theta[:len(self.arcs)] > 0))
             return self.result(now, norm) if good else None
@@ -253,7 +249,7 @@ class Equations:
         return Unknowns(z, interpolate_columns(inner, course.t, known), inputs, at_ends, np.append(
             lengths / scales.time, course.nu / scales.cost))
 
-    def _equations(self, now: Unknowns) -> tuple[list[Array], _Linear]:
+    def _equations(self, now: Unknowns) -> _Linearised:
         """Return the residuals of each group of equations, and the rates at all points."""
         N, P = len(self.arc_of), len(self.arcs)
         rows = np.repeat(self.arc_of, _STAGES)
