@@ -7,13 +7,11 @@ from dataclasses import dataclass, replace
 from itertools import count
 
 import numpy as np
-from obc_ros.core.ocp.least_time_form import get_final_time
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.solver.bench import Bench
-from obc_ros.core.solver.starts.cross_entropy import start_from_rollouts
-from obc_ros.core.solver.starts.horizon_continuation import lengthen_horizon
 from obc_ros.core.solver.starts.initial_guess import join_whole_turns
-from obc_ros.core.solver.starts.obstacle_homotopy import start_around
+from obc_ros.core.solver.starts.registry import try_starts
+from obc_ros.core.solver.starts.start import Known, StartStage
 from obc_ros.core.solver.starts.start_pool import StartPool
 from obc_ros.core.solver.trace import GUESS
 from obc_ros.core.solver.transcription.mesh import build_uniform_mesh, STEPPED
@@ -82,10 +80,9 @@ def solve_coarse(bench: Bench, pool: StartPool, why_not: Callable[[Problem], str
         converged = [outcome for outcome in found if outcome.converged]
         pool.fill([min(converged, key=lambda outcome: outcome.objective).path]
                   if converged else ())
-        again = found and intervals == levels[1][0] and not convex
-        longer = lengthen_horizon(bench, options.intervals) if again else None
-        if longer:
-            return CoarseResult(bench, [longer], True)
+        if found and intervals == levels[1][0] and (
+                longer := try_starts(StartStage.SECOND_MESH, bench, pool, Known()).outcomes):
+            return CoarseResult(bench, list(longer), True)
         bench, found = _solve_first(bench, pool)
         good = [outcome for outcome in found
                 if convex and outcome.converged or bench.is_accurate(outcome)
@@ -97,9 +94,9 @@ def solve_coarse(bench: Bench, pool: StartPool, why_not: Callable[[Problem], str
         if reason or bench.meter.stopped:
             break
     else:
-        if good := start_from_rollouts(bench, pool, get_final_time(bench.problem)):
-            bench = replace(bench, intervals=good[0].mesh.layout.intervals)
-            return CoarseResult(bench, _by_cost(good), True)
+        if last := try_starts(StartStage.LAST_RESORT, bench, pool, Known()).outcomes:
+            bench = replace(bench, intervals=last[0].mesh.layout.intervals)
+            return CoarseResult(bench, _by_cost(list(last)), True)
     return CoarseResult(bench, sorted(found, key=lambda outcome: (
         not outcome.converged, outcome.infeasibility)), False, reason)
 
@@ -131,7 +128,8 @@ def _solve_first(bench: Bench, pool: StartPool) -> tuple[Bench, list[Transcripti
         if outcome.converged and bench.programs.convex(bench.problem):
             return bench, found   # a convex program has no other minimum
         if number == 1 and not (bench.quick and good):
-            around = start_around(bench, pool, outcome)
+            around = try_starts(
+                StartStage.FIRST_OUTCOME, bench, pool, Known(outcome=outcome)).wanted
         patient = bench.work - begun < options.patience * (1 + bench.stages)
         most = options.starts if bench.quick else options.starts_in_vain
         if (bench.meter.stopped or bench.quick and good or number >= around + (

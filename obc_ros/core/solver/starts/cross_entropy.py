@@ -13,16 +13,17 @@ The module is long because its generations and its quick and thorough searches s
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from itertools import islice, pairwise, zip_longest
+from itertools import chain, islice, pairwise, zip_longest
 from typing import NamedTuple
 
 import numpy as np
 from obc_ros.core.numerics.arrays import Array, Index
 from obc_ros.core.numerics.vectorized import VectorizedFunction
+from obc_ros.core.ocp.least_time_form import get_final_time
 from obc_ros.core.ocp.problem import Problem
-from obc_ros.core.ocp.solution import Verdict
 from obc_ros.core.solver.bench import Bench, Candidate
-from obc_ros.core.solver.starts.start_pool import StartPool
+from obc_ros.core.solver.starts.start import Known, Proposal
+from obc_ros.core.solver.starts.start_pool import is_rough, StartPool
 from obc_ros.core.solver.trace import GUESS
 from obc_ros.core.solver.transcription.mesh import (
     build_path,
@@ -76,40 +77,41 @@ _CHEAP = 2    # cheap rollouts before expensive ones, which end nearer to psi = 
 _VAIN = 3, 6  # rollouts in a row without a new minimum before they end: usual, nonlinear
 
 
-def start_from_rollouts(bench: Bench, pool: StartPool, T: float) -> list[TranscriptionOutcome]:
+def ends_at_target(bench: Bench, _: Known) -> bool:
     """
-    Solve from cross-entropy rollouts, for problems with terminal constraints.
+    Return whether there are terminal constraints, at which rollouts can end.
+
+    Parameters
+    ----------
+    bench : Bench
+        Of the search.
+
+    """
+    return bool(bench.problem.q) and not bench.quick and not bench.programs.twin
+
+
+def start_from_rollouts(bench: Bench, pool: StartPool, _: Known) -> Proposal:
+    """
+    Solve from cross-entropy rollouts.
 
     Parameters
     ----------
     bench : Bench
         Of the search.
     pool : StartPool
-        It begins with the remaining rollouts if one was successful.
-    T : float
-        Final time, or the guess of a free one [s].
+        Records the minima.
 
     Returns
     -------
-    list of TranscriptionOutcome
-        Those with a small discretisation error.
+    Proposal
+        Outcomes with a small discretisation error; then also the remaining rollouts, which may
+        lead to other minima.
 
     """
-    if bench.quick or not bench.problem.q or bench.programs.twin:
-        return []
-    with bench.trace.attempt('cross-entropy search') as attempt:
-        found = _solve_rollouts(bench, pool, T)
-        attempt.end(Verdict.ACCEPTED if found else Verdict.REJECTED,
-                    f'{len(found)} rollouts led to a path with a small discretisation error')
-    return found
-
-
-def _solve_rollouts(bench: Bench, pool: StartPool, T: float) -> list[TranscriptionOutcome]:
-    """Do what `start_from_rollouts` does, for a problem to which it applies."""
     problem = bench.problem
     found: list[TranscriptionOutcome] = []
     pool.forget()
-    paths = label_paths(search_rollouts(problem, T), 'cross-entropy rollout')
+    paths = label_paths(search_rollouts(problem, get_final_time(problem)), 'cross-entropy rollout')
     for number, path in enumerate(islice(paths, _TRIED_MOST)):
         vain = number >= _TRIED and not found
         if vain or bench.meter.stopped or not bench.meter.allows(_INTERVALS):
@@ -125,36 +127,55 @@ def _solve_rollouts(bench: Bench, pool: StartPool, T: float) -> list[Transcripti
             attempt.end(*outcome.judge(), cost=outcome.objective)
         if bench.is_accurate(outcome):
             found.append(outcome)
-    if found:   # the remaining rollouts may lead to other minima
-        pool.put_first(paths)
-    return found
+    why = f'{len(found)} rollouts led to a path with a small discretisation error'
+    return Proposal(tuple(found), rest=chain(paths, pool.rest) if found else None, why=why)
 
 
-def interleave_rollouts(bench: Bench, last: Candidate, pool: StartPool, seen: list[RolloutEnd],
-                        rough: Callable[[], bool], bent: bool) -> None:
+def may_interleave(bench: Bench, known: Known) -> bool:
     """
-    Put rollouts between the initial guesses of a pool, in turn.
-
-    Rollouts end once some in a row led to no new minimum.
+    Return whether rollouts are used in multistart.
 
     Parameters
     ----------
     bench : Bench
         Of the search.
-    last : Candidate
-        The result of a descent.
-    pool : StartPool
-        Its guesses are used between the rollouts, and after them.
-    seen : list of RolloutEnd
-        Rollouts of the brief search.
-    rough : callable
-        Returns whether a long search is made, for expensive rollouts, too.
-    bent : bool
-        Whether a short search is made otherwise.
+    known : Known
+        With the candidate of the first descent.
 
     """
-    pool.replace_rest(_interleave(pool, pool.rest, label_paths(
-        _promising(bench, last, seen, rough, bent), 'cross-entropy rollout'), _VAIN[bent]))
+    return known.best is not None and known.best.record is not None and not (
+        bench.programs.twin or known.uneven and bench.problem.q)
+
+
+def interleave_rollouts(bench: Bench, pool: StartPool, known: Known) -> Proposal:
+    """
+    Propose rollouts between the initial guesses of a pool, in turn.
+
+    Rollouts end once some in a row led to no new minimum. A long search is made, for expensive
+    rollouts, too, after much work or if coarse solves fail; a short one if the dynamics are bent.
+
+    Parameters
+    ----------
+    bench : Bench
+        Of the search.
+    pool : StartPool
+        Its guesses are used between the rollouts, and after them.
+    known : Known
+        With the candidate of the first descent.
+
+    Returns
+    -------
+    Proposal
+
+    """
+    assert known.best is not None
+    seen = search_rollouts_briefly(bench, known.best, known.bent or known.uneven)
+    aside = bench.work - known.begun
+    rollouts = _promising(
+        bench, known.best, seen, lambda: bench.work - aside > bench.options.multistart.hard
+        or is_rough(bench, pool), known.bent)
+    return Proposal(rest=_interleave(pool, pool.rest, label_paths(
+        rollouts, 'cross-entropy rollout'), _VAIN[known.bent]), wanted=bool(seen))
 
 
 def _interleave(pool: StartPool, starts: Iterator[Path], rollouts: Iterator[Path],

@@ -8,50 +8,65 @@ Each has its own local minimum over T. With T free a descent leads to the same o
 guesses; with T limited to adjacent windows it leads to each.
 """
 
-from collections.abc import Iterator
 from dataclasses import replace
 from itertools import islice
 
 import casadi as ca
 import numpy as np
-from obc_ros.core.ocp.problem import Problem
-from obc_ros.core.solver.bench import Bench, Candidate
+from obc_ros.core.solver.bench import Bench
+from obc_ros.core.solver.starts.start import Known, Proposal
+from obc_ros.core.solver.starts.start_pool import StartPool
 from obc_ros.core.solver.transcription.mesh import build_uniform_mesh, Path
 from obc_ros.core.solver.transcription.program import TranscriptionOutcome
 
 
-def find_other_lengths(bench: Bench, last: Candidate, starts: Iterator[Path],
-                       twice: bool) -> list[Path]:
+def has_other_lengths(bench: Bench, known: Known) -> bool:
     """
-    Find paths with other final times that cost less than the last outcome.
+    Return whether T is free and the cost, convex in its arguments, depends on more than T.
 
     Parameters
     ----------
     bench : Bench
         Of the search.
-    last : Candidate
-        The result of a descent.
-    starts : iterator of Path
-        Initial guesses; each is stretched in time.
-    twice : bool
-        Use two of them in each window.
+    known : Known
+        With the candidate of the first descent.
+
+    """
+    problem = bench.problem
+    return not known.uneven and known.best is not None and known.best.record is not None and (
+        problem.final_time.free and bool(
+            ca.depends_on(problem.L, ca.vertcat(problem.x, problem.u))
+            or ca.depends_on(problem.V, problem.x)))
+
+
+def find_other_lengths(bench: Bench, pool: StartPool, known: Known) -> Proposal:
+    """
+    Propose paths with other final times that cost less than the last outcome.
+
+    Parameters
+    ----------
+    bench : Bench
+        Of the search.
+    pool : StartPool
+        Its guesses are stretched in time, two for each window if the dynamics are bent.
+    known : Known
+        With the candidate of the first descent.
 
     Returns
     -------
-    list of Path
-        The cheapest first; empty if T is fixed or nothing but time costs.
+    Proposal
+        The cheapest path first.
 
     """
     options = bench.options.windows
-    if last.record is None or not _weighs(bench.problem):
-        return []
-    outcome, begun = last.record.outcome, bench.work
+    assert known.best is not None and known.best.record is not None
+    outcome, begun = known.best.record.outcome, bench.work
     found: list[TranscriptionOutcome] = []
-    for T in [T for T in _lengths(bench, outcome) for _ in range(1 + twice)]:
+    for T in [T for T in _lengths(bench, outcome) for _ in range(1 + known.bent)]:
         most = max(options.work, begun)
         if bench.meter.stopped or bench.work - begun > most:
             break
-        for start in islice(starts, 1):
+        for start in islice(pool.rest, 1):
             new = _held(bench, T, start)
             if new.converged and new.objective < outcome.objective:
                 found.append(new)
@@ -60,14 +75,9 @@ def find_other_lengths(bench: Bench, last: Candidate, starts: Iterator[Path],
         if all(abs(each.objective - other.objective) > options.same * abs(other.objective)
                for other in kept):
             kept.append(each)
-    return [replace(each.path, origin='another final time') for each in kept[:options.kept]]
-
-
-def _weighs(problem: Problem) -> bool:
-    """Return whether T is free and the cost depends on more than T."""
-    return problem.final_time.free and bool(
-        ca.depends_on(problem.L, ca.vertcat(problem.x, problem.u))
-        or ca.depends_on(problem.V, problem.x))
+    paths = [each.path for each in kept[:options.kept]]
+    return Proposal(first=iter(paths), wanted=len(paths)) if paths else Proposal(
+        why='none of them costs less')
 
 
 def _lengths(bench: Bench, outcome: TranscriptionOutcome) -> list[float]:

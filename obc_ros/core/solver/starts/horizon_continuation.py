@@ -11,8 +11,9 @@ horizon if the state has come to rest.
 from dataclasses import replace
 
 import numpy as np
-from obc_ros.core.ocp.solution import Verdict
 from obc_ros.core.solver.bench import Bench
+from obc_ros.core.solver.starts.start import Known, Proposal
+from obc_ros.core.solver.starts.start_pool import StartPool
 from obc_ros.core.solver.transcription.mesh import (
     build_path,
     build_uniform_mesh,
@@ -22,6 +23,42 @@ from obc_ros.core.solver.transcription.mesh import (
     Phase,
 )
 from obc_ros.core.solver.transcription.program import TranscriptionOutcome
+
+
+def has_open_end(bench: Bench, _: Known) -> bool:
+    """
+    Return whether the horizon can be continued: T is fixed, the end is free.
+
+    A convex problem needs no other outcome.
+
+    Parameters
+    ----------
+    bench : Bench
+        Of the search.
+
+    """
+    problem = bench.problem
+    return not (bench.quick or problem.q or problem.final_time.free or bench.programs.twin
+                or bench.programs.convex(problem))
+
+
+def continue_horizon(bench: Bench, _: StartPool, __: Known) -> Proposal:
+    """
+    Propose the outcome of horizon continuation.
+
+    Parameters
+    ----------
+    bench : Bench
+        Of the search.
+
+    Returns
+    -------
+    Proposal
+        At most one outcome.
+
+    """
+    outcome = lengthen_horizon(bench, bench.options.coarse.intervals)
+    return Proposal(outcomes=() if outcome is None else (outcome,))
 
 
 def lengthen_horizon(bench: Bench, intervals: int) -> TranscriptionOutcome | None:
@@ -38,25 +75,12 @@ def lengthen_horizon(bench: Bench, intervals: int) -> TranscriptionOutcome | Non
     Returns
     -------
     TranscriptionOutcome or None
-        With a small discretisation error. None if that was not reached, or the problem has
-        terminal constraints or a free final time.
+        With a small discretisation error. None if that was not reached.
 
     """
-    whole, final = bench.problem, bench.problem.final_time
-    if bench.quick or whole.q or final.free or bench.programs.twin:
-        return None
-    start = bench.programs.guesser.line(whole, final.value)
-    with bench.trace.attempt('horizon continuation') as attempt:
-        outcome = _lengthen(bench, intervals, start)
-        attempt.end(Verdict.REJECTED if outcome is None else Verdict.ACCEPTED,
-                    cost=np.nan if outcome is None else outcome.objective)
-    return outcome
-
-
-def _lengthen(bench: Bench, intervals: int, start: Path) -> TranscriptionOutcome | None:
-    """Do what `lengthen_horizon` does, from a guess over the whole horizon."""
     options = bench.options.horizon
     whole, final = bench.problem, bench.problem.final_time
+    start = bench.programs.guesser.line(whole, final.value)
     outcome: TranscriptionOutcome | None = None
     bench = replace(bench, meter=bench.meter.part(options.work))
     for halvings in range(options.halvings, -1, -1):

@@ -16,16 +16,12 @@ from obc_ros.core.solver.improve.hamiltonian_wells import move_to_best_branch
 from obc_ros.core.solver.options import MultistartOptions
 from obc_ros.core.solver.program_cache import collect_numbers
 from obc_ros.core.solver.proofs.optimality import describe_local
-from obc_ros.core.solver.starts.cross_entropy import (
-    interleave_rollouts,
-    RolloutEnd,
-    search_rollouts_briefly,
-)
-from obc_ros.core.solver.starts.final_time_windows import find_other_lengths
-from obc_ros.core.solver.starts.start_pool import StartPool
+from obc_ros.core.solver.starts.registry import try_starts
+from obc_ros.core.solver.starts.start import Known, StartStage
+from obc_ros.core.solver.starts.start_pool import is_rough, StartPool
 from obc_ros.core.solver.trace import GUESS
 from obc_ros.core.solver.transcription.local_minima import ANOTHER
-from obc_ros.core.solver.transcription.mesh import build_uniform_mesh, Path, split
+from obc_ros.core.solver.transcription.mesh import build_uniform_mesh, split
 from obc_ros.core.solver.transcription.program import TranscriptionOutcome
 
 _MET = 1e-5           # infeasibility of a feasible path
@@ -130,14 +126,14 @@ def _explore(bench: Bench, pool: StartPool, best: Candidate, floor: float,
     alone = (best.certified or sound) and programs.convex(bench.stated)
     before, bent = bench.work, not alone and _disproportion(bench, best) > options.bent
     uneven = programs.uneven_costs(bench.problem, abs(floor))
-    promising, lengths = ([], []) if alone else _lined_up(
-        bench, pool, best, floor, uneven=uneven, bent=bent)
+    wanted = 1 + len(others) + (0 if alone else try_starts(
+        StartStage.MULTISTART, bench, pool,
+        Known(best=best, floor=floor, begun=before, uneven=uneven, bent=bent)).wanted)
     found, coarse = list[TranscriptionOutcome](), floor   # coarse cost of the best solution
     followed = [floor]   # coarse costs of the outcomes that were refined
     # Costs of the certified solutions that they led to.
     refined = [best.solution.objective] if best.certified else []
-    # Number of starts, increased by each that leads to a better solution.
-    wanted = 1 + len(others) + len(lengths) + bool(promising)
+    # `wanted`: number of starts, increased by each that leads to a better solution.
     why = 'the problem is convex: there is no other minimum' if alone else (
         f'{options.most} starts were tried')
     for number in range(0 if alone else options.most):
@@ -186,26 +182,6 @@ def _remember(bench: Bench, pool: StartPool, best: Candidate, minima: list[float
     bench.programs.note_minima(pool.known_minima.minima)
 
 
-def _lined_up(bench: Bench, pool: StartPool, best: Candidate, floor: float, *, uneven: bool,
-              bent: bool) -> tuple[list[RolloutEnd], list[Path]]:
-    """Set the further starts; return the promising ones, and those with other final times."""
-    options = bench.options.multistart
-    problem, begun, lengths = bench.problem, bench.work, list[Path]()
-    if uneven:
-        pool.replace_rest(bench.programs.guesser.scattered(
-            problem, bench.programs.integrator, pool.rest, abs(floor)))
-        if problem.q:
-            return [], lengths
-    promising = search_rollouts_briefly(bench, best, bent or uneven)
-    if not uneven:
-        lengths = find_other_lengths(bench, best, pool.rest, bent)
-    aside = bench.work - begun
-    interleave_rollouts(bench, best, pool, promising,
-                        lambda: bench.work - aside > options.hard or _rough(bench, pool), bent)
-    pool.put_first(lengths)
-    return promising, lengths
-
-
 def better(best: Solution, other: Solution) -> Solution:
     """
     Return the better one of two solutions of a problem.
@@ -242,7 +218,7 @@ def _explain_enough(bench: Bench, pool: StartPool, number: int, work: tuple[int,
     `number`: starts so far. `work`: that before multistart, and that of its starts.
     """
     options = bench.options.multistart
-    (before, spent), rough = work, _rough(bench, pool)
+    (before, spent), rough = work, is_rough(bench, pool)
     hard = before > options.hard
     weary = bench.work > options.weary and spent > options.weary_starts
     if spent > options.lavish if certified else weary:
@@ -284,12 +260,6 @@ def _disproportion(bench: Bench, best: Candidate) -> float:
         off = np.abs(2 * half - none - all_).max(axis=0)
         off /= np.maximum(np.ptp(path.x, axis=0), 1e-300)
     return float(np.nan_to_num(off, nan=np.inf).max(initial=0.0))
-
-
-def _rough(bench: Bench, pool: StartPool) -> bool:
-    """Return whether coarse solves fail, end at very different costs, or are slow."""
-    options = bench.options.multistart
-    return bench.typical > options.slow or pool.known_minima.rough
 
 
 def _pursued(bench: Bench, floor: float, outcome: TranscriptionOutcome) -> TranscriptionOutcome:

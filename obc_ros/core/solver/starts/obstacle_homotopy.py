@@ -21,9 +21,9 @@ from obc_ros.core.numerics.vectorized import VectorizedFunction
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.solver.bench import Bench
 from obc_ros.core.solver.starts.initial_guess import estimate_scales
+from obc_ros.core.solver.starts.start import Known, Proposal
 from obc_ros.core.solver.starts.start_pool import StartPool
-from obc_ros.core.solver.transcription.mesh import label_paths, Path
-from obc_ros.core.solver.transcription.program import TranscriptionOutcome
+from obc_ros.core.solver.transcription.mesh import Path
 from scipy.optimize import least_squares
 
 _SEEN = 81            # points of the line at which constraints are evaluated
@@ -40,33 +40,48 @@ _TRIALS = 15          # maximum number of evaluations
 _ROOM = 1e-9          # least scaled distance of two bounds in the least squares
 
 
-def start_around(bench: Bench, pool: StartPool, outcome: TranscriptionOutcome) -> int:
+def has_obstacles(bench: Bench, known: Known) -> bool:
     """
-    Put initial guesses around obstacles before the others.
+    Return whether path constraints are obstacles.
 
     Parameters
     ----------
     bench : Bench
         Of the search.
-    pool : StartPool
-        Gets the guesses.
-    outcome : TranscriptionOutcome
-        Its final time is that of the guesses.
+    known : Known
+        With the outcome of the first guess.
+
+    """
+    outcome = known.outcome
+    return not bench.programs.twin and outcome is not None and bool(
+        np.isfinite(outcome.path.t[-1]) and _curved(bench.problem).size)
+
+
+def start_around(bench: Bench, _: StartPool, known: Known) -> Proposal:
+    """
+    Propose paths around obstacles.
+
+    Parameters
+    ----------
+    bench : Bench
+        Of the search.
+    known : Known
+        The outcome of the first guess; its final time is that of the paths.
 
     Returns
     -------
-    int
-        Number of guesses.
+    Proposal
+        One path for each choice of sides, the shortest first.
 
     """
-    problem, guesser = bench.problem, bench.programs.guesser
-    if bench.programs.twin or not np.isfinite(outcome.path.t[-1]):
-        return 0
+    problem, guesser, outcome = bench.problem, bench.programs.guesser, known.outcome
+    assert outcome is not None
     line = guesser.line(problem, float(outcome.path.t[-1]))
-    if around := bend_around(problem, line):
-        follow = Follower(problem, line, guesser.final_state(problem)[1])
-        pool.put_first(label_paths(map(follow, around), 'path around obstacles'))
-    return len(around)
+    around = bend_around(problem, line)
+    if not around:
+        return Proposal(why='the line passes all of them')
+    follow = Follower(problem, line, guesser.final_state(problem)[1])
+    return Proposal(first=map(follow, around), wanted=len(around))
 
 
 def bend_around(problem: Problem, line: Path) -> list[Path]:

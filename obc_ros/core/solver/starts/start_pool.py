@@ -8,6 +8,7 @@ from itertools import chain
 import numpy as np
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.ocp.problem import Problem
+from obc_ros.core.solver.bench import Bench
 from obc_ros.core.solver.program_cache import ProgramCache
 from obc_ros.core.solver.transcription.local_minima import LocalMinima
 from obc_ros.core.solver.transcription.mesh import label_paths, Path
@@ -37,33 +38,49 @@ class StartPool:
         self._problem, self._programs = problem, programs
         self.known_minima = LocalMinima(programs.options.coarse)
         self.periods: Array = np.full(problem.m, np.inf)
-        self._paths: Iterator[Path] = iter(())
+        self._first: Iterator[Path] = iter(())
+        self._rest: Iterator[Path] = iter(())
 
     def fill(self, first: Iterable[Path] = ()) -> None:
         """Begin with the given paths, then the usual guesses; forget the minima."""
         self.forget()
         self.periods = self._programs.guesser.periods(self._problem)
-        self._paths = chain(
-            label_paths(first, 'solution on the coarser mesh'), self._programs.guesser.starts(
-                self._problem, self._programs.integrator, lambda: self.known_minima.spans))
+        self._first = label_paths(first, 'solution on the coarser mesh')
+        self._rest = self._programs.guesser.starts(
+            self._problem, self._programs.integrator, lambda: self.known_minima.spans)
 
     def forget(self) -> None:
         """Forget the minima."""
         self.known_minima = LocalMinima(self._programs.options.coarse)
 
-    def put_first(self, paths: Iterable[Path]) -> None:
+    def put_first(self, paths: Iterator[Path]) -> None:
         """Use these paths before those that are left."""
-        self._paths = chain(paths, self._paths)
+        self._first = chain(paths, self._first)
 
     def replace_rest(self, paths: Iterator[Path]) -> None:
-        """Use these paths in place of those that are left, which they may contain (`rest`)."""
-        self._paths = paths
+        """Use these paths in place of `rest`, which they may contain."""
+        self._rest = paths
 
     @property
     def rest(self) -> Iterator[Path]:
-        """Return the guesses that are left."""
-        return self._paths
+        """Return the guesses that are left, without those that were put first."""
+        return self._rest
 
     def take(self) -> Path:
         """Return the next guess."""
-        return next(self._paths)
+        return next(chain(self._first, self._rest))
+
+
+def is_rough(bench: Bench, pool: StartPool) -> bool:
+    """
+    Return whether coarse solves fail, end at very different costs, or are slow.
+
+    Parameters
+    ----------
+    bench : Bench
+        With the coarse mesh.
+    pool : StartPool
+        With the minima found on it.
+
+    """
+    return bench.typical > bench.options.multistart.slow or pool.known_minima.rough

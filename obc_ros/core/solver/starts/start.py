@@ -1,0 +1,112 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""A start of the search: what it is called, when it is tried, and what it proposes."""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+from obc_ros.core.ocp.solution import Verdict
+from obc_ros.core.solver.bench import Bench, Candidate
+from obc_ros.core.solver.starts.start_pool import StartPool
+from obc_ros.core.solver.transcription.mesh import Path
+from obc_ros.core.solver.transcription.program import TranscriptionOutcome
+
+
+class StartStage(str, Enum):
+    """When in a search a start is tried."""
+
+    FIRST_OUTCOME = 'after the first initial guess'
+    SECOND_MESH = 'on the second coarse mesh'
+    LAST_RESORT = 'after all coarse meshes'
+    MULTISTART = 'before multistart'
+
+
+@dataclass(frozen=True)
+class Known:
+    """
+    What is known when a start is tried.
+
+    Attributes
+    ----------
+    outcome : TranscriptionOutcome or None
+        That of the first initial guess.
+    best : Candidate or None
+        That of the first descent, in multistart.
+    floor : float
+        Its cost on the coarse mesh.
+    begun : int
+        Work of the search before multistart.
+    uneven : bool
+        Whether the cost is not convex.
+    bent : bool
+        Whether the dynamics are so nonlinear that they may cause other local minima.
+
+    """
+
+    outcome: TranscriptionOutcome | None = None
+    best: Candidate | None = None
+    floor: float = np.nan
+    begun: int = 0
+    uneven: bool = False
+    bent: bool = False
+
+
+@dataclass(frozen=True)
+class Proposal:
+    """
+    What a start proposes.
+
+    Attributes
+    ----------
+    outcomes : tuple of TranscriptionOutcome
+        Already solved, with a small discretisation error; the stage ends with them.
+    first : iterator of Path or None
+        Initial guesses that are used before all others.
+    rest : iterator of Path or None
+        Initial guesses in place of those of the pool, which it may contain.
+    wanted : int
+        Number of further initial guesses that are worth a try because of this.
+    why : str
+        For the trace.
+
+    """
+
+    outcomes: tuple[TranscriptionOutcome, ...] = ()
+    first: Iterator[Path] | None = None
+    rest: Iterator[Path] | None = None
+    wanted: int = 0
+    why: str = ''
+
+    def judge(self) -> tuple[Verdict, str]:
+        """Return the verdict on the start, and the reason."""
+        idle = not self.outcomes and self.first is None and self.rest is None
+        return Verdict.REJECTED if idle else Verdict.ACCEPTED, self.why
+
+
+@dataclass(frozen=True)
+class Start:
+    """
+    A source of initial guesses, besides those that every search uses.
+
+    Attributes
+    ----------
+    name : str
+        As users see it in the trace, unique. Its initial guesses have it, too.
+    stage : StartStage
+        When it is tried.
+    when : str
+        When it applies, in one sentence.
+    applies : callable
+        Whether it applies.
+    run : callable
+        Makes the proposal.
+
+    """
+
+    name: str
+    stage: StartStage
+    when: str
+    applies: Callable[[Bench, Known], bool]
+    run: Callable[[Bench, StartPool, Known], Proposal]
