@@ -16,7 +16,9 @@ from obc_ros.core.solver.bench import Bench, Candidate, Task
 from obc_ros.core.solver.conclusion import drop_multipliers, judge, look_for_proof
 from obc_ros.core.solver.exact.time_optimal import solve_time_optimal
 from obc_ros.core.solver.exact.two_wheeled import solve_two_wheeled
-from obc_ros.core.solver.improve.indirect import refine_after_search, refine_indirectly
+from obc_ros.core.solver.improve.improvement import DescentStage, State
+from obc_ros.core.solver.improve.indirect import refine_indirectly
+from obc_ros.core.solver.improve.registry import try_improvements
 from obc_ros.core.solver.linear_quadratic import solve_lq
 from obc_ros.core.solver.proofs.contradictions import explain_contradiction
 from obc_ros.core.solver.proofs.existence import (
@@ -135,10 +137,22 @@ def _find_any_path(task: Task, L: float) -> Solution:
     return replace(found, objective=L * found.t[-1] + float(task.problem.V), certificate=None)
 
 
-def _search(task: Task, refine: Refine = refine_after_search) -> Solution:
+def _search(task: Task) -> Solution:
+    return _search_and_refine(task, _improve)
+
+
+def _search_and_refine(task: Task, refine: Refine) -> Solution:
     """Return the result of a search, refined unless its work was stopped."""
     found, bench = search(task, why_not=look_for_proof(task))
     return (found if bench.meter.stopped else refine(bench, found)).solution
+
+
+def _improve(bench: Bench, found: Candidate) -> Candidate:
+    """Return the result of a search after the improvements that come last."""
+    if found.record is None:
+        return found
+    state = State(bench, found.record.outcome, best=found)
+    return try_improvements(DescentStage.FINISHED, state).best or found
 
 
 def _transcribe(task: Task) -> Solution:
@@ -151,5 +165,5 @@ METHODS: Mapping[str, Method] = {
     **{exact.name: exact for exact in EXACT_METHODS},
     'transcription': _transcribe,
     'arcs': _search,
-    'indirect': lambda task: _search(task, refine_indirectly),
+    'indirect': lambda task: _search_and_refine(task, refine_indirectly),
 }

@@ -7,8 +7,9 @@ The arcs on which inputs or states are at bounds become phases of unknown length
 solution on these phases are detected again and compared.
 """
 
+from dataclasses import replace
+
 import numpy as np
-from obc_ros.core.ocp.solution import Verdict
 from obc_ros.core.ocp.structure import find_shared_inputs
 from obc_ros.core.solver.adjoint.mesh_refinement import is_below
 from obc_ros.core.solver.arcs.control_discontinuities import cut_at_jumps, sharpen_steps
@@ -17,6 +18,7 @@ from obc_ros.core.solver.arcs.input_arcs import (
     build_arc_mesh,
     close_gaps,
     find_arcs,
+    find_jumping_inputs,
     get_signature,
     have_moved,
     open_arcs,
@@ -24,6 +26,7 @@ from obc_ros.core.solver.arcs.input_arcs import (
 )
 from obc_ros.core.solver.arcs.state_contacts import add_contacts, find_contacts
 from obc_ros.core.solver.bench import Bench
+from obc_ros.core.solver.improve.improvement import State
 from obc_ros.core.solver.transcription.mesh import build_uniform_mesh
 from obc_ros.core.solver.transcription.program import TranscriptionOutcome
 
@@ -65,13 +68,6 @@ class ArcIteration:
             The last one that converged at no higher cost; its arcs may still change.
 
         """
-        with self.bench.trace.attempt('arc iteration') as attempt:
-            new = self._settle(outcome)
-            attempt.end(Verdict.REJECTED if new is outcome else Verdict.ACCEPTED,
-                        cost=new.objective, what=new.mesh.layout.describe())
-        return new
-
-    def _settle(self, outcome: TranscriptionOutcome) -> TranscriptionOutcome:
         options = self.bench.options.bangs
         bench = self.bench
         free: Signature = ((None,) * self.problem.m,)
@@ -239,3 +235,96 @@ class ArcIteration:
         moves = self.programs.switching if moving else (False,) * self.problem.m
         arcs = open_arcs(arcs, course.t, Hu, self.problem, self.programs.switching, moves)
         return self.broken(self.touching(arcs, outcome), outcome)
+
+
+def has_switching_inputs(state: State) -> bool:
+    """
+    Return whether inputs may be held at bounds between switching times.
+
+    Parameters
+    ----------
+    state : State
+        Of a descent.
+
+    """
+    return any(state.switching)
+
+
+def hold_switching_inputs(state: State) -> State | str:
+    """
+    Solve with bang arcs of the inputs in which H is linear.
+
+    Parameters
+    ----------
+    state : State
+        At the start of a descent.
+
+    Returns
+    -------
+    State
+        Inputs are no longer held if the arcs are too long for the intervals in them.
+
+    """
+    bench, outcome = state.bench, state.outcome
+    settled = _iterate(state).settle(outcome)
+    if bench.is_accurate(outcome) and not bench.is_accurate(settled):
+        return replace(state, switching=(False,) * bench.problem.m, in_vain=True)
+    return replace(state, outcome=settled)
+
+
+def has_jumping_inputs(state: State) -> bool:
+    """
+    Return whether inputs go from bound to bound within one or two intervals.
+
+    Parameters
+    ----------
+    state : State
+        Of a descent in which no inputs are held yet.
+
+    """
+    bench = state.bench
+    return bench.may_hold and not (any(state.switching) or state.in_vain) and any(
+        find_jumping_inputs(bench.problem, state.outcome.path))
+
+
+def hold_jumping_inputs(state: State) -> State | str:
+    """
+    Solve with bang arcs of the inputs that jump.
+
+    Parameters
+    ----------
+    state : State
+        Of a descent.
+
+    Returns
+    -------
+    State
+        Without arcs if they help neither the cost nor the loss.
+
+    """
+    bench, outcome = state.bench, state.outcome
+    above = bench.excess(outcome, bench.course(outcome))
+    held = replace(state, switching=find_jumping_inputs(bench.problem, outcome.path))
+    new = _iterate(held).settle(outcome)
+    if new.objective > outcome.objective and bench.excess(new, bench.course(new)) >= above:
+        return replace(state, in_vain=True)
+    return replace(held, outcome=new)
+
+
+def remove_vanished_arcs(state: State) -> State:
+    """
+    Remove the arcs that have vanished on a finer mesh.
+
+    Parameters
+    ----------
+    state : State
+        Of a descent.
+
+    """
+    if not ArcIteration.vanished(state.outcome):
+        return state
+    return replace(state, outcome=_iterate(state).without_vanishing(state.outcome))
+
+
+def _iterate(state: State) -> ArcIteration:
+    return ArcIteration(state.bench, state.switching, state.bench.options.coarse.intervals)

@@ -22,6 +22,7 @@ from obc_ros.core.solver.adjoint.mesh_refinement import is_below
 from obc_ros.core.solver.arcs.control_discontinuities import find_jumps, sharpen_steps
 from obc_ros.core.solver.arcs.input_arcs import Arc, build_arc_mesh, have_moved
 from obc_ros.core.solver.bench import Bench
+from obc_ros.core.solver.improve.improvement import State
 from obc_ros.core.solver.transcription.mesh import Path
 from obc_ros.core.solver.transcription.program import TranscriptionOutcome
 
@@ -29,37 +30,48 @@ _SAME = 1e-6          # relative difference up to which costs are equal
 _VANISHING = 1e-3     # length, as part of T, up to which a phase has vanished
 
 
-def move_to_best_branch(bench: Bench, outcome: TranscriptionOutcome) -> TranscriptionOutcome:
+def has_branches(state: State) -> bool:
+    """
+    Return whether H may have several local minima in an input.
+
+    Parameters
+    ----------
+    state : State
+        Before a descent.
+
+    """
+    programs = state.bench.programs
+    return not (state.bench.quick or programs.twin) and bool(programs.branching.any())
+
+
+def move_to_best_branch(state: State) -> State | str:
     """
     Move inputs to the global minimum of H and solve from there, as long as the cost decreases.
 
     Parameters
     ----------
-    bench : Bench
-        Of the search.
-    outcome : TranscriptionOutcome
-        On the coarse mesh.
+    state : State
+        With an outcome on the coarse mesh.
 
     Returns
     -------
-    TranscriptionOutcome
-        `outcome` if H has no better minimum along it.
+    State or str
+        The reason if H has no better minimum along the path.
 
     """
-    options = bench.options.wells
-    if bench.quick or bench.programs.twin or not bench.programs.branching.any():
-        return outcome
-    best = outcome
-    for _ in range(options.moves):
+    bench = state.bench
+    best = outcome = state.outcome
+    for _ in range(bench.options.wells.moves):
         paths = _moved(bench, best)
         if not paths and best is outcome:
-            return _with_jumps(bench, best) if _leaps(bench, best) else best
+            best = _with_jumps(bench, best) if _leaps(bench, best) else best
+            break
         found = [new for path in paths if (new := _from_inputs(bench, best, path)) is not None]
         new = min(found, key=lambda each: each.objective, default=best)
         if bench.meter.stopped or not is_below(new.objective, best.objective, _SAME):
             break
         best = _with_jumps(bench, new)
-    return best
+    return 'H has no lower minimum' if best is outcome else replace(state, outcome=best)
 
 
 def _moved(bench: Bench, outcome: TranscriptionOutcome) -> list[Path]:

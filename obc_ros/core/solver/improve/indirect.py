@@ -15,12 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 from obc_ros.core.numerics.arrays import Array, Index
 from obc_ros.core.ocp.certificate.certificate import certify
-from obc_ros.core.ocp.solution import Condition, Solution, Status, Verdict
+from obc_ros.core.ocp.solution import Condition, Solution, Status
 from obc_ros.core.solver.adjoint.bvp_solution import BoundaryValues
 from obc_ros.core.solver.bench import Bench, Candidate
+from obc_ros.core.solver.improve.improvement import State
 from obc_ros.core.solver.improve.kink_mesh import build_points, solve_boundary_values
 from obc_ros.core.solver.program_cache import Answered
-from obc_ros.core.solver.trace import judge_path
 
 _SAME = 1e-9       # relative difference of inputs at a switching time up to which they are equal
 _DEARER = 1e-8     # relative increase of the cost that is accepted
@@ -62,42 +62,48 @@ def _explained(found: Candidate, reason: str) -> Candidate:
         found.solution, message=f'solved by transcription: {reason}'))
 
 
-def refine_after_search(bench: Bench, found: Candidate) -> Candidate:
+def is_worth_refining(state: State) -> bool:
     """
-    Refine a solution by the indirect method, unless it was found in less work than that takes.
+    Return whether the search took more work than the indirect method, which applies.
 
     Parameters
     ----------
-    bench : Bench
-        Of the search.
-    found : Candidate
-        Its result.
+    state : State
+        With the result of the search.
+
+    """
+    bench, found, options = state.bench, state.best, state.bench.options.indirect
+    return found is not None and found.record is not None and not (
+        found.nearby or bench.work < options.work and not bench.programs.touched_up
+        or bench.meter.remaining() < options.least) and _is_smooth(bench, found.record)
+
+
+def refine_after_search(state: State) -> State | str:
+    """
+    Refine a solution by the indirect method.
+
+    Parameters
+    ----------
+    state : State
+        With the result of the search.
 
     Returns
     -------
-    Candidate
-        With a certified solution from the boundary value problem, or `found`.
+    State or str
+        With a certified solution from the boundary value problem; the reason if there is none.
 
     """
-    options = bench.options.indirect
-    programs = bench.programs
-    if (found.record is None or found.nearby
-            or bench.work < options.work and not programs.touched_up
-            or bench.meter.remaining() < options.least or not _is_smooth(bench, found.record)):
-        return found
-    with bench.trace.attempt('indirect refinement') as attempt:
-        values = _boundary_values(bench, found.record)
-        if values is None:
-            attempt.end(Verdict.NOT_CONVERGED, 'the boundary value problem was not solved')
-            return found
-        for wanted in (options.quick, options.precise):
-            new = _better(bench, found, values, wanted)
-            if new is not found:
-                programs.note_refinement()
-                attempt.end(*judge_path(new.solution), cost=new.solution.objective)
-                return new
-        attempt.end(Verdict.REJECTED, 'its samples are not certified at this cost')
-    return found
+    bench, found, options = state.bench, state.best, state.bench.options.indirect
+    assert found is not None and found.record is not None
+    values = _boundary_values(bench, found.record)
+    if values is None:
+        return 'the boundary value problem was not solved'
+    for wanted in (options.quick, options.precise):
+        new = _better(bench, found, values, wanted)
+        if new is not found:
+            bench.programs.note_refinement()
+            return replace(state, best=new)
+    return 'its samples are not certified at this cost'
 
 
 def _is_smooth(bench: Bench, last: Answered) -> bool:

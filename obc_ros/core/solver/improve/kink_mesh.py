@@ -10,16 +10,16 @@ of a neighbouring problem.
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from obc_ros.core.numerics.arrays import Array, Index
 from obc_ros.core.ocp.problem import Problem
-from obc_ros.core.ocp.solution import Verdict
 from obc_ros.core.solver.adjoint.bvp_solution import BoundaryValues, cut_evenly
 from obc_ros.core.solver.adjoint.costates import Extremal
 from obc_ros.core.solver.adjoint.mesh_refinement import is_below
 from obc_ros.core.solver.arcs.input_arcs import Arc, find_arcs, insert_free_arcs
-from obc_ros.core.solver.bench import Bench
+from obc_ros.core.solver.improve.improvement import State
 from obc_ros.core.solver.program_cache import Answered, ProgramCache
 from obc_ros.core.solver.transcription.mesh import build_path, build_uniform_mesh, Mesh
 from obc_ros.core.solver.transcription.program import ProblemScales, TranscriptionOutcome
@@ -165,46 +165,50 @@ def transcribe_on_points(problem: Problem, found: BoundaryValues, t: Array,
         lam_g=np.zeros(0), mu=0.0)
 
 
-def solve_on_kinks(bench: Bench, outcome: TranscriptionOutcome,
-                   course: Extremal) -> tuple[TranscriptionOutcome, BoundaryValues] | None:
+def may_have_kinks(state: State) -> bool:
+    """
+    Return whether the kinks of free inputs are looked for, once in a descent.
+
+    Parameters
+    ----------
+    state : State
+        Of one phase, by Runge-Kutta steps, without state constraints.
+
+    """
+    bench, layout = state.bench, state.outcome.mesh.layout
+    return state.extremal is None and not any(state.switching) and not (
+        bench.bounded or bench.programs.twin or len(layout.phases) > 1 or layout.stages)
+
+
+def solve_on_kinks(state: State) -> State | str:
     """
     Solve on a mesh with a point at each kink of the inputs.
 
     Parameters
     ----------
-    bench : Bench
-        Of the search.
-    outcome : TranscriptionOutcome
+    state : State
         Of one phase, by Runge-Kutta steps.
-    course : Extremal
-        Its states and costates.
 
     Returns
     -------
-    tuple of TranscriptionOutcome and BoundaryValues, or None
-        The outcome, and the extremal whose kinks are its mesh points. None if that does not
-        apply, or did not converge at about the same cost.
+    State or str
+        With the extremal whose kinks are its mesh points. The reason if there are no kinks, or
+        the program did not converge at about the same cost.
 
     """
+    bench, outcome = state.bench, state.outcome
     options = bench.options.kinks
-    layout = outcome.mesh.layout
-    if bench.bounded or bench.programs.twin or len(layout.phases) > 1 or layout.stages:
-        return None
-    found = solve_boundary_values(bench.programs, bench.stated, outcome, course,
+    found = solve_boundary_values(bench.programs, bench.stated, outcome, bench.course(outcome),
                                   bench.sizes(outcome), rough=True)
     if found is None or len(found.lengths) == 1:
-        return None
+        return 'no extremal with kinks was found'
     guide = transcribe_on_points(bench.stated, found, *build_points(
         found, options.deviation, outcome.path.t[-1] / options.intervals,
         2 * bench.meter.max_intervals))
     if not bench.meter.allows(guide.mesh.layout.intervals):
-        return None
-    with bench.trace.attempt('mesh at kinks') as attempt:
-        new = bench.collocate(guide.mesh, guide.path, near=True, sizes=bench.sizes(outcome),
-                              guide=guide)
-        if not new.converged or is_below(outcome.objective, new.objective, options.worse):
-            attempt.end(Verdict.REJECTED, 'its cost is higher' if new.converged else new.status,
-                        cost=new.objective)
-            return None
-        attempt.end(Verdict.ACCEPTED, cost=new.objective)
-    return new, found
+        return 'it would have too many intervals'
+    new = bench.collocate(guide.mesh, guide.path, near=True, sizes=bench.sizes(outcome),
+                          guide=guide)
+    if not new.converged or is_below(outcome.objective, new.objective, options.worse):
+        return 'its cost is higher' if new.converged else new.status
+    return replace(state, outcome=new, extremal=found)

@@ -31,6 +31,7 @@ from obc_ros.core.solver.arcs.phase_program import PhasedProgram
 from obc_ros.core.solver.arcs.phases import DEGREE, Grazing, Phased
 from obc_ros.core.solver.arcs.state_contacts import add_contacts, find_contacts, StateContact
 from obc_ros.core.solver.bench import Bench, Candidate
+from obc_ros.core.solver.improve.improvement import State
 from obc_ros.core.solver.improve.phase_samples import BY_SAMPLES, certify_samples, join_phases
 from obc_ros.core.solver.nlp.meter import Meter
 from obc_ros.core.solver.options import BoundaryOptions, DEFAULTS
@@ -45,6 +46,7 @@ _MOST = 0.8           # part of a contact with inputs at bounds from which on th
 _WEIGHS = 1e-5        # multiplier of a bound relative to the costates from which on it is touched
 _SAME = 1e-5          # relative increase of the cost by tangential junctions that is accepted
 _LIMIT = 1e-3         # distance from the least length of a phase at which it is reached, relative
+_VAIN = 'no solution with these arcs was certified'
 _NO_JUMP = 0.05       # relative change of an input from which on it is a jump
 
 
@@ -251,36 +253,52 @@ def _grazing(problem: Problem, program: PhasedProgram, found: Phased, sizes: Pro
     return new if same else found
 
 
-def _may_have_arcs(bench: Bench) -> bool:
-    """Return whether boundary arcs may be used for this problem."""
+def may_have_arcs(state: State) -> bool:
+    """
+    Return whether boundary arcs may be used: there are state constraints.
+
+    Parameters
+    ----------
+    state : State
+        Of a descent.
+
+    """
+    bench = state.bench
     return bench.bounded and bench.may_hold and not (
         bench.quick or bench.programs.twin or bench.meter.stopped)
 
 
-def solve_along_bounds(bench: Bench, outcome: TranscriptionOutcome, known: Candidate | None = None
-                       ) -> Candidate | None:
+def may_have_arcs_at_once(state: State) -> bool:
     """
-    Find a certified solution with boundary arcs from an outcome.
+    Return whether boundary arcs may be used on a coarse mesh: inputs are held at bounds, too.
 
     Parameters
     ----------
-    bench : Bench
-        Of the search.
-    outcome : TranscriptionOutcome
-        Its arcs are detected.
-    known : Candidate, optional
-        If it is certified, the new solution must not cost more.
+    state : State
+        At the start of a descent.
+
+    """
+    return state.outcome.converged and any(state.switching) and may_have_arcs(state)
+
+
+def solve_along_bounds(state: State) -> State | str:
+    """
+    Find a certified solution with boundary arcs.
+
+    Parameters
+    ----------
+    state : State
+        The arcs of its outcome are detected. If its candidate is certified, the new solution must
+        not cost more.
 
     Returns
     -------
-    Candidate or None
-        None if none was certified.
+    State or str
+        With a certified candidate; the reason if there is none.
 
     """
-    options = bench.options.boundary
-    problem = bench.problem
-    if not _may_have_arcs(bench):
-        return None
+    bench, outcome, known = state.bench, state.outcome, state.best
+    options, problem = bench.options.boundary, bench.problem
     program = bench.programs.phased
     value = bench.programs.fitter(problem).at(problem, outcome.path.x, outcome.path.u)
     allowed = outcome.objective + options.dearer * abs(outcome.objective)
@@ -292,13 +310,13 @@ def solve_along_bounds(bench: Bench, outcome: TranscriptionOutcome, known: Candi
     for gap in options.gaps:
         arcs = read_spans(problem, program, outcome, value, bench.margin,
                           bench.programs.switching, gap)
-        with bench.trace.attempt('boundary arcs', f'{len(arcs)} arcs') as attempt:
+        with bench.trace.attempt('phases', f'{len(arcs)} arcs') as attempt:
             answer = _settled_on(bench, outcome, arcs, allowed, seen)
             if answer is not None:
                 attempt.end(*judge_path(answer), cost=answer.objective)
-                return Candidate(answer, bench.record(outcome))
-            attempt.end(Verdict.REJECTED, 'no solution with these arcs was certified')
-    return None
+                return replace(state, best=Candidate(answer, bench.record(outcome)))
+            attempt.end(Verdict.REJECTED, _VAIN)
+    return _VAIN
 
 
 @dataclass(frozen=True)
@@ -422,7 +440,7 @@ def _resolve(bench: Bench, turn: _Turn, found: Phased, answer: Solution,
     return replace(turn, fine=2 * turn.fine, spread=spread)
 
 
-def solve_at_once(bench: Bench, switches: bool, start: TranscriptionOutcome) -> Candidate | None:
+def solve_at_once(state: State) -> State | str:
     """
     Find a certified solution with boundary arcs from a coarse outcome, before it is refined.
 
@@ -430,32 +448,27 @@ def solve_at_once(bench: Bench, switches: bool, start: TranscriptionOutcome) -> 
 
     Parameters
     ----------
-    bench : Bench
-        Of the search.
-    switches : bool
-        Whether an input may be held at its bounds.
-    start : TranscriptionOutcome
-        On the coarse mesh.
+    state : State
+        At the start of a descent.
 
     Returns
     -------
-    Candidate or None
-        None if none was certified.
+    State or str
+        With a certified candidate; the reason if there is none.
 
     """
-    options = bench.options.boundary
-    if not (start.converged and switches and _may_have_arcs(bench)):
-        return None
-    outcome, problem, whole = start, bench.problem, bench.meter
+    start, problem, whole = state.outcome, state.bench.problem, state.bench.meter
+    options, outcome = state.bench.options.boundary, start
     for finer in (1, *options.finer):
-        bench = replace(bench, meter=whole.part(options.work))
+        bench = replace(state.bench, meter=whole.part(options.work))
         mesh = build_uniform_mesh(problem, finer * start.mesh.layout.intervals, bench.stages)
         if finer > 1 and whole.allows(mesh.layout.intervals):
             new = bench.collocate(mesh, outcome.path, near=True, sizes=bench.sizes(outcome))
             outcome = new if new.converged else outcome
-        if (answer := solve_along_bounds(bench, outcome)) is not None:
-            return answer
-    return None
+        here = replace(state, bench=bench, outcome=outcome)
+        if may_have_arcs(here) and isinstance(found := solve_along_bounds(here), State):
+            return replace(state, best=found.best)
+    return _VAIN
 
 
 def reread_arcs(problem: Problem, program: PhasedProgram, integrator: CostateIntegrator,

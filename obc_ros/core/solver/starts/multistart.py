@@ -12,7 +12,8 @@ from obc_ros.core.solver.adjoint.mesh_refinement import is_below
 from obc_ros.core.solver.bench import Bench, Candidate
 from obc_ros.core.solver.coarse_mesh import solve_next_start
 from obc_ros.core.solver.descent import descend, Descent, finish
-from obc_ros.core.solver.improve.hamiltonian_wells import move_to_best_branch
+from obc_ros.core.solver.improve.improvement import DescentStage, State
+from obc_ros.core.solver.improve.registry import try_improvements
 from obc_ros.core.solver.options import MultistartOptions
 from obc_ros.core.solver.program_cache import collect_numbers
 from obc_ros.core.solver.proofs.optimality import describe_local
@@ -54,8 +55,8 @@ def descend_from_coarse(bench: Bench, pool: StartPool, first: TranscriptionOutco
 
     """
     options = bench.options.multistart
-    first = move_to_best_branch(bench, first)
-    begun, work = bench.work, Descent(bench).follow(first)
+    first = try_improvements(DescentStage.COARSE, State(bench, first)).outcome
+    begun, work = bench.work, Descent(bench, first).follow()
     try:
         while bench.work - begun <= options.long:
             next(work)

@@ -1,0 +1,89 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""An improvement of a path: what it is called, when it is tried, and what it changes."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import Enum
+
+from obc_ros.core.ocp.solution import Verdict
+from obc_ros.core.solver.adjoint.bvp_solution import BoundaryValues
+from obc_ros.core.solver.bench import Bench, Candidate
+from obc_ros.core.solver.trace import judge_path
+from obc_ros.core.solver.transcription.program import TranscriptionOutcome
+
+
+class DescentStage(str, Enum):
+    """When in a search an improvement is tried."""
+
+    COARSE = 'on the best coarse outcome'
+    START = 'at the start of a descent'
+    FIRST_MESH = 'on its first mesh'
+    STALLED = 'on a mesh that gained little'
+    NEXT_MESH = 'before each finer mesh'
+    CERTIFIED = 'before and after certificates'
+    FINISHED = 'after the search'
+
+
+@dataclass(frozen=True, eq=False)
+class State:
+    """
+    A path on the way to a certificate, and what is known about it.
+
+    Attributes
+    ----------
+    bench : Bench
+        Of the search, with the tightening found so far.
+    outcome : TranscriptionOutcome
+        The path.
+    switching : tuple of bool, length m
+        Inputs that may be held at bounds.
+    in_vain : bool
+        Whether holding inputs at bounds did not help.
+    extremal : BoundaryValues or None
+        Solution of the boundary value problem whose kinks are the mesh points.
+    best : Candidate or None
+        The best candidate so far.
+
+    """
+
+    bench: Bench
+    outcome: TranscriptionOutcome
+    switching: tuple[bool, ...] = ()
+    in_vain: bool = False
+    extremal: BoundaryValues | None = None
+    best: Candidate | None = None
+
+    def judge(self, before: 'State') -> tuple[Verdict, str, float]:
+        """Return the verdict on the step from another state to this one, why, and the cost."""
+        if self.best is not None and self.best is not before.best:
+            return *judge_path(self.best.solution), self.best.solution.objective
+        helped = self.outcome is not before.outcome
+        return Verdict.ACCEPTED if helped else Verdict.REJECTED, '', self.outcome.objective
+
+
+@dataclass(frozen=True)
+class Improvement:
+    """
+    A change of a path that may lower its cost or lead to its certificate.
+
+    Attributes
+    ----------
+    name : str
+        As users see it in the trace, unique.
+    stage : DescentStage
+        When it is tried.
+    when : str
+        When it applies, in one sentence.
+    applies : callable
+        Whether it applies.
+    run : callable
+        Returns the new state, or the reason why there is none.
+
+    """
+
+    name: str
+    stage: DescentStage
+    when: str
+    applies: Callable[[State], bool]
+    run: Callable[[State], State | str]

@@ -1,0 +1,82 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+The improvements, in the order in which they are tried in their stage.
+
+A new improvement is a file and a line in IMPROVEMENTS. Four strategies are called directly. Mesh
+refinement and constraint tightening are the loop itself (`descent`). Negative curvature and the
+active set are steps of the nonlinear program, which knows no mesh (`nlp`). The indirect method is
+also a method by name (`refine_indirectly`), which explains why it does not apply.
+"""
+
+from obc_ros.core.ocp.solution import Verdict
+from obc_ros.core.solver.improve.arc_iteration import (
+    has_jumping_inputs,
+    has_switching_inputs,
+    hold_jumping_inputs,
+    hold_switching_inputs,
+)
+from obc_ros.core.solver.improve.hamiltonian_wells import has_branches, move_to_best_branch
+from obc_ros.core.solver.improve.improvement import DescentStage, Improvement, State
+from obc_ros.core.solver.improve.indirect import is_worth_refining, refine_after_search
+from obc_ros.core.solver.improve.kink_mesh import may_have_kinks, solve_on_kinks
+from obc_ros.core.solver.improve.state_arcs import (
+    may_have_arcs,
+    may_have_arcs_at_once,
+    solve_along_bounds,
+    solve_at_once,
+)
+
+IMPROVEMENTS = (
+    Improvement('Hamiltonian minima', DescentStage.COARSE,
+                'H may have several local minima in an input',
+                has_branches, move_to_best_branch),
+    Improvement('boundary arcs at once', DescentStage.START,
+                'there are state constraints and H is linear in an input',
+                may_have_arcs_at_once, solve_at_once),
+    Improvement('bang arcs', DescentStage.FIRST_MESH,
+                'H is linear in an input that has bounds',
+                has_switching_inputs, hold_switching_inputs),
+    Improvement('bang arcs of jumping inputs', DescentStage.STALLED,
+                'an input jumps from bound to bound although H is not linear in it',
+                has_jumping_inputs, hold_jumping_inputs),
+    Improvement('mesh at kinks', DescentStage.NEXT_MESH,
+                'there are no state constraints, and no inputs that are held at bounds',
+                may_have_kinks, solve_on_kinks),
+    Improvement('boundary arcs', DescentStage.CERTIFIED,
+                'there are state constraints',
+                may_have_arcs, solve_along_bounds),
+    Improvement('indirect refinement', DescentStage.FINISHED,
+                'no state constraint is active and the search took much work',
+                is_worth_refining, refine_after_search))
+
+
+def try_improvements(stage: DescentStage, state: State) -> State:
+    """
+    Try the improvements of a stage in turn, until one helps.
+
+    Parameters
+    ----------
+    stage : DescentStage
+        Which improvements.
+    state : State
+        The path.
+
+    Returns
+    -------
+    State
+        The new one; `state` itself if none helps.
+
+    """
+    for improvement in IMPROVEMENTS:
+        if improvement.stage is not stage or not improvement.applies(state):
+            continue
+        with state.bench.trace.attempt(improvement.name) as attempt:
+            new = improvement.run(state)
+            if isinstance(new, str):
+                attempt.end(Verdict.REJECTED, new)
+                continue
+            verdict, why, cost = new.judge(state)
+            attempt.end(verdict, why, cost=cost, what=new.outcome.mesh.layout.describe())
+        return new
+    return state

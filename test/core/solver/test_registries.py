@@ -1,0 +1,104 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""Registries of the search: unique names, and a new entry that is used and recorded."""
+
+from dataclasses import replace
+
+from obc_ros.core.ocp.solution import Verdict
+from obc_ros.core.solver.bench import build_bench, Task
+from obc_ros.core.solver.descent import descend
+from obc_ros.core.solver.improve import registry as improvements
+from obc_ros.core.solver.improve.improvement import DescentStage, Improvement
+from obc_ros.core.solver.methods import EXACT_METHODS, METHODS
+from obc_ros.core.solver.nlp.meter import Meter
+from obc_ros.core.solver.program_cache import ProgramCache
+from obc_ros.core.solver.solve import solve
+from obc_ros.core.solver.starts import registry as starts
+from obc_ros.core.solver.starts.start import Known, Proposal, Start, StartStage
+from obc_ros.core.solver.starts.start_pool import StartPool
+from obc_ros.core.solver.trace import GUESS
+from obc_ros.core.solver.transcription.mesh import build_uniform_mesh
+import problems
+import pytest
+
+REGISTRIES = {'methods': EXACT_METHODS, 'starts': starts.STARTS,
+              'improvements': improvements.IMPROVEMENTS}
+
+
+def test_names_are_unique_and_say_when_they_apply():
+    names = [each.name for registry in REGISTRIES.values() for each in registry]
+    assert len(set(names)) == len(names) > 10
+    assert not set(names) & (set(METHODS) - {each.name for each in EXACT_METHODS})
+    for each in (*starts.STARTS, *improvements.IMPROVEMENTS):
+        assert each.when
+        assert each.when[-1] != '.'
+
+
+@pytest.fixture(name='bench')
+def make_bench():
+    """Return the bench of a problem with bounded inputs."""
+    problem = problems.build('vanderpol_bounded')
+    return build_bench(Task(problem, ProgramCache(problem), Meter()))
+
+
+def solve_on_line(bench):
+    """Return the outcome on a coarse mesh from the straight line."""
+    line = bench.programs.guesser.line(bench.problem, bench.problem.final_time.value)
+    return bench.collocate(build_uniform_mesh(bench.problem, 16, bench.stages), line)
+
+
+@pytest.mark.parametrize('stage', [StartStage.FIRST_OUTCOME, StartStage.MULTISTART])
+def test_a_new_start_is_used_and_recorded(monkeypatch, stage):
+    """It proposes the line once more, which is seen to lead to the same minimum."""
+    def start_again(bench, pool, known):
+        line = bench.programs.guesser.line(bench.problem, bench.problem.final_time.value)
+        return Proposal(first=iter([line]), wanted=1)
+
+    problem = problems.build('vanderpol_bounded')
+    monkeypatch.setattr(starts, 'STARTS', (*starts.STARTS, Start(
+        'line once more', stage, 'always', lambda *_: True, start_again)))
+    found = solve(problem, method='transcription')
+    [made] = [each for each in found.attempts if each.method == 'line once more']
+    assert made.verdict is Verdict.ACCEPTED
+    [guess] = [each for each in found.attempts if (each.method, each.what) == (
+        GUESS, 'line once more')]
+    assert guess.work > 0
+    assert found.certified, found.message
+
+
+def test_the_outcome_of_a_new_start_ends_its_stage(monkeypatch, bench):
+    outcome = solve_on_line(bench)
+
+    def fail(*_):
+        raise AssertionError('the stage has ended')
+
+    monkeypatch.setattr(starts, 'STARTS', (
+        Start('nothing', StartStage.LAST_RESORT, 'always', lambda *_: True,
+              lambda *_: Proposal(why='no idea')),
+        Start('not now', StartStage.SECOND_MESH, 'always', lambda *_: True, fail),
+        Start('never', StartStage.LAST_RESORT, 'never', lambda *_: False, fail),
+        Start('line', StartStage.LAST_RESORT, 'always', lambda *_: True,
+              lambda *_: Proposal(outcomes=(outcome,))),
+        Start('too late', StartStage.LAST_RESORT, 'always', lambda *_: True, fail)))
+    pool = StartPool(bench.problem, bench.programs)
+    assert starts.try_starts(StartStage.LAST_RESORT, bench, pool, Known()).outcomes == (outcome,)
+    assert [(each.method, each.verdict, each.why) for each in bench.trace.attempts()[1:]] == [
+        ('nothing', Verdict.REJECTED, 'no idea'), ('line', Verdict.ACCEPTED, '')]
+
+
+def test_a_new_improvement_is_used_and_recorded(monkeypatch, bench):
+    """It certifies the coarse outcome, so that the descent ends without a finer mesh."""
+    def certify_now(state):
+        return replace(state, best=state.bench.certify(state.outcome))
+
+    monkeypatch.setattr(improvements, 'IMPROVEMENTS', (
+        Improvement('nothing', DescentStage.START, 'always', lambda _: True, lambda _: 'no idea'),
+        Improvement('certificate at once', DescentStage.START, 'always', lambda _: True,
+                    certify_now), *improvements.IMPROVEMENTS))
+    found = descend(bench, solve_on_line(bench))
+    _, descent, nothing, tried = bench.trace.attempts()
+    assert (nothing.method, nothing.verdict, nothing.why) == (
+        'nothing', Verdict.REJECTED, 'no idea')
+    assert (tried.method, tried.parent) == ('certificate at once', descent.number)
+    assert tried.verdict is descent.verdict is Verdict.NOT_CERTIFIED
+    assert tried.cost == found.solution.objective
