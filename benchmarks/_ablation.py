@@ -11,8 +11,8 @@ import timing  # isort: skip - before numpy
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, ExitStack
-from dataclasses import dataclass
-from functools import partial, wraps
+from dataclasses import replace
+from functools import wraps
 import json
 from pathlib import Path
 import sys
@@ -20,48 +20,14 @@ import time
 from typing import Any
 from unittest.mock import patch
 
+from obc_ros.core.ocp.solution import Verdict
 from obc_ros.core.ocp.statement import build_problem, load_file
-from obc_ros.core.solver import (
-    bench,
-    coarse_mesh,
-    conclusion,
-    descent,
-    methods,
-    program_cache,
-    search,
-)
-from obc_ros.core.solver.improve import arc_iteration, indirect, state_arcs
+from obc_ros.core.solver import bench, conclusion, methods, program_cache, search
+from obc_ros.core.solver.improve import registry as improvements
 from obc_ros.core.solver.solve import solve
-from obc_ros.core.solver.starts import initial_guess, multistart
+from obc_ros.core.solver.starts import multistart
+from obc_ros.core.solver.starts import registry as starts
 from obc_ros.core.solver.transcription import banded_program
-
-
-def give(value: Any) -> Callable[..., Any]:
-    """Return a function that returns a value."""
-    return lambda *_, **__: value
-
-
-def argument(number: int) -> Callable[..., Any]:
-    """Return a function that returns one of its arguments."""
-    return lambda *args, **__: args[number]
-
-
-@dataclass(frozen=True)
-class Strategy:
-    """
-    A part of the search that can be switched off.
-
-    Attributes
-    ----------
-    places : tuple of (object, str)
-        Where the function of the strategy is looked up.
-    off : callable
-        What takes its place. The strategy had an effect if it returns something else.
-
-    """
-
-    places: tuple[tuple[Any, str], ...]
-    off: Callable[..., Any]
 
 
 def skip_multistart(*args: Any, **_: Any) -> Any:
@@ -69,73 +35,68 @@ def skip_multistart(*args: Any, **_: Any) -> Any:
     return multistart.Explored(args[2], [], '')
 
 
-STRATEGIES = {
-    'riccati': Strategy(((methods.EXACT_METHODS[0], 'solve'),), give(None)),
-    'time_optimal': Strategy(((methods.EXACT_METHODS[1], 'solve'),), give(None)),
-    'reeds_shepp': Strategy(((methods.EXACT_METHODS[2], 'solve'),), give(None)),
-    'absolute values': Strategy(((program_cache, 'build_smooth_twin'),), give(None)),
-    'obstacle homotopy': Strategy(((coarse_mesh, 'start_around'),), give(0)),
-    'horizon continuation': Strategy(((coarse_mesh, 'lengthen_horizon'),), give(None)),
-    'rollouts, first starts': Strategy(((coarse_mesh, 'start_from_rollouts'),), give([])),
-    'rollouts, brief search': Strategy(((multistart, 'search_rollouts_briefly'),), give([])),
-    'rollouts, multistart': Strategy(((multistart, 'interleave_rollouts'),), give(None)),
-    'final-time windows': Strategy(((multistart, 'find_other_lengths'),), give([])),
-    'lines to other final states': Strategy(
-        ((initial_guess.Guesser, 'scattered'),), argument(3)),
-    'multistart': Strategy(((search, 'explore_starts'),), skip_multistart),
-    'Hamiltonian minima': Strategy(((multistart, 'move_to_best_branch'),), argument(1)),
-    'bang arcs': Strategy(((arc_iteration.ArcIteration, 'settle'),), argument(1)),
-    'mesh at kinks': Strategy(((descent, 'solve_on_kinks'),), give(None)),
-    'boundary arcs': Strategy(
-        ((descent, 'solve_along_bounds'), (state_arcs, 'solve_along_bounds')), give(None)),
-    'boundary arcs at once': Strategy(((descent, 'solve_at_once'),), give(None)),
-    'constraint tightening': Strategy(((bench, 'compute_tightening'),), lambda *args: (
-        args[3], bench.compute_tightening.__wrapped__(*args)[1])),  # type: ignore[attr-defined]
-    'indirect refinement': Strategy(((indirect, '_better'),), argument(1)),
-    'negative curvature': Strategy(((banded_program, 'leave_saddle'),), argument(1)),
-    'active set': Strategy(((banded_program, 'follow_active_set'),), give(None)),
-    'positivity': Strategy(((search, '_keep_inside'),), give(None)),
-    'chattering': Strategy(((search, '_mixes'),), give(False)),
-    'larger inputs': Strategy(((conclusion, 'explain_larger_inputs'),), give('')),
-    'proofs before the search': Strategy(((methods, '_prove_infeasible'),), give('')),
-}
+def skip_tightening(*args: Any) -> Any:
+    """Return the former margin, and the violation of the constraints."""
+    return args[3], bench.compute_tightening.__wrapped__(*args)[1]   # type: ignore[attr-defined]
+
+
+# Where the registries are, the function of a record, and whether its result has an effect.
+REGISTRIES: tuple[tuple[Any, str, str, Callable[..., bool]], ...] = (
+    (methods, 'EXACT_METHODS', 'solve', lambda found, *_: found is not None),
+    (starts, 'STARTS', 'run', lambda made, *_: made.judge()[0] is Verdict.ACCEPTED),
+    (improvements, 'IMPROVEMENTS', 'run', lambda new, state: not isinstance(new, str) and (
+        new.judge(state)[0] is not Verdict.REJECTED)))
+RECORDS = tuple(each.name for module, registry, *_ in REGISTRIES
+                for each in getattr(module, registry))
+# Records that do the same at different stages, switched off together.
+TOGETHER = {
+    'bang arcs, both': ('bang arcs', 'bang arcs of jumping inputs'),
+    'boundary arcs, both': ('boundary arcs', 'boundary arcs at once')}
+# Strategies in no registry: where the function is looked up, what takes its place, and whether a
+# result has an effect.
+CALLS: dict[str, tuple[Any, str, Callable[..., Any], Callable[..., bool]]] = {
+    'absolute values': (program_cache, 'build_smooth_twin', lambda *_: None,
+                        lambda found, *_: found is not None),
+    'multistart': (search, 'explore_starts', skip_multistart, lambda *_, **__: True),
+    'constraint tightening': (bench, 'compute_tightening', skip_tightening, lambda *_: True),
+    'negative curvature': (banded_program, 'leave_saddle', lambda *args: args[1],
+                           lambda found, *args: found is not args[1]),
+    'active set': (banded_program, 'follow_active_set', lambda *_, **__: None,
+                   lambda found, *_, **__: found is not None),
+    'positivity': (search, '_keep_inside', lambda *_: None, lambda found, *_: found is not None),
+    'chattering': (search, '_mixes', lambda *_: False, lambda found, *_: found),
+    'larger inputs': (conclusion, 'explain_larger_inputs', lambda *_: '',
+                      lambda found, *_: bool(found)),
+    'proofs before the search': (methods, '_prove_infeasible', lambda *_: '',
+                                 lambda found, *_: bool(found))}
+STRATEGIES = (*RECORDS, *TOGETHER, *CALLS)
 
 
 @contextmanager
 def switched(name: str, acted: set[str]) -> Iterator[None]:
     """Switch one strategy off, and note the others that have an effect."""
+    without = TOGETHER.get(name, (name,))
     with ExitStack() as stack:
-        for other, strategy in STRATEGIES.items():
-            for of, attribute in strategy.places:
-                function = getattr(of, attribute)
-                new = watched(function, partial(_note, other, strategy.off, acted))
-                if other == name:
-                    new = wraps(function)(strategy.off)
-                if isinstance(of, methods.ExactMethod):   # frozen
-                    object.__setattr__(of, attribute, new)
-                    stack.callback(object.__setattr__, of, attribute, function)
-                else:
-                    stack.enter_context(patch.object(of, attribute, new))
+        for module, registry, run, acts in REGISTRIES:
+            kept = tuple(
+                replace(each, **{run: watched(each.name, getattr(each, run), acts, acted)})
+                for each in getattr(module, registry) if each.name not in without)
+            stack.enter_context(patch.object(module, registry, kept))
+        for other, (module, attribute, off, acts) in CALLS.items():
+            function = getattr(module, attribute)
+            new = wraps(function)(off) if other == name else watched(other, function, acts, acted)
+            stack.enter_context(patch.object(module, attribute, new))
         yield
 
 
-def _note(name: str, off: Callable[..., Any], acted: set[str], found: Any, *args: Any) -> None:
-    """Note a strategy whose result differs from what takes its place."""
-    if name in ('constraint tightening', 'multistart', 'lines to other final states',
-                'rollouts, multistart'):
-        acted.add(name)
-    else:
-        other = off(*args)
-        if found is not other and not (isinstance(found, int | str | list) and found == other):
-            acted.add(name)
-
-
-def watched(function: Callable[..., Any], note: Callable[..., None]) -> Callable[..., Any]:
-    """Return a function that also notes its result."""
+def watched(name: str, function: Callable[..., Any], acts: Callable[..., bool],
+            acted: set[str]) -> Callable[..., Any]:
+    """Return a function that also notes its strategy if its result has an effect."""
     @wraps(function)
     def call(*args: Any, **kwargs: Any) -> Any:
         found = function(*args, **kwargs)
-        note(found, *args)
+        if acts(found, *args, **kwargs):
+            acted.update({name, *(group for group, names in TOGETHER.items() if name in names)})
         return found
 
     return call

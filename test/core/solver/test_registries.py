@@ -3,6 +3,7 @@
 """Registries of the search: unique names, and a new entry that is used and recorded."""
 
 from dataclasses import replace
+from pathlib import Path
 
 from obc_ros.core.ocp.solution import Verdict
 from obc_ros.core.solver.bench import build_bench, Task
@@ -25,13 +26,19 @@ REGISTRIES = {'methods': EXACT_METHODS, 'starts': starts.STARTS,
               'improvements': improvements.IMPROVEMENTS}
 
 
-def test_names_are_unique_and_say_when_they_apply():
+PAGE = Path(__file__).parents[3] / 'docs' / 'solver.md'
+
+
+def test_names_are_unique():
     names = [each.name for registry in REGISTRIES.values() for each in registry]
     assert len(set(names)) == len(names) > 10
     assert not set(names) & (set(METHODS) - {each.name for each in EXACT_METHODS})
-    for each in (*starts.STARTS, *improvements.IMPROVEMENTS):
-        assert each.when
-        assert each.when[-1] != '.'
+
+
+@pytest.mark.parametrize('registry', ['starts', 'improvements'])
+def test_the_page_lists_the_strategies_in_order(registry):
+    rows = [f'| {each.name} | {each.stage.value} | {each.when} |' for each in REGISTRIES[registry]]
+    assert '\n'.join(rows) + '\n\n' in PAGE.read_text(encoding='utf-8')
 
 
 @pytest.fixture(name='bench')

@@ -17,11 +17,11 @@ class DescentStage(str, Enum):
     """When in a search an improvement is tried."""
 
     COARSE = 'on the best coarse outcome'
-    START = 'at the start of a descent'
-    FIRST_MESH = 'on its first mesh'
+    START = 'before a descent'
+    FIRST_MESH = 'on the first mesh of a descent'
     STALLED = 'on a mesh that gained little'
-    NEXT_MESH = 'before each finer mesh'
-    CERTIFIED = 'before and after certificates'
+    NEXT_MESH = 'before a finer mesh'
+    CERTIFIED = 'where a certificate is near'
     FINISHED = 'after the search'
 
 

@@ -38,7 +38,7 @@ IMPROVEMENTS = (
                 'H is linear in an input that has bounds',
                 has_switching_inputs, hold_switching_inputs),
     Improvement('bang arcs of jumping inputs', DescentStage.STALLED,
-                'an input jumps from bound to bound although H is not linear in it',
+                'an input jumps from bound to bound, and none is held',
                 has_jumping_inputs, hold_jumping_inputs),
     Improvement('mesh at kinks', DescentStage.NEXT_MESH,
                 'there are no state constraints, and no inputs that are held at bounds',

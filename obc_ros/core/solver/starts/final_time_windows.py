@@ -22,7 +22,7 @@ from obc_ros.core.solver.transcription.program import TranscriptionOutcome
 
 def has_other_lengths(bench: Bench, known: Known) -> bool:
     """
-    Return whether T is free and the cost, convex in its arguments, depends on more than T.
+    Return whether T is free, and the cost depends on more than T and has one minimum in x.
 
     Parameters
     ----------

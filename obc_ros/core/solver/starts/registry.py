@@ -40,13 +40,13 @@ STARTS = (
           'there are terminal constraints and no initial guess led to a path',
           ends_at_target, start_from_rollouts),
     Start('line to another final state', StartStage.MULTISTART,
-          'the cost is not convex',
+          'the cost may have several local minima in the states',
           lambda _, known: known.uneven, _scatter_lines),
     Start('another final time', StartStage.MULTISTART,
-          'the final time is free and not the only cost',
+          'the final time is free, and the cost depends on more than it',
           has_other_lengths, find_other_lengths),
     Start('cross-entropy rollout', StartStage.MULTISTART,
-          'the cost is convex or there are no terminal constraints',
+          'the cost has one local minimum in the states, or the end is free',
           may_interleave, interleave_rollouts))
 
 

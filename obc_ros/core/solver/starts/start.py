@@ -19,7 +19,7 @@ class StartStage(str, Enum):
 
     FIRST_OUTCOME = 'after the first initial guess'
     SECOND_MESH = 'on the second coarse mesh'
-    LAST_RESORT = 'after all coarse meshes'
+    LAST_RESORT = 'after the last coarse mesh'
     MULTISTART = 'before multistart'
 
 
@@ -39,7 +39,7 @@ class Known:
     begun : int
         Work of the search before multistart.
     uneven : bool
-        Whether the cost is not convex.
+        Whether the cost may have several local minima in the states.
     bent : bool
         Whether the dynamics are so nonlinear that they may cause other local minima.
 
