@@ -118,10 +118,32 @@ class ByColumn:
     def _parcel(self, size: int) -> tuple[Array, Array, Callable[[], None], Any]:
         if size not in self._parcels:
             given, found = np.ones((self._shape[0], size)), np.empty((self._shape[1], size))
-            both: tuple[Any, Any] = self._of(size).buffer()
-            buffer, evaluate = both
-            # Copying some rows takes less time than passing their address.
-            buffer.set_arg(0, given.data)
-            buffer.set_res(0, found.data)
-            self._parcels[size] = given, found, evaluate, buffer
+            self._parcels[size] = given, found, *bind_buffers(self._of(size), given, found)
         return self._parcels[size]
+
+
+def bind_buffers(function: ca.Function, given: Array, found: Array
+                 ) -> tuple[Callable[[], None], Any]:
+    """
+    Bind the input and the output of a function to arrays.
+
+    Parameters
+    ----------
+    function : casadi.Function
+        With one input and one output.
+    given, found : ndarray
+        Contiguous. Copying some rows into them takes less time than passing their address.
+
+    Returns
+    -------
+    evaluate : callable
+        Evaluates the function.
+    buffer : object
+        To be kept as long as it is called.
+
+    """
+    both: tuple[Any, Any] = function.buffer()
+    buffer, evaluate = both
+    buffer.set_arg(0, given.data)
+    buffer.set_res(0, found.data)
+    return evaluate, buffer

@@ -10,7 +10,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 from obc_ros.core.numerics.arrays import Array
-from obc_ros.core.numerics.column_functions import ByColumn, Columns
+from obc_ros.core.numerics.column_functions import bind_buffers, ByColumn, Columns
 
 _FEW = 32      # rows of a batch
 _MANY = 1500   # rows so far after which building the evaluation by columns pays
@@ -114,12 +114,7 @@ class VectorizedFunction:
     def _parcel(self) -> tuple[Array, Array, Callable[[], None], Any]:
         """Return the arguments and results of a batch, the call that evaluates it, its buffer."""
         given, found = (np.zeros((self._few, size[-1])) for size in (self._inputs, self._outputs))
-        both: tuple[Any, Any] = self._function.map(self._few).buffer()
-        buffer, evaluate = both
-        # Copying some rows takes less time than passing their address.
-        buffer.set_arg(0, given.data)
-        buffer.set_res(0, found.data)
-        return given, found, evaluate, buffer
+        return given, found, *bind_buffers(self._function.map(self._few), given, found)
 
     @cached_property
     def _by_column(self) -> ByColumn:

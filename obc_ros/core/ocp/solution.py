@@ -244,3 +244,9 @@ class Solution:
     def certified(self) -> bool:
         """Return whether there is a certificate that passes."""
         return self.certificate is not None and self.certificate.holds
+
+    def meets(self, limits: Mapping[Condition, float]) -> bool:
+        """Return whether there is a certificate whose residuals are within some limits."""
+        certificate = self.certificate
+        return certificate is not None and all(
+            certificate.residuals.get(key, np.inf) <= limit for key, limit in limits.items())

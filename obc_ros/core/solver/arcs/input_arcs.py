@@ -305,8 +305,7 @@ def build_arc_mesh(problem: Problem, arcs: Sequence[Arc], stages: int, density: 
     for arc in arcs:
         free = [math.isnan(level) for level in arc.levels]
         count = max(_FEWEST[any(free)], math.ceil(density * (arc.end - arc.start)))
-        phases.append(Phase(count, tuple(LINEAR if f else HELD for f in free),
-                            (False,) * problem.m))
+        phases.append(Phase(count, tuple(LINEAR if f else HELD for f in free)))
     layout = Layout(tuple(phases), stages, problem.final_time.free)
     fractions = np.concatenate([np.full(p.intervals, 1.0 / p.intervals) for p in phases])
     held = np.array([[0.0 if math.isnan(v) else v for v in arc.levels] for arc in arcs])

@@ -56,7 +56,9 @@ from obc_ros.core.solver.proofs.singular_expressions import (
 _NEARLY = FEASIBLE | {Condition.START: 1e-3, Condition.END: 1e-3, Condition.BOUNDS: 1e-3}
 _ROUGHLY = _NEARLY | {Condition.DYNAMICS: 1e-2}
 _WIDE = 1e-2        # violation of bounds allowed for a path of a convex problem
-_PART = 0.1         # residuals of Pontryagin's conditions allowed for a convex problem
+# Residuals of Pontryagin's conditions up to which a path of a convex problem is nearly optimal.
+_OPTIMAL = dict.fromkeys((Condition.COSTATE, Condition.MINIMUM, Condition.TRANSVERSALITY,
+                          Condition.HAMILTONIAN), 0.1)
 _LATER = 50.0       # times T up to which a minimum time is looked for
 _UNPROVED = 'infeasibility has not been proved'
 _EXCLUDED = ('the bounds and constraints exclude each other: a combination of them is negative on '
@@ -172,14 +174,15 @@ class _Doubt:
         missed = describe_shortfall(problem, nearest)
         if not missed:
             return self.mixed(found) or self.without_end(found)
-        if found is not None and _almost(problem, found) and not self.shown:
+        if found is not None and found.meets(_NEARLY) and not (
+                describe_shortfall(problem, found) or self.shown):
             return None   # the path found before is closer
         return self.too_short() or self.too_little() or self.missing(missed)
 
     def best(self, other: Problem) -> Solution:
         """Return a path of another problem; of a convex problem a nearly optimal one."""
         answer = self.solve(other)
-        if not self.keeps(answer) or self.convex and not _nearly_optimal(answer):
+        if not self.keeps(answer) or self.convex and not answer.meets(_OPTIMAL):
             answer = self.thorough(other)
         return answer
 
@@ -220,7 +223,7 @@ class _Doubt:
         guess = FinalTime(free=True, lower=1e-3 * last, upper=_LATER * last, guess=2 * last)
         later = replace(problem, L=ca.SX(1), V=ca.SX(0), final_time=guess, structure='')
         answer = self.solve(later)
-        if not is_path(answer) and _roughly(answer):
+        if not is_path(answer) and answer.meets(_ROUGHLY):
             answer = self.thorough(later)
         if not is_path(answer) or describe_shortfall(problem, answer):
             return None
@@ -291,35 +294,12 @@ class _Doubt:
             f'between mesh points by {certificate.residuals[Condition.BOUNDS]:.1g} of its size'))
 
 
-def _nearly_optimal(answer: Solution) -> bool:
-    """Return whether a solution of a convex problem nearly satisfies Pontryagin's conditions."""
-    certificate = answer.certificate
-    return certificate is not None and all(
-        certificate.residuals[key] <= _PART
-        for key in (Condition.COSTATE, Condition.MINIMUM, Condition.TRANSVERSALITY,
-                    Condition.HAMILTONIAN))
-
-
 def _arrives(solution: Solution) -> bool:
     """Return whether the constraints are met; dynamics and optimality are not examined."""
     certificate = solution.certificate
     return certificate is not None and all(
         certificate.residuals.get(key, 0.0) <= certificate.tolerances.get(key, 0.0)
         for key in (Condition.START, Condition.END, Condition.BOUNDS))
-
-
-def _roughly(solution: Solution) -> bool:
-    """Return whether a solution nearly satisfies the constraints, at a rough discretisation."""
-    certificate = solution.certificate
-    return certificate is not None and all(
-        certificate.residuals.get(key, 0.0) <= limit for key, limit in _ROUGHLY.items())
-
-
-def _almost(problem: Problem, found: Solution) -> bool:
-    """Return whether a solution meets the terminal constraints and nearly meets all others."""
-    residuals = found.certificate.residuals if found.certificate else {}
-    return not describe_shortfall(problem, found) and all(
-        residuals.get(key, np.inf) <= limit for key, limit in _NEARLY.items())
 
 
 def _time(problem: Problem) -> str:

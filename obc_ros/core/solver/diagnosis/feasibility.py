@@ -30,10 +30,7 @@ _EFFORT = 1e-8      # weight of the inputs in problems that do not determine the
 
 def is_path(solution: Solution, wide: float = FEASIBLE[Condition.BOUNDS]) -> bool:
     """Return whether a solution, optimal or not, is a path; `wide`: largest residual of bounds."""
-    certificate = solution.certificate
-    return certificate is not None and all(
-        certificate.residuals.get(key, np.inf) <= limit
-        for key, limit in (FEASIBLE | {Condition.BOUNDS: wide}).items())
+    return solution.meets(FEASIBLE | {Condition.BOUNDS: wide})
 
 
 def describe_shortfall(problem: Problem, nearest: Solution) -> str:

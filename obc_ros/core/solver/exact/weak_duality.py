@@ -23,7 +23,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 from obc_ros.core.numerics.arrays import Array
-from obc_ros.core.ocp.least_time_form import Affine, find_affine_dynamics
+from obc_ros.core.ocp.least_time_form import find_affine_dynamics
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.solver.exact.reachable_set import compute_exponential, Reach
 
@@ -156,8 +156,8 @@ def is_excluded(problem: Problem) -> bool:
     if growth > _MOST_GROWTH or not B.any():
         return False
     demands = _demands(problem)
-    return demands is not None and _excluded(
-        Affine(plant.A, B, c), problem.x0, T, demands)
+    reach = Reach(plant.A, B, c, problem.x0, np.eye(problem.n), problem.x0)
+    return demands is not None and _excluded(reach, T, demands)
 
 
 def _demands(problem: Problem) -> _Demands | None:
@@ -187,18 +187,16 @@ def _demands(problem: Problem) -> _Demands | None:
     return _Demands(S, s, np.array([node for *_, node in found]))
 
 
-def _excluded(plant: Affine, x0: Array, T: float, demands: _Demands) -> bool:
+def _excluded(reach: Reach, T: float, demands: _Demands) -> bool:
     """Return whether weights are found that prove that no input satisfies all constraints."""
     from scipy.optimize import linprog
 
-    n, m = plant.B.shape
+    n, m = reach.B.shape
     N = _NODES * _CELLS
-    Z = np.zeros((n + m + 1, n + m + 1))
-    Z[:n, :n], Z[:n, n:n + m], Z[:n, -1] = plant.A, plant.B, plant.c
-    step = compute_exponential(Z * (T / N))
+    step = compute_exponential(reach.Z * (T / N))
     E, G, drift = step[:n, :n], step[:n, n:n + m], step[:n, -1]
     # x at the ends of cells without inputs, and its derivative by the inputs of all cells.
-    free, forced = [x0], np.zeros((N + 1, n, N * m))
+    free, forced = [reach.x0], np.zeros((N + 1, n, N * m))
     for k in range(N):
         free.append(E @ free[-1] + drift)
         forced[k + 1] = E @ forced[k]
@@ -217,18 +215,16 @@ def _excluded(plant: Affine, x0: Array, T: float, demands: _Demands) -> bool:
     if found.status != 0 or found.x[-1] <= 0:
         return False
     y = np.maximum(-found.ineqlin.marginals, 0.0) * unit
-    return _proves(plant, x0, T, demands, y)
+    return _proves(reach, T, demands, y)
 
 
 @np.errstate(over='ignore', invalid='ignore')   # as in `_separates`
-def _proves(plant: Affine, x0: Array, T: float, demands: _Demands, y: Array) -> bool:
+def _proves(reach: Reach, T: float, demands: _Demands, y: Array) -> bool:
     """Return whether no input satisfies the sum of the constraints with weights y >= 0."""
-    n, m = plant.B.shape
+    n, m = reach.B.shape
     parts = _CELLS * _FINER * 4
     h = T / (_NODES * parts)
-    Z = np.zeros((n + m + 1, n + m + 1))
-    Z[:n, :n], Z[:n, n:n + m], Z[:n, -1] = plant.A, plant.B, plant.c
-    step = compute_exponential(Z * h)
+    step = compute_exponential(reach.Z * h)
     w, reached, constant, size = np.zeros(n), 0.0, 0.0, 0.0
     for node in range(_NODES, 0, -1):
         rows = demands.at == node
@@ -238,12 +234,11 @@ def _proves(plant: Affine, x0: Array, T: float, demands: _Demands, y: Array) -> 
             course.append(course[-1] @ step[:n, :n])
         at = np.array(course)
         integral = at[:-1] @ step[:n, n:n + m]
-        reached += float(_absolute(plant.A, plant.B, at, np.full(parts, h), integral).sum())
+        reached += float(_absolute(reach.A, reach.B, at, np.full(parts, h), integral).sum())
         constant += float((at[:-1] @ step[:n, -1]).sum())
         size += float((np.abs(at[:-1]) @ np.abs(step[:n, -1])).sum())
         w = at[-1]
     wanted = float(y @ demands.s)
-    least = constant + float(w @ x0) - reached
-    reach = Reach(plant.A, plant.B, plant.c, x0, np.eye(n), x0)
+    least = constant + float(w @ reach.x0) - reached
     size += float(np.abs(y) @ (np.abs(demands.s) + np.abs(demands.S) @ reach.sizes(T))) + reached
     return bool(np.isfinite(least) and least - wanted > 1e3 * _MARGIN * size)

@@ -302,18 +302,7 @@ def _too_soon(problem: Problem) -> Iterator[str]:
         yield f'{found.message}{", without regard to the other constraints" if more else ""}'
 
 
-def _too_far(problem: Problem) -> Iterator[str]:
-    """Yield constraints that hold at no state within the bounds, or at no reachable state."""
-    yield from find_unsatisfiable(problem)
-
-
-def _not_conserved(problem: Problem) -> Iterator[str]:
-    """Yield invariants of the dynamics whose value at the end differs from that at the start."""
-    if problem.q:
-        yield from find_changed_invariants(problem)
-
-
 # In this order.
 CHECKS: tuple[Callable[[Problem], Iterator[str]], ...] = (
-    _at_start, _at_end, _path_at_end, _beyond_control, _beyond_reach, _too_soon, _too_far,
-    _not_conserved)
+    _at_start, _at_end, _path_at_end, _beyond_control, _beyond_reach, _too_soon,
+    find_unsatisfiable, find_changed_invariants)

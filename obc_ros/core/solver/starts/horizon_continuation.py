@@ -139,6 +139,6 @@ def _longer(bench: Bench, outcome: TranscriptionOutcome, intervals: int,
     path = build_path(points, np.vstack([known.x, x[1:]]), np.vstack([known.ua, held]),
                       np.vstack([known.ub, held]), np.array([length]))
     before = outcome.mesh.layout
-    phase = Phase(len(points) - 1, before.phases[0].modes, before.phases[0].joined)
+    phase = Phase(len(points) - 1, before.phases[0].modes)
     layout = Layout((phase,), before.stages, before.free_time)
     return Mesh(layout, np.diff(points) / length, np.zeros((1, problem.m))), path

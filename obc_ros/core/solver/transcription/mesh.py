@@ -33,14 +33,11 @@ class Phase:
     modes : tuple of str, length m
         LINEAR (continuous, linear in each interval), STEPPED (constant in each interval) or HELD
         (at a given value).
-    joined : tuple of bool, length m
-        Whether an input is continuous at the start of the phase.
 
     """
 
     intervals: int
     modes: tuple[str, ...]
-    joined: tuple[bool, ...]
 
 
 @dataclass(frozen=True)
@@ -221,7 +218,7 @@ def build_uniform_mesh(problem: Problem, intervals: int, stages: int, mode: str 
         LINEAR or STEPPED, for all inputs.
 
     """
-    phase = Phase(intervals, (mode,) * problem.m, (False,) * problem.m)
+    phase = Phase(intervals, (mode,) * problem.m)
     layout = Layout((phase,), stages, problem.final_time.free)
     return Mesh(layout, np.full(intervals, 1.0 / intervals), np.zeros((1, problem.m)))
 

@@ -189,11 +189,8 @@ class Transcription:
                     self.at_ua[span, i] = self.at_ub[span, i] = first + np.arange(phase.intervals)
                     first += phase.intervals
                     continue
-                joined = phase.joined[i] and k > 0
-                places = first + np.arange(phase.intervals + 1 - int(joined))
+                places = first + np.arange(phase.intervals + 1)
                 first += len(places)
-                if joined:
-                    places = np.append(self.at_ub[k - 1, i], places)
                 self.at_ua[span, i], self.at_ub[span, i] = places[:-1], places[1:]
             k += phase.intervals
         self.held = held

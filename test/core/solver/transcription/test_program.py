@@ -183,7 +183,7 @@ def test_phases_of_free_duration_find_the_switching_time():
         'final_time': {'free': True, 'lower': 0.1, 'upper': 10}}
 
     def mesh(problem):
-        phases = (Phase(2, (HELD,), (False,)),) * 2
+        phases = (Phase(2, (HELD,)),) * 2
         return Mesh(Layout(phases, 0, True), np.full(4, 0.5), np.array([[-1.0], [1.0]]))
 
     _, outcome = solve_program_on(mapping, mesh)
@@ -201,7 +201,7 @@ def test_splitting_a_mesh_keeps_its_points():
 
 
 def test_an_arc_of_zero_duration_is_not_refined():
-    phase = Phase(2, (LINEAR,), (False,))
+    phase = Phase(2, (LINEAR,))
     mesh = Mesh(Layout((phase, phase), 0, False), np.full(4, 0.5), np.zeros((2, 1)))
     u = np.array([[0.0], [1.0], [5.0], [6.0]])
     path = Path(np.array([0.0, 0.5, 1.0, 1.0, 1.0]), np.zeros((5, 1)), np.zeros((4, 0, 1)),
