@@ -2,12 +2,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """The set of states that satisfy the affine terminal constraints, in exact arithmetic."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 
 import casadi as ca
 import numpy as np
-from obc_ros.core.numerics.arrays import Mask
+from obc_ros.core.numerics.arrays import Array, Mask
 from obc_ros.core.numerics.rational_polynomials import (
     find_null_space,
     RationalRow,
@@ -81,14 +82,7 @@ def find_affine_end(problem: Problem) -> End | None:
     """
     n = problem.n
     psi = ca.Function('psi', [problem.x, problem.p], [ca.densify(problem.psi)])
-    try:
-        found = read_polynomials(psi, [[None] * n, problem.p_value])[1] if problem.q else []
-    except TooHardError:
-        return None
-    rows: dict[int, RationalRow] = {}
-    for number, each in enumerate(found):
-        if part := split_affine(each, n):
-            rows[number] = {k: value for k, value in enumerate([*part[0], part[1]]) if value}
+    rows = read_affine_rows(psi, [[None] * n, problem.p_value]) if problem.q else {}
     if not rows:
         return None
     echelon, clash = eliminate_rows(rows, n)
@@ -101,6 +95,34 @@ def find_affine_end(problem: Problem) -> End | None:
                                   for row in rows.values()], n)
     clear = _rank(rows, n) == n - len(directions)
     return End(rows, x, directions, clash, clear and clash is None)
+
+
+def read_affine_rows(function: ca.Function, values: Sequence[Sequence[float | None] | Array]
+                     ) -> dict[int, RationalRow]:
+    """
+    Return the affine entries of the output of a function of SX.
+
+    Parameters
+    ----------
+    function : casadi.Function
+        Its first input has no values.
+    values : sequence of sequence
+        As for `read_polynomials`.
+
+    Returns
+    -------
+    dict
+        For the number of each affine entry its coefficients, the constant behind them; empty if
+        an entry is too large for exact arithmetic.
+
+    """
+    try:
+        found = read_polynomials(function, values)[1]
+    except TooHardError:
+        return {}
+    parts = ((number, split_affine(each, len(values[0]))) for number, each in enumerate(found))
+    return {number: {k: value for k, value in enumerate([*part[0], part[1]]) if value}
+            for number, part in parts if part}
 
 
 def eliminate_rows(rows: dict[int, RationalRow], n: int) -> tuple[dict[int, RationalRow],

@@ -67,10 +67,8 @@ class Indirect:
             None if Newton's method did not converge.
 
         """
-        fractions = [_cut(arc, points, _FEWEST_ROUGH if rough else _FEWEST) for arc in arcs]
-        arc_of = np.repeat(np.arange(len(arcs)), [len(part) for part in fractions])
-        system = Equations(
-            self._parts, problem, arcs, scales, np.concatenate(fractions), arc_of)
+        system = self._equations(
+            problem, arcs, points, scales, _FEWEST_ROUGH if rough else _FEWEST)
         with np.errstate(all='ignore'):
             start = system.start(course)
             return system.solve(start, _SHARE) if rough else self._refined(system, start)
@@ -100,10 +98,7 @@ class Indirect:
             None if Newton's method did not converge.
 
         """
-        fractions = [_cut(arc, points, _FEWEST) for arc in found.arcs]
-        arc_of = np.repeat(np.arange(len(fractions)), [len(part) for part in fractions])
-        system = Equations(
-            self._parts, problem, found.arcs, scales, np.concatenate(fractions), arc_of)
+        system = self._equations(problem, found.arcs, points, scales, _FEWEST)
         with np.errstate(all='ignore'):
             return self._refined(system, system.near(found))
 
@@ -157,6 +152,13 @@ class Indirect:
         with np.errstate(all='ignore'):
             system = Equations(self._parts, problem, arcs, scales, *known.intervals)
             return system.solve(system.near(known), _SHARE)
+
+    def _equations(self, problem: Problem, arcs: Sequence[Arc], points: Array,
+                   scales: ProblemScales, fewest: int) -> Equations:
+        """Return the equations on intervals between mesh points, at least so many in an arc."""
+        fractions = [_cut(arc, points, fewest) for arc in arcs]
+        arc_of = np.repeat(np.arange(len(arcs)), [len(part) for part in fractions])
+        return Equations(self._parts, problem, arcs, scales, np.concatenate(fractions), arc_of)
 
     def _refined(self, system: Equations, start: Unknowns) -> BoundaryValues | None:
         """Solve by Newton's method, on finer intervals until the defects are small enough."""

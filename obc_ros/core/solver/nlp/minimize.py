@@ -19,13 +19,7 @@ import casadi as ca
 import numpy as np
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.numerics.interval_arithmetic import enclose_outputs
-from obc_ros.core.numerics.rational_polynomials import (
-    RationalRow,
-    read_polynomials,
-    split_affine,
-    TooHardError,
-)
-from obc_ros.core.ocp.affine_constraints import eliminate_rows
+from obc_ros.core.ocp.affine_constraints import eliminate_rows, read_affine_rows
 from obc_ros.core.ocp.certificate import kkt
 from obc_ros.core.ocp.certificate.kkt import KktCondition
 from obc_ros.core.ocp.solution import Certificate, Report, Status
@@ -252,15 +246,7 @@ def _is_excluded(program: kkt.StaticProgram) -> bool:
             each.low > slack for each in enclose_outputs(g, box)):
         return True
     n = program.x.numel()
-    try:
-        found = read_polynomials(G, [[None] * n])[1]
-    except TooHardError:
-        return False
-    rows: dict[int, RationalRow] = {}
-    for index, each in enumerate(found):
-        if part := split_affine(each, n):
-            rows[index] = {k: value for k, value in enumerate([*part[0], part[1]]) if value}
-    return eliminate_rows(rows, n)[1] is not None
+    return eliminate_rows(read_affine_rows(G, [[None] * n]), n)[1] is not None
 
 
 def _least_violation(program: kkt.StaticProgram, start: Array) -> Array:
