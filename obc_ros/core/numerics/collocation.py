@@ -30,26 +30,31 @@ def compute_gauss_points(stages: int) -> Array:
     return np.asarray((np.polynomial.legendre.leggauss(stages)[0] + 1) / 2)
 
 
-def build_lagrange_polynomials(points: Array) -> list[np.poly1d]:
+def evaluate_lagrange(points: Array, at: Array | float, order: int = 0) -> Array:
     """
-    Return the Lagrange polynomials: each is 1 at its point and 0 at the others.
+    Evaluate the Lagrange polynomials, each of which is 1 at its point and 0 at the others.
 
     Parameters
     ----------
     points : ndarray, shape (s,)
         Distinct.
+    at : ndarray of any shape, or float
+        Arguments.
+    order : int
+        Order of the derivative; 0: the values.
 
     Returns
     -------
-    list of numpy.poly1d
-        One for each point, of degree s - 1.
+    ndarray, shape (..., s)
 
     """
-    found = []
-    for i, point in enumerate(points):
-        others = np.delete(points, i)
-        found.append(np.poly1d(np.poly(others) / np.prod(point - others)))
-    return found
+    return np.stack([np.polyder(each, order)(at) for each in _polynomials(points)], axis=-1)
+
+
+def _polynomials(points: Array) -> list[np.poly1d]:
+    others = [np.delete(points, i) for i in range(len(points))]
+    return [np.poly1d(np.poly(rest) / np.prod(point - rest))
+            for point, rest in zip(points, others, strict=True)]
 
 
 @cache
@@ -75,7 +80,6 @@ def build_collocation(stages: int, kind: str = 'legendre') -> tuple[Array, Array
 
     """
     points = np.append(0.0, ca.collocation_points(stages, kind))
-    through_all = build_lagrange_polynomials(points)
-    derivative = np.column_stack([np.polyder(each)(points[1:]) for each in through_all])
-    weights = np.array([np.polyint(each)(1.0) for each in build_lagrange_polynomials(points[1:])])
-    return points[1:], weights, derivative, np.array([each(1.0) for each in through_all])
+    weights = np.array([np.polyint(each)(1.0) for each in _polynomials(points[1:])])
+    return (points[1:], weights, evaluate_lagrange(points, points[1:], 1),
+            evaluate_lagrange(points, 1.0))

@@ -19,7 +19,11 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 from obc_ros.core.numerics.arrays import Array, Index
-from obc_ros.core.numerics.collocation import build_collocation, compute_gauss_points
+from obc_ros.core.numerics.collocation import (
+    build_collocation,
+    compute_gauss_points,
+    evaluate_lagrange,
+)
 from obc_ros.core.numerics.newton import take_damped_steps
 from obc_ros.core.numerics.samples import interpolate_columns
 from obc_ros.core.numerics.vectorized import VectorizedFunction
@@ -403,8 +407,7 @@ class Equations:
 @cache
 def _outer() -> Array:
     """Return the values at 0 and 1 of the polynomials that are 1 at one Gauss point."""
-    return np.array([np.linalg.solve(np.vander(compute_gauss_points(_STAGES)).T, power)
-                     for power in np.vander([0.0, 1.0], _STAGES)])
+    return evaluate_lagrange(compute_gauss_points(_STAGES), np.array([0.0, 1.0]))
 
 
 def _solved(matrix: Array, right: Array) -> Array:

@@ -25,7 +25,7 @@ from functools import cached_property
 import casadi as ca
 import numpy as np
 from obc_ros.core.numerics.arrays import Array, Mask
-from obc_ros.core.numerics.collocation import build_collocation, build_lagrange_polynomials
+from obc_ros.core.numerics.collocation import build_collocation, evaluate_lagrange
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.ocp.structure import find_idle_inputs
 from obc_ros.core.solver.arcs.constraint_orders import BoundRates
@@ -316,7 +316,7 @@ class _Solve:
 
     def _first(self, u: ca.MX, phase: int) -> ca.MX:
         """Return the inputs (m,) at the start of a phase, which is not a Radau point."""
-        first = [each(0.0) for each in build_lagrange_polynomials(self.program.points[1:])]
+        first = evaluate_lagrange(self.program.points[1:], 0.0)
         a = int(self.first[phase]) * DEGREE
         return ca.mtimes(u[:, a:a + DEGREE], ca.DM(first))
 

@@ -34,6 +34,25 @@ _GONE = 1e-6          # length, as part of T, up to which a phase has vanished
 _PERHAPS, _NEVER = 1, 2   # `touch`: boundary arcs also at near contacts; no boundary arcs
 
 
+def solve_on_arcs(bench: Bench, arcs: list[Arc], outcome: TranscriptionOutcome, density: float,
+                  most: int, kept: float = 0.0) -> TranscriptionOutcome | None:
+    """
+    Solve with a phase for each arc, from an outcome.
+
+    `density`: intervals of the whole horizon, about. `most`: maximum number of iterations. `kept`:
+    least length of arcs at bounds, as part of the given one. None if it does not converge.
+    """
+    problem = bench.problem
+    mesh, durations = build_arc_mesh(problem, arcs, bench.stages, density / outcome.path.t[-1])
+    if not bench.meter.allows(mesh.layout.intervals) or not bench.programs.transcription(
+            problem, mesh.layout).solvable(problem, mesh):
+        return None
+    held = [not np.isnan(arc.levels).any() for arc in arcs]
+    new = bench.collocate(mesh, sharpen_steps(outcome.path, arcs), durations, near=True,
+                          sizes=bench.sizes(outcome), least=kept * durations * held, most=most)
+    return new if new.converged else None
+
+
 class ArcIteration:
     """
     The arc iteration for one problem.
@@ -166,18 +185,9 @@ class ArcIteration:
 
         `kept`: least length of arcs at bounds, as part of the given one.
         """
-        options = self.bench.options.bangs
-        bench = self.bench
-        mesh, durations = build_arc_mesh(
-            self.problem, arcs, bench.stages, density / outcome.path.t[-1])
-        if not bench.meter.allows(mesh.layout.intervals) or not self.programs.transcription(
-                self.problem, mesh.layout).solvable(self.problem, mesh):
-            return None
-        held = [not np.isnan(arc.levels).any() for arc in arcs]
-        new = bench.collocate(mesh, sharpen_steps(outcome.path, arcs), durations, near=True,
-                              sizes=bench.sizes(outcome), least=kept * durations * held,
-                              most=options.iterations)
-        return new if new.converged and self.no_dearer(new, outcome) else None
+        new = solve_on_arcs(self.bench, arcs, outcome, density,
+                            self.bench.options.bangs.iterations, kept)
+        return new if new is not None and self.no_dearer(new, outcome) else None
 
     def no_dearer(self, new: TranscriptionOutcome, outcome: TranscriptionOutcome) -> bool:
         """Return whether an outcome costs no more than another, as it is or corrected for gaps."""

@@ -19,9 +19,10 @@ from obc_ros.core.numerics.collocation import compute_gauss_points
 from obc_ros.core.numerics.samples import interpolate_columns
 from obc_ros.core.solver.adjoint.costates import Extremal
 from obc_ros.core.solver.adjoint.mesh_refinement import is_below
-from obc_ros.core.solver.arcs.control_discontinuities import find_jumps, sharpen_steps
-from obc_ros.core.solver.arcs.input_arcs import Arc, build_arc_mesh, have_moved
+from obc_ros.core.solver.arcs.control_discontinuities import find_jumps
+from obc_ros.core.solver.arcs.input_arcs import Arc, have_moved
 from obc_ros.core.solver.bench import Bench
+from obc_ros.core.solver.improve.arc_iteration import solve_on_arcs
 from obc_ros.core.solver.improve.improvement import State
 from obc_ros.core.solver.transcription.mesh import Path
 from obc_ros.core.solver.transcription.program import TranscriptionOutcome
@@ -172,13 +173,8 @@ def _with_jumps(bench: Bench, outcome: TranscriptionOutcome) -> TranscriptionOut
         path, arcs = outcome.path, _apart(bench, outcome)
         if len(arcs) == len(path.durations) and not have_moved(arcs, path.durations, _VANISHING):
             break
-        mesh, durations = build_arc_mesh(
-            bench.problem, arcs, bench.stages, len(path.ua) / path.t[-1])
-        if not bench.meter.allows(mesh.layout.intervals):
-            break
-        new = bench.collocate(mesh, sharpen_steps(path, arcs), durations, near=True,
-                              sizes=bench.sizes(outcome), most=options.iterations)
-        if not new.converged or is_below(outcome.objective, new.objective, _SAME):
+        new = solve_on_arcs(bench, arcs, outcome, len(path.ua), options.iterations)
+        if new is None or is_below(outcome.objective, new.objective, _SAME):
             break
         outcome = new
     return outcome

@@ -15,7 +15,7 @@ import math
 import casadi as ca
 import numpy as np
 from obc_ros.core.numerics.arrays import Array, Index
-from obc_ros.core.numerics.collocation import build_collocation, build_lagrange_polynomials
+from obc_ros.core.numerics.collocation import build_collocation, evaluate_lagrange
 from obc_ros.core.ocp.certificate.certificate import certify
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.ocp.solution import Condition, Solution, Status
@@ -39,22 +39,16 @@ def join_phases(found: Phased) -> Path:
     """Return phases as a path on the ends of their intervals."""
     at = np.append(0.0, np.cumsum(found.h))
     points = build_collocation(DEGREE, 'radau')[0]
-    first = _basis(points, np.zeros(1))[0][0]
+    first = evaluate_lagrange(points, 0.0)
     x = np.vstack([found.x[:, 0], found.x[-1:, -1]])
     return build_path(at, x, np.einsum('j,kjm->km', first, found.u), found.u[:, -1],
                       found.durations)
 
 
-def _basis(points: Array, tau: Array, derivatives: int = 0) -> list[Array]:
-    """Return the values of Lagrange polynomials at times (..., s), and their derivatives."""
-    return [np.stack([np.polyder(each, order)(tau)
-                      for each in build_lagrange_polynomials(points)], axis=-1)
-            for order in range(derivatives + 1)]
-
-
 def _parts(found: Phased, samples: int) -> Index:
     """Return the number of parts between samples in each interval: more where inputs bend."""
-    bends, = _basis(build_collocation(DEGREE, 'radau')[0], np.linspace(0.0, 1.0, DEGREE), 2)[2:]
+    bends = evaluate_lagrange(
+        build_collocation(DEGREE, 'radau')[0], np.linspace(0.0, 1.0, DEGREE), 2)
     size = np.maximum(np.abs(found.u).max(axis=(0, 1)), 1e-300)
     bend = np.sqrt(np.abs(np.einsum('sj,kjm->ksm', bends, found.u) / size).max(axis=(1, 2)))
     share = np.minimum(bend / max(bend.mean(), 1e-300), _UNEVEN)
@@ -75,9 +69,9 @@ def sample_phases(problem: Problem, program: PhasedProgram, integrator: CostateI
     most = int(parts.max())
     # Intervals with fewer parts repeat their end.
     tau = np.minimum(np.arange(most + 1) / parts[:, None], 1.0)
-    on_x, = _basis(points, tau)
+    on_x = evaluate_lagrange(points, tau)
     highest = int(bounds.orders.max(initial=0))
-    on_u = _basis(points[1:], tau, max(highest, 2))
+    on_u = [evaluate_lagrange(points[1:], tau, order) for order in range(max(highest, 2) + 1)]
     x, lam = (np.einsum('ksj,kjn->ksn', on_x, values) for values in (found.x, found.lam))
     u, bend = (np.einsum('ksj,kjm->ksm', on_u[order], found.u) for order in (0, 2))
     # The interpolation between samples of u has a mean error of h^2 / 12 times its second
