@@ -67,7 +67,7 @@ CALLS: dict[str, tuple[Any, str, Callable[..., Any], Callable[..., bool]]] = {
     'chattering': (search, '_mixes', lambda *_: False, lambda found, *_: found),
     'larger inputs': (conclusion, 'explain_larger_inputs', lambda *_: '',
                       lambda found, *_: bool(found)),
-    'proofs before the search': (methods, '_prove_infeasible', lambda *_: '',
+    'proofs before the search': (methods, '_examine_statement', lambda *_: None,
                                  lambda found, *_: bool(found))}
 STRATEGIES = (*RECORDS, *TOGETHER, *CALLS)
 

@@ -10,7 +10,7 @@ from obc_ros.core.ocp.certificate.certificate import certify
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.ocp.solution import Condition, Solution, Status, Verdict
 from obc_ros.core.solver.bench import Task
-from obc_ros.core.solver.diagnosis.explanation import explain, is_proved_infeasible
+from obc_ros.core.solver.diagnosis.explanation import explain
 from obc_ros.core.solver.diagnosis.unboundedness import explain_larger_inputs
 from obc_ros.core.solver.proofs.existence import advise_bounds, find_constant_cost
 from obc_ros.core.solver.proofs.optimality import add_optimality
@@ -33,9 +33,12 @@ _FAULTS: Mapping[str, str] = {
 _NO_PATH = 1e-2         # residual of the dynamics above which no mesh is fine enough
 
 
-def conclude(task: Task, found: Solution, *, searched: bool) -> Solution:
+def conclude(task: Task, found: Solution) -> Solution:
     """
     Return what a method has found with its certificate, status and message.
+
+    If the trace shows a search, the cost may fall without end as inputs grow, so that an extremal
+    is no minimum; and the reason is looked for if the result is not certified.
 
     Parameters
     ----------
@@ -43,9 +46,6 @@ def conclude(task: Task, found: Solution, *, searched: bool) -> Solution:
         The problem.
     found : Solution
         The result of a method.
-    searched : bool
-        Whether it comes from a search. Then the cost may fall without end as inputs grow, so that
-        an extremal is no minimum; and the reason is looked for if it is not certified.
 
     Returns
     -------
@@ -57,9 +57,8 @@ def conclude(task: Task, found: Solution, *, searched: bool) -> Solution:
     if found.status is not Status.INFEASIBLE and (found.certificate or not late):
         found = judge(problem, found)
     sentence = explain_larger_inputs(problem, found, _solver_of_related(task)) if (
-        searched and found.certified and find_constant_cost(problem) is None) else ''
-    found = (_without_least(task, found, sentence) if sentence else
-             _ended(task, found, searched))
+        meter.trace.searched and found.certified and find_constant_cost(problem) is None) else ''
+    found = _without_least(task, found, sentence) if sentence else _ended(task, found)
     return add_optimality(problem, found)
 
 
@@ -112,7 +111,7 @@ def mark_unfinished(path: Solution) -> Solution:
 def _without_least(task: Task, found: Solution, sentence: str) -> Solution:
     """Return a solution without its certificate, since larger inputs may lower the cost."""
     none = Solution(Status.NOT_CONVERGED, sentence, method=found.method)
-    ended = _ended(task, none, True)
+    ended = _ended(task, none)
     if ended.status is Status.INFEASIBLE:
         return ended
     return replace(found, status=ended.status, certificate=None, message=(
@@ -127,7 +126,7 @@ def drop_multipliers(found: Solution, L: float) -> Solution:
         state_multipliers=None, path_multipliers=None)
 
 
-def _ended(task: Task, found: Solution, explained: bool) -> Solution:
+def _ended(task: Task, found: Solution) -> Solution:
     """Return a solution with its final status, and with the reason if it is not certified."""
     problem, meter, time_limit = task.problem, task.meter, task.time_limit
     path = f'; {_uncertified(found)}' if found.t.size and not found.certified else ''
@@ -140,7 +139,7 @@ def _ended(task: Task, found: Solution, explained: bool) -> Solution:
         return replace(found, status=Status.TIMED_OUT, message=(
             '; '.join(filter(None, (f'no certified solution within {time_limit:g} s{path}',
                                     meter.trace.describe_effort(), advice)))))
-    if not explained:
+    if not meter.trace.searched:
         return found
     if meter.trace.mesh_refused:
         found = replace(found, message=(
@@ -156,7 +155,8 @@ def _explained(task: Task, found: Solution) -> Solution:
     if meter.remaining() < options.least:
         return found
     with meter.trace.attempt('explanation', aside=True) as attempt:
-        reason = explain(problem, *_explaining(task), found=found)
+        reason = explain(problem, *_explaining(task), found=found, trace=meter.trace,
+                         remaining=meter.remaining)
         proved = reason is not None and reason.infeasible
         attempt.end(Verdict.PROVED if proved else Verdict.NOT_PROVED,
                     reason.sentence if reason else '')
@@ -191,8 +191,8 @@ def look_for_proof(task: Task) -> Callable[[Problem], str]:
     """
     def why_not(problem: Problem) -> str:
         with task.meter.trace.attempt('proof', 'that no path exists', aside=True) as attempt:
-            proved = is_proved_infeasible(problem)
-            reason = explain(problem, *(_explaining(task) if proved else ()), proved=proved)
+            reason = explain(problem, *_explaining(task), trace=task.meter.trace,
+                             remaining=task.meter.remaining, proofs=True)
             sentence = reason.sentence if reason and reason.infeasible else ''
             attempt.end(Verdict.PROVED if sentence else Verdict.NOT_PROVED, sentence)
         return sentence

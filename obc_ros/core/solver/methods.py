@@ -14,18 +14,14 @@ from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.ocp.solution import Solution, Status, Verdict
 from obc_ros.core.solver.bench import Bench, Candidate, Task
 from obc_ros.core.solver.conclusion import drop_multipliers, judge, look_for_proof
+from obc_ros.core.solver.diagnosis.explanation import explain, Reason
 from obc_ros.core.solver.exact.time_optimal import solve_time_optimal
 from obc_ros.core.solver.exact.two_wheeled import solve_two_wheeled
 from obc_ros.core.solver.improve.improvement import DescentStage, State
 from obc_ros.core.solver.improve.indirect import refine_indirectly
 from obc_ros.core.solver.improve.registry import try_improvements
 from obc_ros.core.solver.linear_quadratic import solve_lq
-from obc_ros.core.solver.proofs.contradictions import explain_contradiction
-from obc_ros.core.solver.proofs.existence import (
-    explain_no_minimum,
-    find_constant_cost,
-    state_least_effort,
-)
+from obc_ros.core.solver.proofs.existence import find_constant_cost, state_least_effort
 from obc_ros.core.solver.search import search
 from obc_ros.core.solver.trace import judge_path
 
@@ -93,11 +89,10 @@ def solve_automatically(task: Task) -> Solution:
     for exact in EXACT_METHODS:
         if exact.affine == task.programs.affine and (found := _try_exact(task, exact)) is not None:
             return found
-    if not task.programs.answers:   # otherwise a neighbour's path comes first: proofs take longer
-        if reason := _prove_infeasible(task):
-            return Solution(Status.INFEASIBLE, reason, method='arcs')
-        if explain_no_minimum(task.problem):
-            return Solution(Status.NOT_CONVERGED, 'the cost has no minimum', method='arcs')
+    # Proofs take longer than to follow the path of a neighbour.
+    if not task.programs.answers and (reason := _examine_statement(task)):
+        status = Status.INFEASIBLE if reason.infeasible else Status.NOT_CONVERGED
+        return Solution(status, reason.sentence, method='arcs')
     if (L := find_constant_cost(task.problem)) is not None:
         return replace(_find_any_path(task, L), method='arcs')
     return replace(_search(task), method='arcs')
@@ -119,11 +114,12 @@ def _try_exact(task: Task, exact: ExactMethod) -> Solution | None:
     return None
 
 
-def _prove_infeasible(task: Task) -> str:
-    """Return a proof that no path satisfies the constraints, '' without one."""
-    with task.meter.trace.attempt('proof', 'of a contradiction') as attempt:
-        reason = explain_contradiction(task.problem)
-        attempt.end(Verdict.PROVED if reason else Verdict.NOT_PROVED, reason)
+def _examine_statement(task: Task) -> Reason | None:
+    """Return a proof that no path satisfies the constraints, or that the cost has no minimum."""
+    with task.meter.trace.attempt('proof', 'from the statement') as attempt:
+        reason = explain(task.problem, trace=task.meter.trace)
+        attempt.end(Verdict.PROVED if reason else Verdict.NOT_PROVED,
+                    reason.sentence if reason else '')
     return reason
 
 

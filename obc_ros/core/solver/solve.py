@@ -18,7 +18,7 @@ from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.ocp.solution import MAX_INTERVALS, Report, Solution
 from obc_ros.core.solver.bench import Task
 from obc_ros.core.solver.conclusion import conclude, mark_unfinished
-from obc_ros.core.solver.methods import EXACT_METHODS, METHODS
+from obc_ros.core.solver.methods import METHODS
 from obc_ros.core.solver.nlp.meter import BestPath, Meter
 from obc_ros.core.solver.options import DEFAULTS, Options
 from obc_ros.core.solver.program_cache import ProgramCache
@@ -108,9 +108,7 @@ def solve(problem: Problem, *, method: str = '', time_limit: float = 60.0,
     if keep is not None:
         meter.watch(BestPath(problem, lambda path: keep(mark_unfinished(path))))
     task = Task(problem, programs, meter, time_limit)
-    found = METHODS[name](task)
-    searched = all(exact.name != (found.method or name) for exact in EXACT_METHODS)
-    found = conclude(task, found, searched=searched)
+    found = conclude(task, METHODS[name](task))
     built = programs.take_build_time()
     return replace(found, method=found.method or name, iterations=meter.iterations,
                    attempts=meter.trace.attempts(), build_time=built,

@@ -8,7 +8,8 @@ import math
 
 from obc_ros.core.ocp.solution import Attempt, MOST_ATTEMPTS, Solution, Status, Verdict
 
-GUESS = 'initial guess'   # the method of an attempt from an initial guess
+# The methods of attempts from an initial guess, and from the solution of a neighbour.
+GUESS, NEIGHBOUR = 'initial guess', 'neighbour'
 _SHOWN = 3   # attempts under way that `Trace.describe` names, the innermost last
 
 
@@ -156,6 +157,16 @@ class Trace:
         """Return the number of attempts for the problem itself, all or with one verdict."""
         return sum(entry.method == method and not entry.aside and verdict in (None, entry.verdict)
                    for entry in self._entries)
+
+    def find_verdict(self, method: str) -> Verdict | None:
+        """Return the verdict of the last attempt by a method, None if it was not tried."""
+        return next((entry.verdict for entry in reversed(self._entries)
+                     if entry.method == method), None)
+
+    @property
+    def searched(self) -> bool:
+        """Return whether a path was searched for, not only an exact method or a proof."""
+        return self.count(GUESS) + self.count(NEIGHBOUR) > 0
 
     def describe_effort(self) -> str:
         """Return in words how hard a path was searched for; '' without a search."""

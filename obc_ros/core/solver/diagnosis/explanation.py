@@ -3,7 +3,9 @@
 """
 Explanation of why a problem has no solution, with numbers, in the names of its statement.
 
-The proofs of `contradictions` and `existence` come first. Then related problems are solved:
+The checks are records in CHECKS; a new one is a function and a line. They are tried in turn, each
+in the situations for which it is meant, until one finds a reason. Those that examine the statement
+come first, unless the trace shows that they were tried. Then related problems are solved:
 
 elastic       Minimise the violation of the terminal constraints; then again without one state
               bound, path constraint or input bound at a time, to find the bound that is to blame.
@@ -19,13 +21,18 @@ constraints are affine, T is given and inputs are bounded, by weak duality (`wea
 sentences about searches say that nothing was proved, because a search may end at a local minimum.
 """
 
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
+from enum import Enum
+from functools import cached_property
+import math
 
 import casadi as ca
 import numpy as np
+from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.ocp.nonconvexity import has_convex_paths
 from obc_ros.core.ocp.problem import FinalTime, Problem
-from obc_ros.core.ocp.solution import Condition, Solution
+from obc_ros.core.ocp.solution import Condition, Solution, Status, Verdict
 from obc_ros.core.ocp.wording import format_number, state_bound
 from obc_ros.core.solver.diagnosis.feasibility import (
     describe_broken_bound,
@@ -51,6 +58,7 @@ from obc_ros.core.solver.proofs.singular_expressions import (
     explain_steep_root,
     explain_undefined,
 )
+from obc_ros.core.solver.trace import Trace
 
 # Residuals of a certificate up to which a path nearly satisfies the constraints; with rough steps.
 _NEARLY = FEASIBLE | {Condition.START: 1e-3, Condition.END: 1e-3, Condition.BOUNDS: 1e-3}
@@ -61,6 +69,7 @@ _OPTIMAL = dict.fromkeys((Condition.COSTATE, Condition.MINIMUM, Condition.TRANSV
                           Condition.HAMILTONIAN), 0.1)
 _LATER = 50.0       # times T up to which a minimum time is looked for
 _UNPROVED = 'infeasibility has not been proved'
+_WEAK_DUALITY = 'weak duality'
 _EXCLUDED = ('the bounds and constraints exclude each other: a combination of them is negative on '
              'every path (weak duality)')
 
@@ -73,111 +82,124 @@ class Reason:
     sentence: str
 
 
-def explain(problem: Problem, solve: Solver | None = None, thorough: Solver | None = None, *,
-            found: Solution | None = None, proved: bool | None = None) -> Reason | None:
+class Situation(str, Enum):
+    """When a check is tried."""
+
+    STATED = 'before a search'
+    FOUND = 'a search has found samples'
+    ARRIVED = 'they meet the constraints, whether or not they satisfy the dynamics'
+    PATH = 'they are a path within the state constraints'
+    KEPT = 'the path found meets all constraints, or there are none'
+    UNHELD = 'no path was found within the state constraints'
+    REACHED = 'a related problem led to a path that meets all constraints'
+    MISSED = 'all paths found miss the terminal constraints'
+
+
+class Unsolved:
     """
-    Return why a problem has no solution.
+    A problem without a solution, and what was found.
 
     Parameters
     ----------
     problem : Problem
-        The problem that was not solved.
-    solve : callable, optional
-        Returns a Solution of a problem with its certificate, whether or not the certificate
-        passes; observes the time limit. Without it only the proofs are tried.
-    thorough : callable, optional
-        Does the same with more work: several initial guesses, until the certificate passes.
-    found : Solution, optional
-        The best path found for the problem.
-    proved : bool, optional
-        Result of `is_proved_infeasible`, if it is known.
-
-    Returns
-    -------
-    Reason or None
-        None if no reason was found.
+        The problem.
+    solve, thorough : callable
+        As for `explain`.
+    found : Solution or None
+        The best path found.
+    trace : Trace
+        What was tried.
+    remaining : callable
+        Returns the time left [s].
 
     """
-    sentence = explain_contradiction(problem)
-    if sentence:
-        return Reason(True, sentence)
-    sentence = explain_no_minimum(problem)
-    if sentence or solve is None:
-        return Reason(False, sentence) if sentence else None
-    doubt = _Doubt(problem, solve, thorough or solve, proved)
-    reason = doubt.reason(found)
-    if (reason is None or not reason.infeasible) and doubt.shown:
-        return Reason(True, _EXCLUDED)   # no related problem shows which constraint is to blame
-    return reason
 
-
-def is_proved_infeasible(problem: Problem) -> bool:
-    """
-    Return whether weak duality proves that no path satisfies all constraints.
-
-    Parameters
-    ----------
-    problem : Problem
-        Any problem; proofs exist only for affine dynamics and constraints, given T and bounded
-        inputs.
-
-    Returns
-    -------
-    bool
-        False if nothing is proved.
-
-    """
-    return has_convex_paths(problem) and is_excluded(problem)
-
-
-class _Doubt:
-    """A problem without a known contradiction, and the solvers for related problems."""
-
-    def __init__(self, problem: Problem, solve: Solver, thorough: Solver,
-                 proved: bool | None) -> None:
-        self.problem, self.solve = problem, solve
-        self.thorough = thorough
-        self.lost = True  # whether no path was found within the bounds
+    def __init__(self, problem: Problem, solve: Solver, thorough: Solver, found: Solution | None,
+                 trace: Trace, remaining: Callable[[], float]) -> None:
+        self.problem, self.solve, self.thorough = problem, solve, thorough
+        self.found, self._trace, self._remaining = found, trace, remaining
+        self.lost = found is None or not is_path(found)   # no path within the bounds
         self.convex = has_convex_paths(problem)
-        self._shown = proved
 
-    @property
-    def shown(self) -> bool:
-        """Whether it is proved that no path satisfies all constraints."""
-        if self._shown is None:
-            self._shown = is_proved_infeasible(self.problem)
-        return self._shown
+    @cached_property
+    def excluded(self) -> bool:
+        """Whether weak duality proves that no path satisfies all constraints."""
+        if not self.convex:
+            return False
+        verdict = self._trace.find_verdict(_WEAK_DUALITY)
+        if verdict is None:
+            with self._trace.attempt(_WEAK_DUALITY) as attempt:
+                proved = is_excluded(self.problem, self._remaining())
+                verdict = Verdict.PROVED if proved else Verdict.NOT_PROVED
+                attempt.end(verdict)
+        return verdict is Verdict.PROVED
 
-    def reason(self, found: Solution | None) -> Reason | None:
-        """Return why there is no solution, None if no reason was found."""
-        problem = self.problem
-        if found is not None and (sentence := explain_undefined(problem, found.t, found.x,
-                                                                found.u)):
-            return Reason(False, sentence)
-        self.lost = found is None or not is_path(found)
-        if found is not None and _arrives(found) and (
-                sentence := explain_kink(problem, found.t, found.x, found.u)
-                or explain_steep_root(problem, found.t, found.x, found.u)):
-            return Reason(False, sentence)
-        if found is not None and not self.lost and (
-                sentence := explain_level_terminal(problem, found.x[-1])):
-            return Reason(False, sentence)
+    @cached_property
+    def nearest(self) -> Solution:
+        """The path within the state constraints that ends nearest to the terminal ones."""
+        return self.best(relax_terminal(self.problem))
+
+    @cached_property
+    def missed(self) -> str:
+        """By how much the nearest path misses the terminal constraints, '' if it meets them."""
+        return describe_shortfall(self.problem, self.nearest)
+
+    @cached_property
+    def outcome(self) -> Situation | None:
+        """How the searches ended; None if the path found is nearer than `nearest`."""
+        problem, found = self.problem, self.found
         kept = found is not None and not self.lost and not describe_shortfall(problem, found)
         if kept or problem.q == 0 and not problem.constrained:
-            return self.mixed(found) or self.without_end(found)
-        nearest = self.best(relax_terminal(problem))
-        if not self.keeps(nearest):
-            sentence = explain_undefined(problem, nearest.t, nearest.x, nearest.u)
-            return Reason(False, sentence) if sentence else (
-                self.not_held() or problem.q and (self.too_short() or self.too_little())
-                or self.without_end(found) or self.leapt(nearest))
-        missed = describe_shortfall(problem, nearest)
-        if not missed:
-            return self.mixed(found) or self.without_end(found)
-        if found is not None and found.meets(_NEARLY) and not (
-                describe_shortfall(problem, found) or self.shown):
-            return None   # the path found before is closer
-        return self.too_short() or self.too_little() or self.missing(missed)
+            return Situation.KEPT
+        if not self.keeps(self.nearest):
+            return Situation.UNHELD
+        if not self.missed:
+            return Situation.REACHED
+        nearer = found is not None and found.meets(_NEARLY) and not (
+            describe_shortfall(problem, found) or self.excluded)
+        return None if nearer else Situation.MISSED
+
+    def is_in(self, situation: Situation) -> bool:
+        """Return whether a situation is given; to decide that, related problems may be solved."""
+        if situation is Situation.STATED:
+            return True
+        if situation is Situation.FOUND:
+            return self.found is not None
+        if situation is Situation.ARRIVED:
+            return self.found is not None and _arrives(self.found)
+        if situation is Situation.PATH:
+            return not self.lost
+        return situation is self.outcome
+
+    def contradicts(self) -> Reason | None:
+        """Return which parts of the statement provably exclude each other."""
+        sentence = explain_contradiction(self.problem)
+        return Reason(True, sentence) if sentence else None
+
+    def has_no_minimum(self) -> Reason | None:
+        """Return that the cost provably has no minimum."""
+        return _report(explain_no_minimum(self.problem))
+
+    def is_undefined(self) -> Reason | None:
+        """Return which expression is undefined on the path found."""
+        return self._look(explain_undefined)
+
+    def has_kink(self) -> Reason | None:
+        """Return which absolute value or root of states vanishes on the path found."""
+        return self._look(explain_kink) or self._look(explain_steep_root)
+
+    def ends_level(self) -> Reason | None:
+        """Return which terminal constraint has a vanishing gradient at the end of the path."""
+        return self._look(lambda problem, t, x, u: explain_level_terminal(problem, x[-1]))
+
+    def _look(self, look: Callable[[Problem, Array, Array, Array], str]) -> Reason | None:
+        found = self.found
+        return None if found is None else _report(look(self.problem, found.t, found.x, found.u))
+
+    def is_undefined_nearby(self) -> Reason | None:
+        """Return which expression is undefined on the nearest path."""
+        path = self.nearest
+        return _report(explain_undefined(self.problem, path.t, path.x, path.u))
 
     def best(self, other: Problem) -> Solution:
         """Return a path of another problem; of a convex problem a nearly optimal one."""
@@ -199,20 +221,21 @@ class _Doubt:
         answer = self.solve(other)
         return answer if answer.certified else self.thorough(other)
 
-    def mixed(self, found: Solution | None) -> Reason | None:
+    def mixed(self) -> Reason | None:
         """Return that minimising sequences chatter, if they do."""
+        found = self.found
         other = relax_controls(self.problem, found) if found is not None and found.t.size else None
         # A path that slightly violates bounds is good enough for mixtures of an input's bounds.
         if found is None or other is None or self.lost and other.m > self.problem.m:
             return None
         answer = self.thorough(other)
-        sentence = explain_chattering(
-            self.problem, other, answer, found) if answer.certified else ''
-        return Reason(False, sentence) if sentence else None
+        return _report(explain_chattering(
+            self.problem, other, answer, found) if answer.certified else '')
 
-    def without_end(self, found: Solution | None) -> Reason | None:
+    def without_end(self) -> Reason | None:
         """Return that the cost decreases without limit or that states diverge, if they do."""
-        sentence = explain_unbounded(self.problem, self.certified, None if self.lost else found)
+        found = None if self.lost else self.found
+        sentence = explain_unbounded(self.problem, self.certified, found)
         if not sentence and self.lost:
             sentence = explain_escape(self.problem, self.problem.final_time.latest)
         return Reason(False, sentence) if sentence else None
@@ -239,7 +262,7 @@ class _Doubt:
             return None
         least = float(answer.t[-1])
         found = format_number(least) if answer.certified else f'about {least:.3g}'
-        if self.shown:
+        if self.excluded:
             return Reason(True, f'the terminal constraints cannot be met by T = {last:.6g}: the '
                                 f'minimum time is {found}')
         return Reason(False, f'no path was found that meets the terminal constraints by T = '
@@ -247,25 +270,25 @@ class _Doubt:
 
     def too_little(self) -> Reason | None:
         """Return that the terminal constraints use up more of a monotone state than is allowed."""
-        sentence = explain_shortage(self.problem, self.thorough)
+        sentence = explain_shortage(self.problem, self.thorough) if self.problem.q else ''
         if not sentence:
             return None
-        return Reason(True, sentence) if self.shown else Reason(
+        return Reason(True, sentence) if self.excluded else Reason(
             False, f'no path was found that satisfies all constraints: {sentence}; {_UNPROVED}')
 
-    def missing(self, missed: str) -> Reason:
+    def missing(self) -> Reason:
         """Return by how much the terminal constraints are missed, and because of which bound."""
-        problem = self.problem
+        problem, missed = self.problem, self.missed
         blamed = find_blocking_bound(problem, self.solve)
-        if blamed and self.shown:
+        if blamed and self.excluded:
             name, without = blamed
             return Reason(True, (
                 f'{name} and the terminal constraints exclude each other {_time(problem)}: with '
                 f'this bound the closest path found ends with {missed}; without it {without}'))
         more = f'; without {blamed[0]} {blamed[1]}' if blamed else ''
-        what = 'no path meets' if self.shown else 'no path was found that meets'
-        doubt = '' if self.shown else f'; {_UNPROVED}'
-        return Reason(self.shown, (
+        what = 'no path meets' if self.excluded else 'no path was found that meets'
+        doubt = '' if self.excluded else f'; {_UNPROVED}'
+        return Reason(self.excluded, (
             f'{_time(problem)} {what} the terminal constraints: the closest path found ends with '
             f'{missed}{more}{doubt}'))
 
@@ -276,12 +299,12 @@ class _Doubt:
         if not found:
             return None
         name, how = found
-        return Reason(True, f'{name} cannot be satisfied: {how}') if self.shown else Reason(
+        return Reason(True, f'{name} cannot be satisfied: {how}') if self.excluded else Reason(
             False, f'no path was found that satisfies {name}: {how}; {_UNPROVED}')
 
-    def leapt(self, nearest: Solution) -> Reason | None:
+    def leapt(self) -> Reason | None:
         """Return that a path satisfies bounds at mesh points only: it jumps over an obstacle."""
-        certificate = nearest.certificate
+        certificate = self.nearest.certificate
         if certificate is None or certificate.fault != Condition.BOUNDS:
             return None
         names = [state_bound(self.problem, i, upper) for upper, bounds in (
@@ -292,6 +315,111 @@ class _Doubt:
             f'no path was found that meets the terminal constraints and satisfies '
             f'{" and ".join(names)} at all times: the closest path found violates a bound '
             f'between mesh points by {certificate.residuals[Condition.BOUNDS]:.1g} of its size'))
+
+
+@dataclass(frozen=True)
+class Check:
+    """
+    A reason why a problem may have no solution.
+
+    Attributes
+    ----------
+    name : str
+        As users see it in the trace, unique.
+    when : tuple of Situation
+        When it is tried.
+    run : callable
+        Returns the reason, None if it is another one.
+
+    """
+
+    name: str
+    when: tuple[Situation, ...]
+    run: Callable[[Unsolved], Reason | None]
+
+
+CHECKS = (
+    Check('contradiction', (Situation.STATED,), Unsolved.contradicts),
+    Check('no minimum', (Situation.STATED,), Unsolved.has_no_minimum),
+    Check('undefined expression', (Situation.FOUND,), Unsolved.is_undefined),
+    Check('kink of an expression', (Situation.ARRIVED,), Unsolved.has_kink),
+    Check('level terminal constraint', (Situation.PATH,), Unsolved.ends_level),
+    Check('undefined expression nearby', (Situation.UNHELD,), Unsolved.is_undefined_nearby),
+    Check('state constraint', (Situation.UNHELD,), Unsolved.not_held),
+    Check('minimum time', (Situation.UNHELD, Situation.MISSED), Unsolved.too_short),
+    Check('monotone resource', (Situation.UNHELD, Situation.MISSED), Unsolved.too_little),
+    Check('chattering', (Situation.KEPT, Situation.REACHED), Unsolved.mixed),
+    Check('unbounded cost', (Situation.KEPT, Situation.REACHED, Situation.UNHELD),
+          Unsolved.without_end),
+    Check('obstacle between mesh points', (Situation.UNHELD,), Unsolved.leapt),
+    Check('blocking bound', (Situation.MISSED,), Unsolved.missing))
+
+
+def explain(problem: Problem, solve: Solver | None = None, thorough: Solver | None = None, *,
+            found: Solution | None = None, trace: Trace | None = None,
+            remaining: Callable[[], float] = lambda: math.inf,
+            proofs: bool = False) -> Reason | None:
+    """
+    Return why a problem has no solution.
+
+    Parameters
+    ----------
+    problem : Problem
+        The problem that was not solved.
+    solve : callable, optional
+        Returns a Solution of a problem with its certificate, whether or not the certificate
+        passes; observes the time limit. Without it only the statement is examined.
+    thorough : callable, optional
+        Does the same with more work: several initial guesses, until the certificate passes.
+    found : Solution, optional
+        The best path found for the problem.
+    trace : Trace, optional
+        What was tried for the problem; the checks are added.
+    remaining : callable
+        Returns the time left [s].
+    proofs : bool
+        Solve related problems only if infeasibility is proved.
+
+    Returns
+    -------
+    Reason or None
+        None if no reason was found.
+
+    """
+    trace, solve_ = trace or Trace(), solve or _find_nothing
+    case = Unsolved(problem, solve_, thorough or solve_, found, trace, remaining)
+    stated = [check for check in CHECKS if Situation.STATED in check.when]
+    reason = _try(case, trace, (
+        check for check in stated if trace.find_verdict(check.name) is None))
+    if reason or solve is None or proofs and not case.excluded:
+        return reason
+    reason = _try(case, trace, (check for check in CHECKS if check not in stated))
+    if (reason is None or not reason.infeasible) and case.excluded:
+        return Reason(True, _EXCLUDED)   # no related problem shows which constraint is to blame
+    return reason
+
+
+def _try(case: Unsolved, trace: Trace, checks: Iterable[Check]) -> Reason | None:
+    """Return the first reason that a check finds."""
+    for check in checks:
+        if any(case.is_in(situation) for situation in check.when):
+            with trace.attempt(check.name) as attempt:
+                reason = check.run(case)
+                proved = reason is not None and reason.infeasible
+                attempt.end(Verdict.PROVED if proved else Verdict.NOT_PROVED,
+                            reason.sentence if reason else '')
+            if reason:
+                return reason
+    return None
+
+
+def _find_nothing(_: Problem) -> Solution:
+    return Solution(Status.NOT_CONVERGED, 'no related problem is solved')
+
+
+def _report(sentence: str) -> Reason | None:
+    """Return a sentence as a reason that proves nothing, None if there is none."""
+    return Reason(False, sentence) if sentence else None
 
 
 def _arrives(solution: Solution) -> bool:

@@ -18,6 +18,8 @@ only if it holds by more than 1e-9 of the sizes of all terms that lead to it.
 """
 
 from dataclasses import dataclass
+import math
+import time
 
 import casadi as ca
 import numpy as np
@@ -126,7 +128,7 @@ class _Demands:
     at: NDArray[np.int_]
 
 
-def is_excluded(problem: Problem) -> bool:
+def is_excluded(problem: Problem, seconds: float = math.inf) -> bool:
     """
     Return whether it is proved that no path satisfies all constraints.
 
@@ -138,6 +140,8 @@ def is_excluded(problem: Problem) -> bool:
     ----------
     problem : Problem
         Any problem.
+    seconds : float
+        Limit of the wall-clock time [s].
 
     Returns
     -------
@@ -145,6 +149,7 @@ def is_excluded(problem: Problem) -> bool:
         False if nothing is proved.
 
     """
+    begun = time.monotonic()
     plant = find_affine_dynamics(problem)
     if plant is None or not problem.boxed.all() or problem.final_time.free:
         return False
@@ -157,7 +162,7 @@ def is_excluded(problem: Problem) -> bool:
         return False
     demands = _demands(problem)
     reach = Reach(plant.A, B, c, problem.x0, np.eye(problem.n), problem.x0)
-    return demands is not None and _excluded(reach, T, demands)
+    return demands is not None and _excluded(reach, T, demands, begun + seconds)
 
 
 def _demands(problem: Problem) -> _Demands | None:
@@ -187,8 +192,12 @@ def _demands(problem: Problem) -> _Demands | None:
     return _Demands(S, s, np.array([node for *_, node in found]))
 
 
-def _excluded(reach: Reach, T: float, demands: _Demands) -> bool:
-    """Return whether weights are found that prove that no input satisfies all constraints."""
+def _excluded(reach: Reach, T: float, demands: _Demands, deadline: float) -> bool:
+    """
+    Return whether weights are found that prove that no input satisfies all constraints.
+
+    `deadline`: on the monotonic clock [s]; the linear programme takes nearly all of the time.
+    """
     from scipy.optimize import linprog
 
     n, m = reach.B.shape
@@ -211,7 +220,8 @@ def _excluded(reach: Reach, T: float, demands: _Demands) -> bool:
     cost = np.zeros(N * m + 1)
     cost[-1] = 1.0
     found = linprog(cost, A_ub=np.column_stack([left, -np.ones(len(left))]), b_ub=right,
-                    bounds=[*[(-1, 1)] * (N * m), (None, None)], method='highs')
+                    bounds=[*[(-1, 1)] * (N * m), (None, None)], method='highs',
+                    options={'time_limit': max(deadline - time.monotonic(), 0.0)})
     if found.status != 0 or found.x[-1] <= 0:
         return False
     y = np.maximum(-found.ineqlin.marginals, 0.0) * unit

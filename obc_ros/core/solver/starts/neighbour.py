@@ -13,7 +13,7 @@ from obc_ros.core.solver.improve.kink_mesh import start_from_neighbour
 from obc_ros.core.solver.program_cache import Answered, collect_numbers
 from obc_ros.core.solver.proofs.contradictions import explain_contradiction
 from obc_ros.core.solver.proofs.optimality import describe_local
-from obc_ros.core.solver.trace import judge_path
+from obc_ros.core.solver.trace import judge_path, NEIGHBOUR
 from obc_ros.core.solver.transcription.local_minima import ANOTHER
 
 
@@ -36,7 +36,7 @@ def solve_from_neighbour(bench: Bench) -> Candidate | None:
     last = None if bench.quick else bench.programs.neighbour(bench.stated)
     if last is None or last.outcome.mesh.layout.intervals > bench.meter.max_intervals:
         return None
-    with bench.trace.attempt('neighbour', 'from a solution with other numbers') as attempt:
+    with bench.trace.attempt(NEIGHBOUR, 'from a solution with other numbers') as attempt:
         found = _follow(bench, last)
         if found is None:
             attempt.end(Verdict.REJECTED, 'it does not converge, or another minimum is lower')
