@@ -26,7 +26,7 @@ from obc_ros.core.ocp.statement import build_problem
 from obc_ros.core.solver.exact.time_optimal import solve_time_optimal
 from obc_ros.core.solver.exact.two_wheeled import solve_two_wheeled
 from obc_ros.core.solver.linear_quadratic import solve_lq
-from obc_ros.core.solver.proofs.contradictions import CHECKS
+from obc_ros.core.solver.proofs.contradictions import CONTRADICTIONS
 from obc_ros.core.solver.proofs.existence import explain_no_minimum
 from obc_ros.core.solver.proofs.singular_expressions import explain_undefined
 from obc_ros.core.solver.solve import solve
@@ -59,7 +59,7 @@ class Tally:
 
 def findings(truth: _truths.Truth, problem: Problem) -> Iterator[tuple[str, str]]:
     """Yield the findings on a problem, each with the name of its check."""
-    for check in CHECKS:
+    for check in CONTRADICTIONS:
         for sentence in check(problem):
             yield check.__name__.strip('_'), sentence
             break

@@ -8,6 +8,8 @@ from pathlib import Path
 from obc_ros.core.ocp.solution import Verdict
 from obc_ros.core.solver.bench import build_bench, Task
 from obc_ros.core.solver.descent import descend
+from obc_ros.core.solver.diagnosis import explanation
+from obc_ros.core.solver.diagnosis.explanation import Check, explain, Reason, Situation
 from obc_ros.core.solver.improve import registry as improvements
 from obc_ros.core.solver.improve.improvement import DescentStage, Improvement
 from obc_ros.core.solver.methods import EXACT_METHODS, METHODS
@@ -17,13 +19,13 @@ from obc_ros.core.solver.solve import solve
 from obc_ros.core.solver.starts import registry as starts
 from obc_ros.core.solver.starts.start import Known, Proposal, Start, StartStage
 from obc_ros.core.solver.starts.start_pool import StartPool
-from obc_ros.core.solver.trace import GUESS
+from obc_ros.core.solver.trace import GUESS, Trace
 from obc_ros.core.solver.transcription.mesh import build_uniform_mesh
 import problems
 import pytest
 
 REGISTRIES = {'methods': EXACT_METHODS, 'starts': starts.STARTS,
-              'improvements': improvements.IMPROVEMENTS}
+              'improvements': improvements.IMPROVEMENTS, 'checks': explanation.CHECKS}
 
 
 PAGE = Path(__file__).parents[3] / 'docs' / 'solver.md'
@@ -35,9 +37,11 @@ def test_names_are_unique():
     assert not set(names) & (set(METHODS) - {each.name for each in EXACT_METHODS})
 
 
-@pytest.mark.parametrize('registry', ['starts', 'improvements'])
+@pytest.mark.parametrize('registry', ['starts', 'improvements', 'checks'])
 def test_the_page_lists_the_strategies_in_order(registry):
-    rows = [f'| {each.name} | {each.stage.value} | {each.when} |' for each in REGISTRIES[registry]]
+    rows = [f'| {each.name} | ' + (
+        '; '.join(situation.value for situation in each.when) if registry == 'checks' else
+        f'{each.stage.value} | {each.when}') + ' |' for each in REGISTRIES[registry]]
     assert '\n'.join(rows) + '\n\n' in PAGE.read_text(encoding='utf-8')
 
 
@@ -109,3 +113,25 @@ def test_a_new_improvement_is_used_and_recorded(monkeypatch, bench):
     assert (tried.method, tried.parent) == ('certificate at once', descent.number)
     assert tried.verdict is descent.verdict is Verdict.NOT_CERTIFIED
     assert tried.cost == found.solution.objective
+
+
+def test_a_new_check_is_used_and_recorded(monkeypatch):
+    """It is tried after those that examine the statement, and its reason is the answer."""
+    reason = Reason(False, 'it is Monday')
+    monkeypatch.setattr(explanation, 'CHECKS', (
+        *(check for check in explanation.CHECKS if Situation.STATED in check.when),
+        Check('weekday', (Situation.STATED,), lambda _: reason)))
+    trace = Trace()
+    assert explain(problems.build('vanderpol_bounded'), trace=trace) is reason
+    assert [(each.method, each.verdict, each.why) for each in trace.attempts()] == [
+        ('contradiction', Verdict.NOT_PROVED, ''), ('no minimum', Verdict.NOT_PROVED, ''),
+        ('weekday', Verdict.NOT_PROVED, 'it is Monday')]
+
+
+def test_the_statement_is_examined_once():
+    """What the trace shows is not tried again, whatever the check would return now."""
+    problem = problems.build('vanderpol_bounded')
+    trace = Trace()
+    for _ in range(2):
+        assert explain(problem, trace=trace) is None
+    assert [each.method for each in trace.attempts()] == ['contradiction', 'no minimum']

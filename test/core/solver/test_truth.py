@@ -61,7 +61,7 @@ def test_a_false_finding_is_counted(monkeypatch, capsys):
     def false_check(problem):
         yield 'this cannot be'
 
-    monkeypatch.setattr(truth, 'CHECKS', (false_check,))
+    monkeypatch.setattr(truth, 'CONTRADICTIONS', (false_check,))
     tally = truth.ask_feasible(3, np.random.default_rng(104), inf)
     assert sum(tally.asked.values()) > 0
     assert len(tally.false) == sum(tally.asked.values())

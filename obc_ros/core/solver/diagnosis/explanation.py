@@ -87,12 +87,12 @@ class Situation(str, Enum):
 
     STATED = 'before a search'
     FOUND = 'a search has found samples'
-    ARRIVED = 'they meet the constraints, whether or not they satisfy the dynamics'
-    PATH = 'they are a path within the state constraints'
-    KEPT = 'the path found meets all constraints, or there are none'
-    UNHELD = 'no path was found within the state constraints'
-    REACHED = 'a related problem led to a path that meets all constraints'
-    MISSED = 'all paths found miss the terminal constraints'
+    ARRIVED = 'the samples meet the constraints'
+    PATH = 'the samples are a path'
+    KEPT = 'the path meets all constraints, or there are none'
+    UNHELD = 'no path within the state constraints was found'
+    REACHED = 'a related problem has a path that meets all constraints'
+    MISSED = 'all paths miss the terminal constraints'
 
 
 class Unsolved:

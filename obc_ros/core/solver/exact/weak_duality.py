@@ -151,7 +151,7 @@ def is_excluded(problem: Problem, seconds: float = math.inf) -> bool:
     """
     begun = time.monotonic()
     plant = find_affine_dynamics(problem)
-    if plant is None or not problem.boxed.all() or problem.final_time.free:
+    if plant is None or not problem.boxed.all() or problem.final_time.free or seconds <= 0:
         return False
     T = problem.final_time.value
     half = 0.5 * (problem.u_upper - problem.u_lower)

@@ -66,7 +66,7 @@ def explain_contradiction(problem: Problem) -> str:
         The first contradiction as a sentence; '' if none is found.
 
     """
-    for check in CHECKS:
+    for check in CONTRADICTIONS:
         for sentence in check(problem):
             return sentence
     return ''
@@ -303,6 +303,6 @@ def _too_soon(problem: Problem) -> Iterator[str]:
 
 
 # In this order.
-CHECKS: tuple[Callable[[Problem], Iterator[str]], ...] = (
+CONTRADICTIONS: tuple[Callable[[Problem], Iterator[str]], ...] = (
     _at_start, _at_end, _path_at_end, _beyond_control, _beyond_reach, _too_soon,
     find_unsatisfiable, find_changed_invariants)

@@ -20,6 +20,7 @@ from obc_ros.core.solver.proofs.optimality import describe_local
 from obc_ros.core.solver.starts.registry import try_starts
 from obc_ros.core.solver.starts.start import Known, StartStage
 from obc_ros.core.solver.starts.start_pool import is_rough, StartPool
+from obc_ros.core.solver.starts.stopping_rule import Effort, explain_enough
 from obc_ros.core.solver.trace import GUESS
 from obc_ros.core.solver.transcription.local_minima import ANOTHER
 from obc_ros.core.solver.transcription.mesh import build_uniform_mesh, split
@@ -138,8 +139,11 @@ def _explore(bench: Bench, pool: StartPool, best: Candidate, floor: float,
     why = 'the problem is convex: there is no other minimum' if alone else (
         f'{options.most} starts were tried')
     for number in range(0 if alone else options.most):
-        stop = bench.meter.stopped or _explain_enough(
-            bench, pool, number, (before, spent), wanted, best.certified, uneven=uneven, bent=bent)
+        stop = bench.meter.stopped or explain_enough(Effort(
+            starts=number, wanted=wanted, before=before, spent=spent, total=bench.work,
+            certified=best.certified, uneven=uneven, bent=bent, rough=is_rough(bench, pool),
+            stages=bench.stages, minima=pool.known_minima.minima,
+            complete=pool.known_minima.enough()), options)
         if stop:
             why = stop
             break
@@ -209,35 +213,6 @@ def better(best: Solution, other: Solution) -> Solution:
     first = other.certified and not best.certified and not (
         feasible(best) and cheaper(best, other))
     return other if first else best
-
-
-def _explain_enough(bench: Bench, pool: StartPool, number: int, work: tuple[int, int],
-                    wanted: int, certified: bool, *, uneven: bool, bent: bool) -> str:
-    """
-    Return why multistart may stop; '' if it may not.
-
-    `number`: starts so far. `work`: that before multistart, and that of its starts.
-    """
-    options = bench.options.multistart
-    (before, spent), rough = work, is_rough(bench, pool)
-    hard = before > options.hard
-    weary = bench.work > options.weary and spent > options.weary_starts
-    if spent > options.lavish if certified else weary:
-        return f'the work for further starts is used up after {number}'
-    if (rough or bent) and certified and not (hard or uneven) and (
-            spent > max(options.rough_work, before)):
-        return f'{number} starts took more work than the solution'
-    if uneven or hard and not bench.stages:
-        many = number >= options.many and spent >= options.many_work
-    else:
-        times = 1 + (pool.known_minima.minima > options.few and not hard)
-        least = options.least_hard if hard or rough else options.least_bent if bent else 1
-        many = number >= max(times * least if least > 1 else 1, wanted)
-    if many and spent > (options.share_hard if hard else options.share) * bench.work:
-        return f'{number} starts took their part of the work'
-    if many and pool.known_minima.enough():
-        return f'{number} starts led to minima that are known'
-    return ''
 
 
 def _disproportion(bench: Bench, best: Candidate) -> float:

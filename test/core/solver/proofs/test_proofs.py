@@ -20,6 +20,7 @@ from obc_ros.core.solver.proofs.existence import explain_no_minimum
 import problems
 import pytest
 from scipy.linalg import expm
+from scipy.optimize import linprog
 
 BOUNDED = problems.DOUBLE_INTEGRATOR | {'input_bounds': {'u': [-1, 1]}}
 
@@ -126,6 +127,22 @@ def test_only_infeasible_double_integrators_are_excluded(T, bounds, proved):
     # Rest to rest over 1 takes 2 at least, and 1/0.2 + 0.2 = 5.2 with |v| <= 0.2.
     assert is_excluded(problems.build(BOUNDED, final_time={'free': False, 'value': T},
                               state_bounds=bounds)) is proved
+
+
+def test_weak_duality_ends_at_the_time_limit(monkeypatch):
+    """The linear programme, which takes nearly all of the time, gets the time that is left."""
+    problem = problems.build(BOUNDED, final_time={'free': False, 'value': 1.9})
+    limits = []
+
+    def note(*args, options, **kwargs):
+        limits.append(options['time_limit'])
+        return linprog(*args, options=options, **kwargs)
+
+    monkeypatch.setattr('scipy.optimize.linprog', note)
+    assert is_excluded(problem, 60.0)
+    assert not is_excluded(problem, 0.0)
+    [limit] = limits
+    assert 50.0 < limit < 60.0
 
 
 def test_the_matrix_exponential_is_accurate_for_poor_scaling():

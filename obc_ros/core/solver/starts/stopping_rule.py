@@ -1,0 +1,89 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""The stopping rule of multistart: whether further initial guesses are worth their work."""
+
+from dataclasses import dataclass
+
+from obc_ros.core.solver.options import MultistartOptions
+
+
+@dataclass(frozen=True, kw_only=True)
+class Effort:
+    """
+    What multistart has done so far, and what it knows of the problem.
+
+    Attributes
+    ----------
+    starts, wanted : int
+        Initial guesses so far, and those that are worth a try because of earlier ones.
+    before, spent, total : int
+        Work before multistart, work of its starts, and work of the whole search.
+    certified : bool
+        Whether the best solution is certified.
+    uneven, bent, rough : bool
+        Whether the cost may have several local minima in the states; whether the dynamics are
+        strongly nonlinear; whether coarse solves fail, end at very different costs, or are slow.
+    stages : int
+        Collocation points in an interval; 0: Runge-Kutta steps.
+    minima : int
+        Number of local minima found.
+    complete : bool
+        Whether no further minimum is expected (Boender, Rinnooy Kan 1987).
+
+    """
+
+    starts: int
+    wanted: int
+    before: int
+    spent: int
+    total: int
+    certified: bool
+    uneven: bool = False
+    bent: bool = False
+    rough: bool = False
+    stages: int = 0
+    minima: int = 1
+    complete: bool = False
+
+
+def explain_enough(effort: Effort, options: MultistartOptions) -> str:
+    """
+    Return why multistart may stop.
+
+    Parameters
+    ----------
+    effort : Effort
+        So far.
+    options : MultistartOptions
+        The limits.
+
+    Returns
+    -------
+    str
+        The reason in words; '' if another start is worth its work.
+
+    """
+    number, spent, hard = effort.starts, effort.spent, effort.before > options.hard
+    weary = effort.total > options.weary and spent > options.weary_starts
+    if spent > options.lavish if effort.certified else weary:
+        return f'the work for further starts is used up after {number}'
+    if (effort.rough or effort.bent) and effort.certified and not (hard or effort.uneven) and (
+            spent > max(options.rough_work, effort.before)):
+        return f'{number} starts took more work than the solution'
+    many = _are_many(effort, options)
+    if many and spent > (options.share_hard if hard else options.share) * effort.total:
+        return f'{number} starts took their part of the work'
+    if many and effort.complete:
+        return f'{number} starts led to minima that are known'
+    return ''
+
+
+def _are_many(effort: Effort, options: MultistartOptions) -> bool:
+    """Return whether at least the minimum number of starts was tried."""
+    hard = effort.before > options.hard
+    if effort.uneven or hard and not effort.stages:
+        return effort.starts >= options.many and effort.spent >= options.many_work
+    least = options.least_bent if effort.bent else 1
+    least = options.least_hard if hard or effort.rough else least
+    times = 2 if least > 1 and effort.minima > options.few and not hard else 1
+    return effort.starts >= max(times * least, effort.wanted)
