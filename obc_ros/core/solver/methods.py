@@ -55,9 +55,20 @@ class ExactMethod:
     what: str
     solve: Callable[[Problem], Solution | None]
 
+    def attempt(self, task: Task) -> Solution | None:
+        """Return the result with its certificate, None for other problems; the trace notes it."""
+        with task.meter.trace.attempt('exact method', self.name) as attempt:
+            found = self.solve(task.problem)
+            if found is None:
+                attempt.end(Verdict.REJECTED, 'it does not apply')
+                return None
+            found = replace(judge(task.problem, found), method=self.name)
+            attempt.end(*judge_path(found), cost=found.objective)
+        return found
+
     def __call__(self, task: Task) -> Solution:
         """Solve the problem if it is of this kind; otherwise say which kind that is."""
-        return self.solve(task.problem) or Solution(Status.NOT_CONVERGED, (
+        return self.attempt(task) or Solution(Status.NOT_CONVERGED, (
             f'{self.name} solves {self.what}; this problem is not one of them'))
 
 
@@ -100,13 +111,9 @@ def solve_automatically(task: Task) -> Solution:
 
 def _try_exact(task: Task, exact: ExactMethod) -> Solution | None:
     """Return the final result of an exact method, None if there is none."""
-    with task.meter.trace.attempt('exact method', exact.name) as attempt:
-        found = exact.solve(task.problem)
-        if found is None:
-            attempt.end(Verdict.REJECTED, 'it does not apply')
-            return None
-        found = replace(judge(task.problem, found), method=exact.name)
-        attempt.end(*judge_path(found), cost=found.objective)
+    found = exact.attempt(task)
+    if found is None:
+        return None
     if found.status in (Status.SOLVED, Status.INFEASIBLE) or exact.decides and not found.t.size:
         return found
     if task.meter.best:

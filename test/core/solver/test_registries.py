@@ -6,13 +6,15 @@ from dataclasses import replace
 from pathlib import Path
 
 from obc_ros.core.ocp.solution import Verdict
+from obc_ros.core.solver import methods
 from obc_ros.core.solver.bench import build_bench, Task
 from obc_ros.core.solver.descent import descend
 from obc_ros.core.solver.diagnosis import explanation
 from obc_ros.core.solver.diagnosis.explanation import Check, explain, Reason, Situation
 from obc_ros.core.solver.improve import registry as improvements
 from obc_ros.core.solver.improve.improvement import DescentStage, Improvement
-from obc_ros.core.solver.methods import EXACT_METHODS, METHODS
+from obc_ros.core.solver.linear_quadratic import solve_lq
+from obc_ros.core.solver.methods import EXACT_METHODS, ExactMethod, METHODS
 from obc_ros.core.solver.nlp.meter import Meter
 from obc_ros.core.solver.program_cache import ProgramCache
 from obc_ros.core.solver.solve import solve
@@ -43,6 +45,33 @@ def test_the_page_lists_the_strategies_in_order(registry):
         '; '.join(situation.value for situation in each.when) if registry == 'checks' else
         f'{each.stage.value} | {each.when}') + ' |' for each in REGISTRIES[registry]]
     assert '\n'.join(rows) + '\n\n' in PAGE.read_text(encoding='utf-8')
+
+
+def test_a_new_exact_method_is_used_and_recorded(monkeypatch):
+    """It is tried before the others; a problem of another kind goes on to them."""
+    def solve_scalar(problem):
+        return solve_lq(problem) if problem.n == 1 else None
+
+    monkeypatch.setattr(methods, 'EXACT_METHODS', (
+        ExactMethod('scalar', True, True, 'scalar problems', solve_scalar), *EXACT_METHODS))
+    found = solve(problems.build('lq_scalar_unit'))
+    assert (found.method, found.certified) == ('scalar', True)
+    [attempt] = found.attempts
+    assert (attempt.method, attempt.what, attempt.verdict) == (
+        'exact method', 'scalar', Verdict.CERTIFIED)
+    found = solve(problems.build('di_energy'))
+    assert found.method == 'riccati'
+    assert [(each.what, each.verdict) for each in found.attempts] == [
+        ('scalar', Verdict.REJECTED), ('riccati', Verdict.CERTIFIED)]
+
+
+@pytest.mark.parametrize('exact', EXACT_METHODS, ids=lambda exact: exact.name)
+def test_an_exact_method_by_name_is_recorded(exact):
+    """It does not solve this problem, whose dynamics are not linear, and nothing else is tried."""
+    found = solve(problems.build('vanderpol_bounded'), method=exact.name)
+    [attempt] = found.attempts
+    assert (attempt.what, attempt.verdict) == (exact.name, Verdict.REJECTED)
+    assert found.message.endswith('this problem is not one of them')
 
 
 @pytest.fixture(name='bench')
