@@ -14,8 +14,7 @@ from obc_ros.core.solver.coarse_mesh import solve_next_start
 from obc_ros.core.solver.descent import descend, Descent, finish
 from obc_ros.core.solver.improve.improvement import DescentStage, State
 from obc_ros.core.solver.improve.registry import try_improvements
-from obc_ros.core.solver.options import MultistartOptions
-from obc_ros.core.solver.program_cache import collect_numbers
+from obc_ros.core.solver.program_cache import Answered, collect_numbers
 from obc_ros.core.solver.proofs.optimality import describe_local
 from obc_ros.core.solver.starts.registry import try_starts
 from obc_ros.core.solver.starts.start import Known, StartStage
@@ -114,77 +113,161 @@ def explore_starts(bench: Bench, pool: StartPool, first: Candidate, floor: float
 
     """
     with bench.trace.attempt('multistart') as attempt:
-        found = _explore(bench, pool, first, floor, others, sound)
+        found = _Multistart(bench, pool, first, floor).run(others, sound)
         attempt.end(Verdict.REJECTED if found.best is first else Verdict.ACCEPTED, found.why,
                     cost=found.best.solution.objective)
     return found
 
 
-def _explore(bench: Bench, pool: StartPool, best: Candidate, floor: float,
-             others: Sequence[TranscriptionOutcome], sound: bool) -> Explored:
-    """Do what `explore_starts` does."""
-    options = bench.options.multistart
-    spent, programs = 0, bench.programs
-    alone = (best.certified or sound) and programs.convex(bench.stated)
-    before, bent = bench.work, not alone and _disproportion(bench, best) > options.bent
-    uneven = programs.uneven_costs(bench.problem, abs(floor))
-    wanted = 1 + len(others) + (0 if alone else try_starts(
-        StartStage.MULTISTART, bench, pool,
-        Known(best=best, floor=floor, begun=before, uneven=uneven, bent=bent)).wanted)
-    found, coarse = list[TranscriptionOutcome](), floor   # coarse cost of the best solution
-    followed = [floor]   # coarse costs of the outcomes that were refined
-    # Costs of the certified solutions that they led to.
-    refined = [best.solution.objective] if best.certified else []
-    # `wanted`: number of starts, increased by each that leads to a better solution.
-    why = 'the problem is convex: there is no other minimum' if alone else (
-        f'{options.most} starts were tried')
-    for number in range(0 if alone else options.most):
-        stop = bench.meter.stopped or explain_enough(Effort(
-            starts=number, wanted=wanted, before=before, spent=spent, total=bench.work,
-            certified=best.certified, uneven=uneven, bent=bent, rough=is_rough(bench, pool),
-            stages=bench.stages, minima=pool.known_minima.minima,
-            complete=pool.known_minima.enough()), options)
-        if stop:
-            why = stop
-            break
-        started = bench.work
-        outcome = others[number] if number < len(others) else _pursued(
-            bench, floor, solve_next_start(
-                bench, pool, once=best.certified, hard=uneven or before > options.hard))
-        lower = is_below(outcome.objective, floor, ANOTHER)
+class _Multistart:
+    """The best candidate of a search, and what further starts led to."""
+
+    def __init__(self, bench: Bench, pool: StartPool, first: Candidate, floor: float) -> None:
+        self._bench, self._pool, self._options = bench, pool, bench.options.multistart
+        self._before, self._spent, self._wanted = bench.work, 0, 1
+        self._bent = self._uneven = False
+        self._best, self._coarse = first, floor   # and its cost on the coarse mesh
+        self._found: list[TranscriptionOutcome] = []
+        # Coarse costs of the outcomes that were refined, costs of certified solutions from them.
+        self._followed = [floor]
+        self._refined = [first.solution.objective] if first.certified else []
+
+    def run(self, others: Sequence[TranscriptionOutcome], sound: bool) -> Explored:
+        """Try starts until no better minimum is expected."""
+        if (self._best.certified or sound) and self._bench.programs.convex(self._bench.stated):
+            why = 'the problem is convex: there is no other minimum'
+        else:
+            self._line_up(len(others))
+            why = self._try_starts(others)
+        minima = self._refined + self._find_others()
+        if self._best.certified and self._best.record:
+            self._remember(self._best.record, minima)
+        return Explored(self._best, minima, why)
+
+    def _line_up(self, others: int) -> None:
+        """Set the further starts; `others`: number of outcomes that are not refined yet."""
+        bench, floor = self._bench, self._coarse
+        self._bent = _disproportion(bench, self._best) > self._options.bent
+        self._uneven = bench.programs.uneven_costs(bench.problem, abs(floor))
+        self._wanted = 1 + others + try_starts(StartStage.MULTISTART, bench, self._pool, Known(
+            best=self._best, floor=floor, begun=self._before, uneven=self._uneven,
+            bent=self._bent)).wanted
+
+    def _try_starts(self, others: Sequence[TranscriptionOutcome]) -> str:
+        """Refine outcomes of lower cost; return why no further start is tried."""
+        for number in range(self._options.most):
+            if stop := self._bench.meter.stopped or explain_enough(
+                    self._measure(number), self._options):
+                return stop
+            begun = self._bench.work
+            outcome = others[number] if number < len(others) else self._solve_next()
+            if (other := self._refine(outcome)) is not None:
+                self._refined += [other.solution.objective] if other.certified else []
+                if better(self._best.solution, other.solution) is other.solution:
+                    self._best, self._coarse = other, outcome.objective
+                    self._wanted = max(self._wanted, number + 1 + self._options.after)
+            self._found.append(outcome)
+            self._spent += self._bench.work - begun
+        return f'{self._options.most} starts were tried'
+
+    def _measure(self, number: int) -> Effort:
+        """Return the effort after a number of starts."""
+        bench, known = self._bench, self._pool.known_minima
+        return Effort(
+            starts=number, wanted=self._wanted, before=self._before, spent=self._spent,
+            total=bench.work, certified=self._best.certified, uneven=self._uneven,
+            bent=self._bent, rough=is_rough(bench, self._pool), stages=bench.stages,
+            minima=known.minima, complete=known.enough())
+
+    def _solve_next(self) -> TranscriptionOutcome:
+        """Solve from the next guess; if the cost is lower, on meshes with small errors."""
+        bench, options = self._bench, self._options
+        outcome = solve_next_start(bench, self._pool, once=self._best.certified,
+                                   hard=self._uneven or self._before > options.hard)
+        if not self._is_lowest(outcome):
+            return outcome
+        if not outcome.converged and outcome.infeasibility <= _MET:   # it needs more iterations
+            later = bench.collocate(outcome.mesh, outcome.path, near=True, most=options.iterations)
+            outcome = later if later.converged else outcome
+        for _ in range(options.splits):
+            if not outcome.converged or bench.is_accurate(outcome):
+                break
+            mesh = split(outcome.mesh, np.full(outcome.mesh.layout.intervals, 2))
+            outcome = bench.collocate(mesh, outcome.path, near=True, most=options.iterations)
+        return outcome
+
+    def _is_lowest(self, outcome: TranscriptionOutcome) -> bool:
+        """Return whether an outcome costs less than those that were refined."""
+        return is_below(outcome.objective, min(self._followed), ANOTHER)
+
+    def _refine(self, outcome: TranscriptionOutcome) -> Candidate | None:
+        """Return the candidate that an outcome leads to, None if it cannot be the best."""
+        lower = self._is_lowest(outcome)
         descends = lower and not outcome.converged and outcome.infeasibility <= _MET
-        differs = not best.certified and all(
-            abs(outcome.objective - other) > ANOTHER * abs(other) for other in followed)
-        if descends or (lower or differs) and bench.is_accurate(outcome) and (
-                differs or _may_be_better(bench, outcome, best, coarse, lower=lower)):
-            followed.append(outcome.objective)
-            floor = min(floor, outcome.objective)
-            other = bench.certify(outcome) if descends else descend(bench, outcome)
-            refined += [other.solution.objective] if other.certified else []
-            if better(best.solution, other.solution) is other.solution:
-                best, coarse = other, outcome.objective
-                wanted = max(wanted, number + 1 + options.after)
-        found.append(outcome)
-        spent += bench.work - started
-    minima = refined + _others(bench, found, followed, coarse)
-    if best.certified and best.record:
-        _remember(bench, pool, best, minima, found, coarse)
-    return Explored(best, minima, why)
+        differs = not self._best.certified and all(
+            abs(outcome.objective - other) > ANOTHER * abs(other) for other in self._followed)
+        if not (descends or (lower or differs) and self._bench.is_accurate(outcome) and (
+                differs or self._may_be_better(outcome, lower=lower))):
+            return None
+        self._followed.append(outcome.objective)
+        return self._bench.certify(outcome) if descends else descend(self._bench, outcome)
 
+    def _may_be_better(self, outcome: TranscriptionOutcome, *, lower: bool) -> bool:
+        """
+        Return whether an outcome may be the best, by costs on a finer mesh if these err.
 
-def _remember(bench: Bench, pool: StartPool, best: Candidate, minima: list[float],
-              found: list[TranscriptionOutcome], coarse: float) -> None:
-    """Keep a solution for neighbouring problems."""
-    record, cost = best.record, best.solution.objective
-    assert record is not None
-    if record.extremal:
-        record = replace(record, extremal=bench.programs.indirect.thinned(
-            bench.stated, record.extremal, record.sizes))
-    bench.programs.remember(replace(
-        record, rivals=_rivals(found, coarse, bench.options.multistart),
-        refined=cost / coarse if coarse else 1, looked=collect_numbers(bench.stated),
-        optimality=describe_local(bench.trace.count(GUESS), cost, minima)))
-    bench.programs.note_minima(pool.known_minima.minima)
+        `lower`: whether it is on the coarse mesh.
+        """
+        bench, options = self._bench, self._options
+        cost, kept, coarse = self._best.solution.objective, self._best.record, self._coarse
+        if kept is None or abs(cost - coarse) <= options.errs * abs(coarse) or (
+                outcome.mesh.layout.intervals > bench.intervals):
+            return True
+        mesh = build_uniform_mesh(bench.problem, options.finer * bench.intervals, bench.stages)
+        if not bench.meter.allows(mesh.layout.intervals):
+            return True
+        known, new = (bench.collocate(mesh, path, path.t[-1:], near=True, most=options.iterations)
+                      for path in (kept.outcome.path, outcome.path))
+        if not (known.converged and new.converged):
+            return lower
+        apart, error = new.objective - known.objective, abs(cost - known.objective)
+        return _SAME * abs(known.objective) < abs(apart) and apart < 2 * error
+
+    def _find_others(self) -> list[float]:
+        """Return the coarse costs of local minima above the best that were not refined."""
+        costs: list[float] = []
+        for outcome in sorted(self._found, key=lambda outcome: outcome.objective):
+            cost, known = outcome.objective, [*self._followed, *costs]
+            if len(costs) == MOST_MINIMA or self._bench.meter.stopped:
+                break
+            if cost > self._coarse and all(
+                    abs(cost - other) > ANOTHER * abs(other) for other in known) and (
+                        self._bench.is_accurate(outcome)):
+                costs.append(cost)
+        return costs
+
+    def _remember(self, record: Answered, minima: list[float]) -> None:
+        """Keep the best solution for neighbouring problems."""
+        bench, cost, coarse = self._bench, self._best.solution.objective, self._coarse
+        if record.extremal:
+            record = replace(record, extremal=bench.programs.indirect.thinned(
+                bench.stated, record.extremal, record.sizes))
+        bench.programs.remember(replace(
+            record, rivals=self._find_rivals(), refined=cost / coarse if coarse else 1,
+            looked=collect_numbers(bench.stated),
+            optimality=describe_local(bench.trace.count(GUESS), cost, minima)))
+        bench.programs.note_minima(self._pool.known_minima.minima)
+
+    def _find_rivals(self) -> tuple[TranscriptionOutcome, ...]:
+        """Return outcomes of other local minima whose coarse cost is not much above the best."""
+        rivals: list[TranscriptionOutcome] = []
+        coarse, options = self._coarse, self._options
+        for outcome in sorted(self._found, key=lambda outcome: outcome.objective):
+            above = outcome.objective - (rivals[-1].objective if rivals else coarse)
+            if (outcome.converged and above > ANOTHER * abs(coarse)
+                    and outcome.objective <= coarse + options.rival * abs(coarse)):
+                rivals.append(outcome)
+        return tuple(rivals[:options.rivals])
 
 
 def better(best: Solution, other: Solution) -> Solution:
@@ -236,71 +319,3 @@ def _disproportion(bench: Bench, best: Candidate) -> float:
         off = np.abs(2 * half - none - all_).max(axis=0)
         off /= np.maximum(np.ptp(path.x, axis=0), 1e-300)
     return float(np.nan_to_num(off, nan=np.inf).max(initial=0.0))
-
-
-def _pursued(bench: Bench, floor: float, outcome: TranscriptionOutcome) -> TranscriptionOutcome:
-    """Return an outcome; of lower cost than `floor`, converged on meshes with small errors."""
-    options = bench.options.multistart
-    if is_below(outcome.objective, floor, ANOTHER):
-        if not outcome.converged and outcome.infeasibility <= _MET:   # it needs more iterations
-            later = bench.collocate(outcome.mesh, outcome.path, near=True, most=options.iterations)
-            outcome = later if later.converged else outcome
-        for _ in range(options.splits):
-            if not outcome.converged or bench.is_accurate(outcome):
-                break
-            mesh = split(outcome.mesh, np.full(outcome.mesh.layout.intervals, 2))
-            outcome = bench.collocate(mesh, outcome.path, near=True, most=options.iterations)
-    return outcome
-
-
-def _may_be_better(bench: Bench, outcome: TranscriptionOutcome, best: Candidate, coarse: float, *,
-                   lower: bool) -> bool:
-    """
-    Return whether an outcome may be better than the best, by costs on a finer mesh if these err.
-
-    `lower`: whether it is on the coarse mesh.
-    """
-    options = bench.options.multistart
-    cost, kept = best.solution.objective, best.record
-    if kept is None or abs(cost - coarse) <= options.errs * abs(coarse) or (
-            outcome.mesh.layout.intervals > bench.intervals):
-        return True
-    mesh = build_uniform_mesh(bench.problem, options.finer * bench.intervals, bench.stages)
-    if not bench.meter.allows(mesh.layout.intervals):
-        return True
-    known, new = (bench.collocate(mesh, path, path.t[-1:], near=True, most=options.iterations)
-                  for path in (kept.outcome.path, outcome.path))
-    if not (known.converged and new.converged):
-        return lower
-    apart, error = new.objective - known.objective, abs(cost - known.objective)
-    return _SAME * abs(known.objective) < abs(apart) and apart < 2 * error
-
-
-def _others(bench: Bench, found: list[TranscriptionOutcome], followed: list[float],
-            coarse: float) -> list[float]:
-    """
-    Return the costs of local minima that were not refined, on the mesh on which they were found.
-
-    `followed`: coarse costs of those that were refined; `coarse`: that of the best.
-    """
-    costs: list[float] = []
-    for outcome in sorted(found, key=lambda outcome: outcome.objective):
-        cost, known = outcome.objective, [*followed, *costs]
-        if len(costs) == MOST_MINIMA or bench.meter.stopped:
-            break
-        if cost > coarse and all(abs(cost - other) > ANOTHER * abs(other) for other in known) and (
-                bench.is_accurate(outcome)):
-            costs.append(cost)
-    return costs
-
-
-def _rivals(found: list[TranscriptionOutcome], coarse: float,
-            options: MultistartOptions) -> tuple[TranscriptionOutcome, ...]:
-    """Return outcomes of other local minima whose coarse cost is not much above the best."""
-    rivals: list[TranscriptionOutcome] = []
-    for outcome in sorted(found, key=lambda outcome: outcome.objective):
-        above = outcome.objective - (rivals[-1].objective if rivals else coarse)
-        if (outcome.converged and above > ANOTHER * abs(coarse)
-                and outcome.objective <= coarse + options.rival * abs(coarse)):
-            rivals.append(outcome)
-    return tuple(rivals[:options.rivals])
