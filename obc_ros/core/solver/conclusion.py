@@ -181,7 +181,7 @@ def look_for_proof(task: Task) -> Callable[[Problem], str]:
     Parameters
     ----------
     task : Task
-        A part of its work may be used.
+        A part of its work may be used, and for proofs the time that descents in vain may not take.
 
     Returns
     -------
@@ -191,8 +191,9 @@ def look_for_proof(task: Task) -> Callable[[Problem], str]:
     """
     def why_not(problem: Problem) -> str:
         with task.meter.trace.attempt('proof', 'that no path exists', aside=True) as attempt:
-            reason = explain(problem, *_explaining(task), trace=task.meter.trace,
-                             remaining=task.meter.remaining, proofs=True)
+            reason = explain(
+                problem, *_explaining(task), trace=task.meter.trace, proofs=True,
+                remaining=lambda: (1 - task.options.budget.share) * task.meter.remaining())
             sentence = reason.sentence if reason and reason.infeasible else ''
             attempt.end(Verdict.PROVED if sentence else Verdict.NOT_PROVED, sentence)
         return sentence
