@@ -23,6 +23,7 @@ from unittest.mock import patch
 from obc_ros.core.ocp.solution import Verdict
 from obc_ros.core.ocp.statement import build_problem, load_file
 from obc_ros.core.solver import bench, conclusion, methods, program_cache, search
+from obc_ros.core.solver.diagnosis import explanation
 from obc_ros.core.solver.improve import registry as improvements
 from obc_ros.core.solver.solve import solve
 from obc_ros.core.solver.starts import multistart
@@ -45,7 +46,8 @@ REGISTRIES: tuple[tuple[Any, str, str, Callable[..., bool]], ...] = (
     (methods, 'EXACT_METHODS', 'solve', lambda found, *_: found is not None),
     (starts, 'STARTS', 'run', lambda made, *_: made.judge()[0] is Verdict.ACCEPTED),
     (improvements, 'IMPROVEMENTS', 'run', lambda new, state: not isinstance(new, str) and (
-        new.judge(state)[0] is not Verdict.REJECTED)))
+        new.judge(state)[0] is not Verdict.REJECTED)),
+    (explanation, 'CHECKS', 'run', lambda reason, *_: reason is not None))
 RECORDS = tuple(each.name for module, registry, *_ in REGISTRIES
                 for each in getattr(module, registry))
 # Records that do the same at different stages, switched off together.
@@ -64,11 +66,9 @@ CALLS: dict[str, tuple[Any, str, Callable[..., Any], Callable[..., bool]]] = {
     'active set': (banded_program, 'follow_active_set', lambda *_, **__: None,
                    lambda found, *_, **__: found is not None),
     'positivity': (search, '_keep_inside', lambda *_: None, lambda found, *_: found is not None),
-    'chattering': (search, '_mixes', lambda *_: False, lambda found, *_: found),
+    'chattering budget': (search, '_mixes', lambda *_: False, lambda found, *_: found),
     'larger inputs': (conclusion, 'explain_larger_inputs', lambda *_: '',
-                      lambda found, *_: bool(found)),
-    'proofs before the search': (methods, '_examine_statement', lambda *_: None,
-                                 lambda found, *_: bool(found))}
+                      lambda found, *_: bool(found))}
 STRATEGIES = (*RECORDS, *TOGETHER, *CALLS)
 
 

@@ -5,6 +5,7 @@
 from dataclasses import replace
 from pathlib import Path
 
+import _ablation
 from obc_ros.core.ocp.solution import Verdict
 from obc_ros.core.solver import methods
 from obc_ros.core.solver.bench import build_bench, Task
@@ -28,8 +29,6 @@ import pytest
 
 REGISTRIES = {'methods': EXACT_METHODS, 'starts': starts.STARTS,
               'improvements': improvements.IMPROVEMENTS, 'checks': explanation.CHECKS}
-
-
 PAGE = Path(__file__).parents[3] / 'docs' / 'solver.md'
 
 
@@ -164,3 +163,25 @@ def test_the_statement_is_examined_once():
     for _ in range(2):
         assert explain(problem, trace=trace) is None
     assert [each.method for each in trace.attempts()] == ['contradiction', 'no minimum']
+
+
+@pytest.mark.parametrize(('strategy', 'others'), [
+    ('riccati', {'multistart'}), ('', {'riccati'}), ('multistart', {'riccati'})])
+def test_a_strategy_is_switched_off_for_the_ablation(strategy, others):
+    """Without Riccati equations a search solves the problem; the registries are restored."""
+    acted = set()
+    with _ablation.switched(strategy, acted):
+        found = solve(problems.build('lq_scalar_unit'))
+    assert found.method == ('arcs' if strategy == 'riccati' else 'riccati')
+    assert found.objective == pytest.approx(problems.read(
+        'lq_scalar_unit')['expected']['objective'], rel=1e-6)
+    assert strategy not in acted
+    assert others <= acted
+    assert list(REGISTRIES.values()) == [
+        methods.EXACT_METHODS, starts.STARTS, improvements.IMPROVEMENTS, explanation.CHECKS]
+
+
+def test_each_strategy_of_a_registry_can_be_switched_off():
+    names = [each.name for registry in REGISTRIES.values() for each in registry]
+    assert list(_ablation.STRATEGIES[:len(names)]) == names
+    assert len(set(_ablation.STRATEGIES)) == len(_ablation.STRATEGIES)
