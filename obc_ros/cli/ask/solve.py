@@ -32,7 +32,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         default=[], dest='options',
                         help='a number that steers the search, as multistart.most=20; for experts')
     parser.add_argument('--list-options', action=_ListOptions,
-                        help='print all options with their values and meanings, and exit')
+                        help='print all options: default, meaning, and a problem or a test '
+                             'that needs the value; and exit')
     parser.add_argument('--trace', action='store_true',
                         help='print what was tried, as a tree, with cost, work and the reason')
 
@@ -93,9 +94,9 @@ class _ListOptions(argparse.Action):
         super().__init__(option_strings, dest, nargs=0, **settings)
 
     def __call__(self, parser: argparse.ArgumentParser, *_: Any) -> None:
-        rows = [(each.name, _write(each.value), each.unit, each.meaning)
+        rows = [(each.name, _write(each.value), each.unit, each.meaning, each.needed_by)
                 for each in list_options()]
-        terminal.print_table(('option', 'default', 'unit', 'meaning'), rows)
+        terminal.print_table(('option', 'default', 'unit', 'meaning', 'needed by'), rows)
         parser.exit()
 
 

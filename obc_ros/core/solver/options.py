@@ -20,9 +20,16 @@ from obc_ros.core.text.errors import quote, StatementError
 from obc_ros.core.text.expressions import suggest_name
 
 
-def steer(default: float | tuple[float, ...], meaning: str, unit: str = '') -> Any:
-    """Return a field with its default, its meaning in a phrase, and its unit."""
-    return field(default=default, metadata={'meaning': meaning, 'unit': unit})
+def steer(default: float | tuple[float, ...], meaning: str, unit: str = '',
+          needed_by: str = '') -> Any:
+    """
+    Return a field with its default, its meaning in a phrase, and its unit.
+
+    `needed_by` names a problem of test/problems, or a file of tests, that is not solved, costs
+    more or takes longer with a quarter or four times the value (benchmarks/provenance.py).
+    """
+    return field(default=default, metadata={
+        'meaning': meaning, 'unit': unit, 'needed_by': needed_by})
 
 
 @dataclass(frozen=True)
@@ -30,7 +37,7 @@ class CoarseOptions:
     """First solves on a coarse mesh."""
 
     intervals: int = steer(16, 'size of the coarsest mesh', 'intervals')
-    iterations: int = steer(150, 'maximum of a solve on a coarse mesh', 'iterations')
+    iterations: int = steer(150, 'maximum of a solve from a rough guess', 'iterations')
     few_iterations: int = steer(12, 'lower limit of the maximum of further guesses', 'iterations')
     starts: int = steer(1, 'guesses after one that led to a path', 'guesses')
     starts_in_vain: int = steer(6, 'guesses while none led to a path', 'guesses')
@@ -84,9 +91,8 @@ class BudgetOptions:
     lasting: float = steer(0.1, 'duration of chattering', 'final time')
     explanation: int = steer(400_000, 'work of an explanation', 'work')
     related: int = steer(150_000, 'work for each problem that it solves', 'work')
-    least: float = steer(0.5, 'time that must be left for an explanation', 's')
+    least: float = steer(0.5, 'time for an explanation, for more digits or a certificate', 's')
     certificate: float = steer(0.05, 'part of the time kept for the certificate', 'time limit')
-    certificate_most: float = steer(0.5, 'the most of it', 's')
 
 
 @dataclass(frozen=True)
@@ -113,17 +119,67 @@ class MultistartOptions:
     most: int = steer(80, 'maximum', 'starts')
     long: int = steer(60_000, 'work of the first descent before others are looked at', 'work')
     looks: int = steer(3, 'others that are looked at then', 'starts')
-    iterations: int = steer(150, 'maximum to confirm a lower cost', 'iterations')
     splits: int = steer(2, 'mesh halvings to confirm a lower cost', 'meshes')
     errs: float = steer(1e-2, 'error of coarse costs above which a finer mesh decides', 'relative')
     finer: int = steer(4, 'refinement of that mesh', 'times')
-    cheaper: float = steer(1e-6, 'difference of certified costs that counts', 'relative')
     rivals: int = steer(3, 'other minima kept for neighbours', 'minima')
     rival: float = steer(0.3, 'excess of their costs', 'relative')
     weary: int = steer(500_000, 'work in all after which nothing certified is enough', 'work')
     weary_starts: int = steer(50_000, 'work of starts after which that holds', 'work')
     rough_work: int = steer(3000, 'work for starts of rough problems that are not hard', 'work')
     lavish: int = steer(150_000, 'work for starts once a solution is certified', 'work')
+
+
+@dataclass(frozen=True)
+class GuessOptions:
+    """Initial guesses: lines that are bent at random, and random inputs."""
+
+    bend: float = steer(0.5, 'amplitude of the bend of states', 'size')
+    noise: float = steer(0.3, 'amplitude of the noise of inputs', 'size')
+    aside: float = steer(0.3, 'bend in a state that the line does not move', 'reach')
+    reach: float = steer(3.0, 'distance up to which final states are searched', 'reach')
+
+
+@dataclass(frozen=True)
+class ObstacleOptions:
+    """Obstacle homotopy classes: lines that are bent around obstacles."""
+
+    most: int = steer(6, 'maximum: those with the largest violation', 'obstacles')
+    ways: int = steer(8, 'maximum: the shortest', 'bent lines')
+    clear: float = steer(1.1, 'distance of a bent line', 'end of the obstacle')
+    detour: float = steer(0.5, 'largest distance of the other side of an obstacle', 'line')
+    trials: int = steer(15, 'maximum of the least squares', 'evaluations')
+
+
+@dataclass(frozen=True)
+class RolloutOptions:
+    """
+    Cross-entropy starts: rollouts of inputs that are constant in pieces.
+
+    A short search has half the samples and steps, and one generation less. A brief search looks
+    for minima beside the one that was found; if the nonlinearity index is large it has three
+    times the samples, and twice the kinds.
+    """
+
+    samples: int = steer(384, 'of a generation', 'samples')
+    share: int = steer(16, 'of which one becomes a parent', 'samples')
+    generations: int = steer(5, 'of a search', 'generations')
+    pieces: int = steer(6, 'of constant input', 'pieces')
+    steps: int = steer(16, 'integration steps', 'steps per piece')
+    spread: float = steer(0.4, 'first standard deviation around parents', 'range')
+    windows: int = steer(4, 'of a free final time, each with parents of its own', 'windows')
+    longer: float = steer(8.0, 'largest ratio of a free final time to its guess', 'times')
+    like: float = steer(0.5, 'distance of paths of one kind', 'distance of all')
+    nearer: int = steer(3, 'halvings of the distance from rest for half of the samples')
+    tried: int = steer(8, 'solved while none converged; at most twice as many', 'rollouts')
+    cheap: int = steer(2, 'cheap ones before those that end nearer to psi = 0', 'rollouts')
+    vain: int = steer(3, 'in a row without a new minimum; twice as many if it is bent', 'rollouts')
+    glance: int = steer(32, 'of a brief search with terminal constraints', 'samples')
+    kinds: int = steer(4, 'kinds of paths that are parents in one without', 'kinds')
+    children: int = steer(48, 'of each', 'samples')
+    among: int = steer(24, 'cheapest samples that are told apart', 'samples per kind')
+    brief_generations: int = steer(2, 'of a brief search', 'generations')
+    brief_steps: int = steer(5, 'integration steps of a brief search', 'steps per piece')
 
 
 @dataclass(frozen=True)
@@ -146,7 +202,6 @@ class HorizonOptions:
 
     halvings: int = steer(6, 'halvings of T for the first horizon')
     meshes: int = steer(4, 'maximum over a horizon', 'meshes')
-    iterations: int = steer(150, 'maximum on each', 'iterations')
     work: int = steer(100_000, 'work for all horizons', 'work')
     fine: int = steer(32, 'integration steps of the continuation', 'steps per interval')
     far: float = steer(10.0, 'growth of the states above which it is not used', 'times')
@@ -178,7 +233,6 @@ class WellOptions:
     moves: int = steer(3, 'maximum', 'moves')
     solves: int = steer(6, 'maximum with phases that begin at jumps', 'solves')
     steps: int = steer(40, 'integration steps in the longest interval', 'steps')
-    iterations: int = steer(150, 'maximum of a solve', 'iterations')
     jump: float = steer(0.05, 'least jump of an input', 'range')
     beside: float = steer(1.5, 'distance of a slope from the end of a phase', 'intervals')
 
@@ -198,7 +252,6 @@ class IndirectOptions:
     """Indirect refinement after a search."""
 
     work: int = steer(800, 'work of a search from which on it is done', 'work')
-    least: float = steer(0.5, 'time that must be left', 's')
     quick: float = steer(1e-5, 'difference of the sampled input from u*, first', 'relative')
     precise: float = steer(2e-7, 'the same of the method indirect, and second', 'relative')
     fewest: int = steer(64, 'minimum', 'samples')
@@ -218,7 +271,6 @@ class BoundaryOptions:
     intervals: int = steer(24, 'of all phases together, about', 'intervals')
     fewest: int = steer(3, 'minimum of a phase', 'intervals')
     finest: int = steer(8, 'largest refinement', 'times')
-    iterations: int = steer(150, 'maximum of a solve', 'iterations')
     coarse: float = steer(1e-4, 'residual of the dynamics above which arcs are not detected')
     stiff: float = steer(0.1, 'ratio of residuals above which intervals are spread anew')
     steady: float = steer(0.7, 'ratio of residuals below which the budget is extended')
@@ -243,10 +295,9 @@ class NeighbourOptions:
     derive: int = steer(1000, 'work after which faster derivatives are built', 'work')
     usual: int = steer(10, 'iterations expected of a new program', 'iterations')
     again: int = steer(4, 'weight of the work of a structure that was solved')
-    iterations: int = steer(15, 'maximum from a neighbour: another minimum may be better',
-                            'iterations')
+    iterations: int = steer(
+        15, 'maximum from a neighbour: another minimum may be better', 'iterations')
     meshes: int = steer(3, 'maximum if the certificate does not pass at once', 'meshes')
-    rival_iterations: int = steer(150, 'maximum for another minimum', 'iterations')
 
 
 @dataclass(frozen=True)
@@ -258,6 +309,9 @@ class Options:
     descent: DescentOptions = DescentOptions()
     budget: BudgetOptions = BudgetOptions()
     multistart: MultistartOptions = MultistartOptions()
+    guesses: GuessOptions = GuessOptions()
+    obstacles: ObstacleOptions = ObstacleOptions()
+    rollouts: RolloutOptions = RolloutOptions()
     windows: WindowOptions = WindowOptions()
     horizon: HorizonOptions = HorizonOptions()
     bangs: BangOptions = BangOptions()
@@ -273,12 +327,13 @@ DEFAULTS = Options()
 
 @dataclass(frozen=True)
 class Option:
-    """One option: its name as users write it, its value, its meaning and its unit."""
+    """One option: its name as users write it, its value, and what `steer` says of it."""
 
     name: str
     value: float | tuple[float, ...]
     meaning: str
     unit: str
+    needed_by: str
 
 
 def list_options(options: Options = DEFAULTS) -> Iterator[Option]:
@@ -295,7 +350,7 @@ def list_options(options: Options = DEFAULTS) -> Iterator[Option]:
         values = getattr(options, group.name)
         for each in fields(values):
             yield Option(f'{group.name}.{each.name}', getattr(values, each.name),
-                         each.metadata['meaning'], each.metadata['unit'])
+                         **each.metadata)
 
 
 def read_options(given: Iterable[str]) -> Options:

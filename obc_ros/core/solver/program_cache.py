@@ -127,7 +127,7 @@ class ProgramCache:
         self.judge = CostateIntegrator(problem)
         smooth = self.twin.problem(problem, 0) if self.twin else problem
         self.integrator = CostateIntegrator(smooth) if self.twin else self.judge
-        self.guesser = Guesser(smooth)
+        self.guesser = Guesser(smooth, options.guesses)
         self.switching = find_switching_inputs(smooth)
         self.affine = not ca.depends_on(
             ca.jacobian(problem.f, ca.vertcat(problem.x, problem.u)),

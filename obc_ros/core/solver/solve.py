@@ -102,7 +102,7 @@ def solve(problem: Problem, *, method: str = '', time_limit: float = 60.0,
 
     """
     name, begun = get_method(method or problem.method), time.monotonic()
-    kept = min(options.budget.certificate * time_limit, options.budget.certificate_most)
+    kept = min(options.budget.certificate * time_limit, options.budget.least)
     meter = Meter(time_limit - kept, report, max_intervals)
     problem, programs = (cache or Cache(1)).prepared(problem, options)
     if keep is not None:

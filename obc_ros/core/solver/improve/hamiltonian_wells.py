@@ -139,7 +139,7 @@ def _from_inputs(bench: Bench, outcome: TranscriptionOutcome,
         inner = path.t[:-1, None] + h[:, None] * compute_gauss_points(path.inner.shape[1])
         path = replace(path, x=x[np.append(0, np.cumsum(steps))],
                        inner=interpolate_columns(inner, t, x))
-    new = bench.collocate(outcome.mesh, path, near=True, most=options.iterations)
+    new = bench.collocate(outcome.mesh, path, near=True, most=bench.options.coarse.iterations)
     return new if new.converged else None
 
 
@@ -173,7 +173,8 @@ def _with_jumps(bench: Bench, outcome: TranscriptionOutcome) -> TranscriptionOut
         path, arcs = outcome.path, _apart(bench, outcome)
         if len(arcs) == len(path.durations) and not have_moved(arcs, path.durations, _VANISHING):
             break
-        new = solve_on_arcs(bench, arcs, outcome, len(path.ua), options.iterations)
+        new = solve_on_arcs(bench, arcs, outcome, len(path.ua),
+                            bench.options.coarse.iterations)
         if new is None or is_below(outcome.objective, new.objective, _SAME):
             break
         outcome = new

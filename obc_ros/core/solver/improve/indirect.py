@@ -72,10 +72,12 @@ def is_worth_refining(state: State) -> bool:
         With the result of the search.
 
     """
-    bench, found, options = state.bench, state.best, state.bench.options.indirect
+    bench, found = state.bench, state.best
+    little = bench.work < bench.options.indirect.work and not bench.programs.touched_up
     return found is not None and found.record is not None and not (
-        found.nearby or bench.work < options.work and not bench.programs.touched_up
-        or bench.meter.remaining() < options.least) and _is_smooth(bench, found.record)
+        found.nearby or little
+        or bench.meter.remaining() < bench.options.budget.least) and _is_smooth(
+            bench, found.record)
 
 
 def refine_after_search(state: State) -> State | str:

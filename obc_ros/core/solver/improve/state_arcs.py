@@ -34,7 +34,7 @@ from obc_ros.core.solver.bench import Bench, Candidate
 from obc_ros.core.solver.improve.improvement import State
 from obc_ros.core.solver.improve.phase_samples import BY_SAMPLES, certify_samples, join_phases
 from obc_ros.core.solver.nlp.meter import Meter
-from obc_ros.core.solver.options import BoundaryOptions, DEFAULTS
+from obc_ros.core.solver.options import BoundaryOptions, DEFAULTS, Options
 from obc_ros.core.solver.trace import judge_path
 from obc_ros.core.solver.transcription.mesh import build_uniform_mesh, Path
 from obc_ros.core.solver.transcription.program import ProblemScales, TranscriptionOutcome
@@ -150,8 +150,7 @@ def tidy_arcs(arcs: list[Arc]) -> list[Arc]:
 
 def settle_arcs(problem: Problem, program: PhasedProgram, arcs: list[Arc], guess: Path,
                 sizes: ProblemScales, pinned: Mask, meter: Meter, fine: float,
-                spread: tuple[Array, Array],
-                options: BoundaryOptions = DEFAULTS.boundary) -> Phased | None:
+                spread: tuple[Array, Array], options: Options = DEFAULTS) -> Phased | None:
     """
     Solve on phases with the given arcs, and again without those that vanish.
 
@@ -169,7 +168,7 @@ def settle_arcs(problem: Problem, program: PhasedProgram, arcs: list[Arc], guess
         Factor of the number of intervals.
     spread : pair of ndarray
         Distribution of the intervals, as returned by `spread_like`.
-    options : BoundaryOptions
+    options : Options
         Of the search.
 
     Returns
@@ -178,12 +177,12 @@ def settle_arcs(problem: Problem, program: PhasedProgram, arcs: list[Arc], guess
         None without convergence, or if the mesh is too large.
 
     """
-    for _ in range(options.solves):
-        meshes = _meshes(arcs, spread, fine, options)
+    for _ in range(options.boundary.solves):
+        meshes = _meshes(arcs, spread, fine, options.boundary)
         K = sum(len(mesh) for mesh in meshes)
         if meter.stopped or not meter.allows(K):
             return None
-        meter.limit(options.iterations, K * DEGREE)
+        meter.limit(options.coarse.iterations, K * DEGREE)
         found = program.solve(problem, arcs, meshes, guess, sizes, pinned, meter)
         smooth = tidy_arcs([replace(arc, jump=False) for arc in arcs])
         if not found.converged and len(smooth) < len(arcs):
@@ -241,11 +240,11 @@ def _meshes(arcs: list[Arc], spread: tuple[Array, Array], fine: float,
 
 def _grazing(problem: Problem, program: PhasedProgram, found: Phased, sizes: ProblemScales,
              pinned: Mask, meter: Meter, where: Grazing,
-             options: BoundaryOptions) -> Phased:
+             options: Options) -> Phased:
     """Solve again with tangential junctions; return the former path if that costs more."""
     if not where or meter.stopped:
         return found
-    meter.limit(options.iterations, len(found.h) * DEGREE)
+    meter.limit(options.coarse.iterations, len(found.h) * DEGREE)
     new = program.solve(
         problem, found.arcs, found.meshes, join_phases(found), sizes, pinned, meter, where)
     same = new.converged and len(tidy_arcs(new.arcs)) == len(new.arcs) and not is_below(
@@ -377,7 +376,7 @@ def _settled_on(bench: Bench, outcome: TranscriptionOutcome, arcs: list[Arc], al
             break
         seen.add(turn.key)
         found = settle_arcs(problem, program, turn.arcs, turn.guess, sizes, pinned, meter,
-                            turn.fine, turn.spread, options)
+                            turn.fine, turn.spread, bench.options)
         if found is None or found.cost > allowed:
             break
         answer = certify_samples(problem, program, judge, fitter, found)
@@ -402,7 +401,7 @@ def _settled_on(bench: Bench, outcome: TranscriptionOutcome, arcs: list[Arc], al
             continue
         # The cost hardly depends on the time of a tangential junction, which is inaccurate.
         smooth = _grazing(problem, program, found, sizes, pinned, meter,
-                          found.grazing(options.nearly, touched=True), options)
+                          found.grazing(options.nearly, touched=True), bench.options)
         if smooth is not found and (
                 better := certify_samples(problem, program, judge, fitter, smooth)).certified:
             return better

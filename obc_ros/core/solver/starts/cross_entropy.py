@@ -13,6 +13,7 @@ The module is long because its generations and its quick and thorough searches s
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import chain, islice, pairwise, zip_longest
 from typing import NamedTuple
 
@@ -22,6 +23,7 @@ from obc_ros.core.numerics.vectorized import VectorizedFunction
 from obc_ros.core.ocp.least_time_form import get_final_time
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.solver.bench import Bench, Candidate
+from obc_ros.core.solver.options import DEFAULTS, RolloutOptions
 from obc_ros.core.solver.starts.start import Known, Proposal
 from obc_ros.core.solver.starts.start_pool import is_rough, StartPool
 from obc_ros.core.solver.trace import GUESS
@@ -50,31 +52,23 @@ class RolloutEnd(NamedTuple):
     path: Path
 
 
-_LONG, _SHORT = _Look(384, 24, 5, 96), _Look(192, 12, 4, 48)
-
-_SPANS = 4            # windows of a free T, each with parents of its own
-_PIECES = 6           # pieces of constant input of a rollout
-_LONGER = 8.0         # largest ratio of a free T to its guess, either way
-_SPREAD = 0.4         # first standard deviation around parents, as part of the input range
 _TYPICAL = 0.8        # quantile of |psi| over all rollouts that is its scale
-_LIKE, _ON_WAY = 0.5, 8   # distance of paths of one kind over that of all; points compared
-_GLANCE = 32          # samples of the brief search with terminal constraints
-# Brief search without terminal constraints (usual, nonlinear): samples, kinds of paths that are
-# parents, children of each.
-_OPEN = (384, 4, 48), (1152, 8, 48)
-_GENERATIONS = 2      # generations of the brief search
-_AMONG = 24           # cheapest samples per kind among which kinds are told apart
-_STEPS = 5, 10, 20    # integration steps of a piece in the brief search, tried in turn
-_STRETCH = 2.0        # largest ratio of a free T to that of the last outcome there, either way
+_ON_WAY = 8           # points at which two paths are compared
 # Costs are confirmed with so many times the steps; largest median error, over their range, at
 # which they count as confirmed.
 _FINER, _AGREE = 4, 0.3
-# Maximum number of rollouts from which the problem is solved: while none converged, and at all.
-_TRIED, _TRIED_MOST = 8, 16
-_INTERVALS, _ITERATIONS = 32, 150   # intervals of these solves, maximum number of iterations
-_NEARER = 3   # maximum number of halvings of the distance from rest for half of the samples
-_CHEAP = 2    # cheap rollouts before expensive ones, which end nearer to psi = 0
-_VAIN = 3, 6  # rollouts in a row without a new minimum before they end: usual, nonlinear
+
+
+def _thorough(options: RolloutOptions) -> _Look:
+    """Return the effort of a long search."""
+    return _Look(options.samples, options.samples // options.share, options.generations,
+                 options.pieces * options.steps)
+
+
+def _short(options: RolloutOptions) -> _Look:
+    """Return the effort of a short search."""
+    return _Look(options.samples // 2, options.samples // (2 * options.share),
+                 options.generations - 1, options.pieces * options.steps // 2)
 
 
 def ends_at_target(bench: Bench, _: Known) -> bool:
@@ -111,16 +105,19 @@ def start_from_rollouts(bench: Bench, pool: StartPool, _: Known) -> Proposal:
     problem = bench.problem
     found: list[TranscriptionOutcome] = []
     pool.forget()
-    paths = label_paths(search_rollouts(problem, get_final_time(problem)), 'cross-entropy rollout')
-    for number, path in enumerate(islice(paths, _TRIED_MOST)):
-        vain = number >= _TRIED and not found
-        if vain or bench.meter.stopped or not bench.meter.allows(_INTERVALS):
+    options, intervals = bench.options.rollouts, 2 * bench.options.coarse.intervals
+    most = bench.options.coarse.iterations
+    paths = label_paths(search_rollouts(problem, get_final_time(problem), options=options),
+                        'cross-entropy rollout')
+    for number, path in enumerate(islice(paths, 2 * options.tried)):
+        vain = number >= options.tried and not found
+        if vain or bench.meter.stopped or not bench.meter.allows(intervals):
             break
-        usual = 2 * found[0].iterations if found else _ITERATIONS
+        usual = 2 * found[0].iterations if found else most
         with bench.trace.attempt(GUESS, path.origin) as attempt:
             outcome = bench.collocate(
-                build_uniform_mesh(problem, _INTERVALS, bench.stages), path,
-                most=min(usual, _ITERATIONS), known=pool.known_minima)
+                build_uniform_mesh(problem, intervals, bench.stages), path,
+                most=min(usual, most), known=pool.known_minima)
             pool.known_minima.record_end(
                 outcome.objective, outcome.infeasibility,
                 outcome.path if outcome.converged else None)
@@ -174,8 +171,9 @@ def interleave_rollouts(bench: Bench, pool: StartPool, known: Known) -> Proposal
     rollouts = _promising(
         bench, known.best, seen, lambda: bench.work - aside > bench.options.multistart.hard
         or is_rough(bench, pool), known.bent)
+    patience = (2 if known.bent else 1) * bench.options.rollouts.vain
     return Proposal(rest=_interleave(pool, pool.rest, label_paths(
-        rollouts, 'cross-entropy rollout'), _VAIN[known.bent]), wanted=bool(seen))
+        rollouts, 'cross-entropy rollout'), patience), wanted=bool(seen))
 
 
 def _interleave(pool: StartPool, starts: Iterator[Path], rollouts: Iterator[Path],
@@ -196,18 +194,20 @@ def _interleave(pool: StartPool, starts: Iterator[Path], rollouts: Iterator[Path
 def _promising(bench: Bench, last: Candidate, seen: list[RolloutEnd], rough: Callable[[], bool],
                bent: bool) -> Iterator[Path]:
     """Yield rollouts of the brief search, and of a longer one if that is worth it."""
+    options = bench.options.rollouts
     yield from (each.path for each in seen[:1])
     if last.record is not None and bench.problem.q and not bench.programs.twin:
         outcome = last.record.outcome
         problem, T = _within(bench.problem, outcome.path), outcome.path.t[-1]
         rest = bench.programs.guesser.rest(bench.problem)
-        look = _LONG if rough() else _SHORT if bent else None
-        if look:
-            cheap = iter(search_rollouts(problem, T, outcome.objective, rest, look))
-            yield from islice(cheap, _CHEAP)
-            for pair in zip_longest(search_rollouts(problem, T, np.inf, rest, look), cheap):
+        short = not rough()
+        if bent or not short:
+            search = partial(search_rollouts, problem, T, rest=rest, short=short, options=options)
+            cheap = search(outcome.objective)
+            yield from cheap[:options.cheap]
+            for pair in zip_longest(search(), cheap[options.cheap:]):
                 yield from filter(None, pair)
-    yield from _unlike(seen)[1:]
+    yield from _unlike(seen, options)[1:]
 
 
 def _within(problem: Problem, path: Path) -> Problem:
@@ -230,14 +230,16 @@ def search_rollouts_briefly(bench: Bench, last: Candidate, bent: bool) -> list[R
     if last.record is None or bench.programs.twin:
         return []
     outcome, chance = last.record.outcome, np.random.default_rng(4)
+    options = bench.options.rollouts
     problem, most, T = _within(bench.problem, outcome.path), outcome.objective, outcome.path.t[-1]
     if problem.q:
-        led = _Led(bench, problem, _glanced(bench, problem, T, chance, _GLANCE), _STEPS[0])
-        return led.seen(most)
+        drawn = _glanced(bench, problem, T, chance, options.glance)
+        return _Led(bench, problem, drawn, options.brief_steps).seen(most)
     seen = list[RolloutEnd]()
-    for steps in _STEPS if bent else _STEPS[:1]:
-        drawn = _glanced(bench, problem, T, chance, _OPEN[bent][0])
-        coarse = _drawn_again(bench, problem, drawn, steps, chance, *_OPEN[bent][1:])
+    for finer in (1, 2, 4) if bent else (1,):
+        drawn = _glanced(bench, problem, T, chance, (3 if bent else 1) * options.samples)
+        steps = finer * options.brief_steps
+        coarse = _drawn_again(bench, problem, drawn, steps, chance, (1 + bent) * options.kinds)
         if coarse is None:
             break
         # Coarse steps may jump over a pole of f to states of low cost.
@@ -249,16 +251,18 @@ def search_rollouts_briefly(bench: Bench, last: Candidate, bent: bool) -> list[R
 
 
 def _drawn_again(bench: Bench, problem: Problem, drawn: '_Drawn', steps: int,
-                 chance: np.random.Generator, kinds: int, children: int) -> '_Led | None':
+                 chance: np.random.Generator, kinds: int) -> '_Led | None':
     """Return the best rollouts around the cheapest of each kind of path; None without any."""
+    options = bench.options.rollouts
     led = _Led(bench, problem, drawn, steps)
     best = led.kinds(kinds)
-    for generation in range(_GENERATIONS):
+    for generation in range(options.brief_generations):
         if not best.size:
             return None
         led = _Led(bench, problem, led.drawn.around(
-            problem, np.repeat(best, children), _SPREAD / 2**generation, chance), steps)
-        best = led.best_of_each(children)
+            problem, np.repeat(best, options.children), options.spread / 2**generation, chance),
+            steps)
+        best = led.best_of_each(options.children)
     return _Led(bench, problem, led.drawn.only(best), steps) if best.size else None
 
 
@@ -266,13 +270,13 @@ def _glanced(bench: Bench, problem: Problem, T: float, chance: np.random.Generat
              count: int) -> '_Drawn':
     """Return random inputs, at a random distance from rest; half not moved to rest without psi."""
     rest = _part_at(problem, bench.programs.guesser.rest(bench.problem))
-    part = _parts(chance, count, problem.m)
+    part = _parts(chance, (count, bench.options.rollouts.pieces, problem.m))
     away = chance.uniform(0, 1, (count, 1, 1))
     if not problem.q:
         away[::2] = 1.0   # the cheapest inputs are often at bounds
     length, final = np.full(count, T), problem.final_time
     if final.free:
-        length = np.clip(length * _STRETCH**chance.uniform(-1, 1, count), final.lower, final.upper)
+        length = np.clip(length * 2.0**chance.uniform(-1, 1, count), final.lower, final.upper)
     return _Drawn(rest + away * (part - rest), length)
 
 
@@ -281,8 +285,9 @@ class _Led:
 
     def __init__(self, bench: Bench, problem: Problem, drawn: '_Drawn', steps: int) -> None:
         self.drawn, integrator = drawn, bench.programs.integrator
+        self._options, pieces = bench.options.rollouts, drawn.part.shape[1]
         self._u = np.repeat(_inputs(problem, drawn.part), steps, axis=1)
-        self._t = drawn.length[:, None] * np.linspace(0.0, 1.0, steps * _PIECES + 1)
+        self._t = drawn.length[:, None] * np.linspace(0.0, 1.0, steps * pieces + 1)
         self._x, running = integrator.forward_each(problem, self._t, self._u)
         V, psi = integrator.ends(problem, self._x[:, -1])
         sound = np.isfinite(self._x).all(axis=(1, 2)) & np.isfinite(psi).all(axis=1)
@@ -299,9 +304,10 @@ class _Led:
 
     def kinds(self, most: int) -> Index:
         """Return the cheapest rollout of each kind of path, at most `most`, among the cheapest."""
-        order = self.order(np.inf)[:_AMONG * most]
+        order = self.order(np.inf)[:self._options.among * most]
         seen = [RolloutEnd(float(rank), self.path(k)) for rank, k in enumerate(order)]
-        return np.array([order[int(each.gap)] for each, *_ in _alike(seen)[:most]], dtype=np.int64)
+        return np.array([order[int(each.gap)] for each, *_ in _alike(
+            seen, self._options)[:most]], dtype=np.int64)
 
     def best_of_each(self, many: int) -> Index:
         """Return the cheapest of each `many` rollouts in a row, if within the state bounds."""
@@ -348,7 +354,8 @@ class _Drawn:
 
 
 def search_rollouts(problem: Problem, T: float, most: float = np.inf, rest: Array | None = None,
-                    look: _Look = _LONG) -> list[Path]:
+                    *, short: bool = False, options: RolloutOptions = DEFAULTS.rollouts
+                    ) -> list[Path]:
     """
     Search for rollouts that end near psi = 0, by the cross-entropy method.
 
@@ -362,8 +369,10 @@ def search_rollouts(problem: Problem, T: float, most: float = np.inf, rest: Arra
         Maximum cost.
     rest : ndarray, shape (m,), optional
         Input of low cost: half of the samples are near it.
-    look : _Look
-        Effort.
+    short : bool
+        With less effort.
+    options : RolloutOptions
+        Of the search.
 
     Returns
     -------
@@ -371,17 +380,20 @@ def search_rollouts(problem: Problem, T: float, most: float = np.inf, rest: Arra
         One of each kind of path in turn, the nearest to psi = 0 first.
 
     """
+    look = _short(options) if short else _thorough(options)
     final, count = problem.final_time, look.drawn
     chance = np.random.default_rng(4)
     if final.free:
-        shortest, longest = np.clip([T / _LONGER, T * _LONGER], final.lower, final.upper)
-        spans = np.geomspace(shortest, longest * (1 + 1e-9), _SPANS + 1)
+        shortest, longest = np.clip(
+            [T / options.longer, T * options.longer], final.lower, final.upper)
+        spans = np.geomspace(shortest, longest * (1 + 1e-9), options.windows + 1)
     else:
         shortest, longest, spans = T, T, np.array([T * (1 - 1e-9), np.inf])
-    part = _parts(chance, count, problem.m)
+    part = _parts(chance, (count, options.pieces, problem.m))
     if rest is not None:
         still = _part_at(problem, rest)
-        away = np.where(np.arange(count) % 4 < 2, 2.0 ** -chance.uniform(0, _NEARER, count), 1.0)
+        away = np.where(np.arange(count) % 4 < 2,
+                        2.0 ** -chance.uniform(0, options.nearer, count), 1.0)
         part = still + away[:, None, None] * (part - still)
     drawn = _Drawn(part, np.exp(
         chance.uniform(np.log(shortest), np.log(longest), count)))
@@ -398,21 +410,22 @@ def search_rollouts(problem: Problem, T: float, most: float = np.inf, rest: Arra
         k, step = np.array([(end.number, end.step) for end in parents]).T
         used = step / look.steps if final.free else np.ones(count)
         # The pieces that were used up to the end of the parent, over its final time.
-        middle = (used[:, None] * (np.arange(_PIECES) + 0.5)).astype(np.int64)
-        width = _SPREAD / 2**generation
+        middle = (used[:, None] * (np.arange(options.pieces) + 0.5)).astype(np.int64)
+        width = options.spread / 2**generation
         drawn = _Drawn(
             np.clip(drawn.part[k[:, None], middle] + width * chance.normal(size=part.shape), 0, 1),
             np.clip(drawn.length[k] * used * np.exp(width * chance.normal(size=count)),
                     shortest, longest))
-    return _unlike(kept)
+    return _unlike(kept, options)
 
 
-def _unlike(kept: list[RolloutEnd]) -> list[Path]:
+def _unlike(kept: list[RolloutEnd], options: RolloutOptions) -> list[Path]:
     """Return paths, one of each kind in turn, the nearest to psi = 0 first."""
-    return [each.path for turn in zip_longest(*_alike(kept)) for each in turn if each is not None]
+    return [each.path for turn in zip_longest(*_alike(kept, options)) for each in turn
+            if each is not None]
 
 
-def _alike(kept: list[RolloutEnd]) -> list[list[RolloutEnd]]:
+def _alike(kept: list[RolloutEnd], options: RolloutOptions) -> list[list[RolloutEnd]]:
     """Return paths grouped by kind, in order of distance from psi = 0."""
     kept = sorted(kept, key=lambda each: each.gap)
     alike: list[list[RolloutEnd]] = []
@@ -424,7 +437,7 @@ def _alike(kept: list[RolloutEnd]) -> list[list[RolloutEnd]]:
         way /= np.maximum(way.std(axis=0).max(axis=0), 1e-300)
         way = way.reshape(len(way), -1)
         while left.size:   # the nearest path that is left, and all of its kind
-            near = np.mean((way[left] - way[left[0]])**2, axis=1) < _LIKE**2
+            near = np.mean((way[left] - way[left[0]])**2, axis=1) < options.like**2
             near[0] = True
             alike.append([kept[k] for k in left[near]])
             left = left[~near]
@@ -483,9 +496,9 @@ class _Rollouts:
         return found, lambda end: _path(t[end.number], x[end.number], u[end.number], end.step)
 
 
-def _parts(chance: np.random.Generator, count: int, m: int) -> Array:
+def _parts(chance: np.random.Generator, shape: tuple[int, int, int]) -> Array:
     """Return random parts of ranges, (count, pieces, m); half of them 0, 1/2 or 1."""
-    part = chance.choice([0.0, 0.5, 1.0], (count, _PIECES, m))
+    part = chance.choice([0.0, 0.5, 1.0], shape)
     part[::2] = chance.uniform(0, 1, part[::2].shape)
     return part
 

@@ -108,7 +108,7 @@ def _solve_finely(bench: Bench, mesh: Mesh,
     for number in range(options.meshes):
         if bench.meter.stopped or not bench.meter.allows(mesh.layout.intervals):
             break
-        outcome = bench.collocate(mesh, path, most=options.iterations)
+        outcome = bench.collocate(mesh, path, most=bench.options.coarse.iterations)
         if not outcome.converged:
             break
         if bench.is_accurate(outcome):

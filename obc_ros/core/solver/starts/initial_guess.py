@@ -21,13 +21,12 @@ from obc_ros.core.ocp.least_time_form import get_final_time
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.solver.adjoint.costates import CostateIntegrator
 from obc_ros.core.solver.exact.reachable_set import bound_first_reach, bound_reach
+from obc_ros.core.solver.options import DEFAULTS, GuessOptions
 from obc_ros.core.solver.transcription.mesh import build_path, Path
 from obc_ros.core.solver.transcription.program import ProblemScales
 from obc_ros.core.solver.transcription.runge_kutta import compute_amplification
 
 _POINTS = 21       # points of a guess
-_SCATTERED = 3.0   # range of states and inputs that are searched, in their reach or size
-_ASIDE = 0.3       # amplitude by which a line is bent in a state it does not move, in its reach
 _TURNS = 2 * np.pi, 360.0   # possible periods of an input that is an angle [rad], [deg]
 _DOUBLINGS = 24    # doublings and halvings of an input from 1 at which its cost is evaluated
 
@@ -39,7 +38,8 @@ def _inside(value: Array, lower: Array, upper: Array) -> Array:
 class Guesser:
     """The initial guesses of the problems of one structure."""
 
-    def __init__(self, problem: Problem) -> None:
+    def __init__(self, problem: Problem, options: GuessOptions = DEFAULTS.guesses) -> None:
+        self._options = options
         x, u, p = problem.x, problem.u, problem.p
         slope = ca.jacobian(problem.psi, x)
         self._curved = ca.depends_on(slope, x)
@@ -327,7 +327,8 @@ class Guesser:
                                        problem.final_time.lower, problem.final_time.upper))
             known = spans()
             variety = _VARIETY if known is None or not problem.q else _BENT
-            bend, noise = variety[number % len(variety)]
+            bends, noises = variety[number % len(variety)]
+            bend, noise = bends * self._options.bend, noises * self._options.noise
             if known is not None:
                 size = np.where(np.isfinite(span) | (known[1] == 0), size, known[1])
             inputs = u + noise * size * _wave(chance, problem.m, knots=True)
@@ -348,7 +349,7 @@ class Guesser:
         reach = self._within_reach(problem, line, sizes.u)
         moves = (far > 0) & (reach > 0)
         reach = reach * np.max(far[moves] / reach[moves]) if moves.any() else reach
-        return np.where(far > 0, far, _ASIDE * np.where(reach > 0, reach, sizes.x))
+        return np.where(far > 0, far, self._options.aside * np.where(reach > 0, reach, sizes.x))
 
     def scattered(self, problem: Problem, integrator: CostateIntegrator, starts: Iterator[Path],
                   cost: float) -> Iterator[Path]:
@@ -415,7 +416,7 @@ class Guesser:
             np.tile(u, (len(t) - 1, 1)) for u in held)])
         apart = np.abs(ends[1:] - ends[0])
         reach = np.max(np.where(np.isfinite(apart), apart, 0.0), axis=0, initial=0.0)
-        x, u = (_SCATTERED * np.where(most > 0, most, size) for most, size in (
+        x, u = (self._options.reach * np.where(most > 0, most, size) for most, size in (
             (reach, found.x), (np.ptp(held, axis=0), found.u)))
         return x, u
 
@@ -431,12 +432,12 @@ class Guesser:
         return _inside(u + more, problem.u_lower, problem.u_upper)
 
 
-# Amplitudes of the bend of states and of the noise of inputs, in their sizes, for guesses in turn;
-# without a bend the states are integrated from the inputs.
-_VARIETY = ((0.5, 0.0), (0.0, 0.0), (0.5, 0.0), (1.0, 0.0), (0.0, 0.3), (0.5, 0.3))
+# Multiples of the bend of states and of the noise of inputs, for guesses in turn; without a bend
+# the states are integrated from the inputs.
+_VARIETY = ((1, 0), (0, 0), (1, 0), (2, 0), (0, 1), (1, 1))
 # The same once a path to prescribed final states is known: guesses integrated from inputs lead to
 # no other one.
-_BENT = ((0.5, 0.0), (0.5, 0.0), (0.5, 0.3), (0.5, 0.0), (0.0, 0.3), (1.0, 0.0))
+_BENT = ((1, 0), (1, 0), (1, 1), (1, 0), (0, 1), (2, 0))
 
 
 def _spread(number: int, columns: int) -> Array:

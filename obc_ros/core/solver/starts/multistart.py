@@ -182,18 +182,19 @@ class _Multistart:
     def _solve_next(self) -> TranscriptionOutcome:
         """Solve from the next guess; if the cost is lower, on meshes with small errors."""
         bench, options = self._bench, self._options
+        most = bench.options.coarse.iterations
         outcome = solve_next_start(bench, self._pool, once=self._best.certified,
                                    hard=self._uneven or self._before > options.hard)
         if not self._is_lowest(outcome):
             return outcome
         if not outcome.converged and outcome.infeasibility <= _MET:   # it needs more iterations
-            later = bench.collocate(outcome.mesh, outcome.path, near=True, most=options.iterations)
+            later = bench.collocate(outcome.mesh, outcome.path, near=True, most=most)
             outcome = later if later.converged else outcome
         for _ in range(options.splits):
             if not outcome.converged or bench.is_accurate(outcome):
                 break
             mesh = split(outcome.mesh, np.full(outcome.mesh.layout.intervals, 2))
-            outcome = bench.collocate(mesh, outcome.path, near=True, most=options.iterations)
+            outcome = bench.collocate(mesh, outcome.path, near=True, most=most)
         return outcome
 
     def _is_lowest(self, outcome: TranscriptionOutcome) -> bool:
@@ -219,6 +220,7 @@ class _Multistart:
         `lower`: whether it is on the coarse mesh.
         """
         bench, options = self._bench, self._options
+        most = bench.options.coarse.iterations
         cost, kept, coarse = self._best.solution.objective, self._best.record, self._coarse
         if kept is None or abs(cost - coarse) <= options.errs * abs(coarse) or (
                 outcome.mesh.layout.intervals > bench.intervals):
@@ -226,7 +228,7 @@ class _Multistart:
         mesh = build_uniform_mesh(bench.problem, options.finer * bench.intervals, bench.stages)
         if not bench.meter.allows(mesh.layout.intervals):
             return True
-        known, new = (bench.collocate(mesh, path, path.t[-1:], near=True, most=options.iterations)
+        known, new = (bench.collocate(mesh, path, path.t[-1:], near=True, most=most)
                       for path in (kept.outcome.path, outcome.path))
         if not (known.converged and new.converged):
             return lower

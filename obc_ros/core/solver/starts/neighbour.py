@@ -86,8 +86,8 @@ def _follow(bench: Bench, last: Answered) -> Candidate | None:
 
 def follow_rivals(bench: Bench, last: Answered) -> list[float]:
     """Return the costs of the rivals of a neighbour here, scaled from coarse to fine meshes."""
-    options = bench.options.neighbour
-    outcomes = [bench.collocate(rival.mesh, rival.path, near=True, most=options.rival_iterations)
+    most = bench.options.coarse.iterations
+    outcomes = [bench.collocate(rival.mesh, rival.path, near=True, most=most)
                 for rival in last.rivals]
     return [last.refined * outcome.objective for outcome in outcomes if outcome.converged]
 

@@ -20,6 +20,7 @@ from obc_ros.core.numerics.samples import interpolate_columns
 from obc_ros.core.numerics.vectorized import VectorizedFunction
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.solver.bench import Bench
+from obc_ros.core.solver.options import DEFAULTS, ObstacleOptions
 from obc_ros.core.solver.starts.initial_guess import estimate_scales
 from obc_ros.core.solver.starts.start import Known, Proposal
 from obc_ros.core.solver.starts.start_pool import StartPool
@@ -27,16 +28,11 @@ from obc_ros.core.solver.transcription.mesh import Path
 from scipy.optimize import least_squares
 
 _SEEN = 81            # points of the line at which constraints are evaluated
-_OBSTACLES = 6        # maximum number of obstacles: those with the largest violation
-_WAYS = 8             # maximum number of bent lines: the shortest
 _ASIDE = 201          # points across the line, up to its length, at which an obstacle is sought
-_CLEAR = 1.1          # distance of a bent line, in the distance at which the obstacle ends
-_DETOUR = 0.5         # largest distance, in lengths of a free line, of an obstacle's other side
 _STRAIGHT = 1e-6      # part of the gradient across the line below which it has no direction
 # Weights in the least squares of defects, of fixed final states, and of inputs and their changes;
 # the distance from the line has weight 1.
 _OBEY, _ARRIVE, _EASY = 30.0, 10.0, 0.01
-_TRIALS = 15          # maximum number of evaluations
 _ROOM = 1e-9          # least scaled distance of two bounds in the least squares
 
 
@@ -77,14 +73,16 @@ def start_around(bench: Bench, _: StartPool, known: Known) -> Proposal:
     problem, guesser, outcome = bench.problem, bench.programs.guesser, known.outcome
     assert outcome is not None
     line = guesser.line(problem, float(outcome.path.t[-1]))
-    around = bend_around(problem, line)
+    options = bench.options.obstacles
+    around = bend_around(problem, line, options)
     if not around:
         return Proposal(why='the line passes all of them')
-    follow = Follower(problem, line, guesser.final_state(problem)[1])
+    follow = Follower(problem, line, guesser.final_state(problem)[1], options.trials)
     return Proposal(first=map(follow, around), wanted=len(around))
 
 
-def bend_around(problem: Problem, line: Path) -> list[Path]:
+def bend_around(problem: Problem, line: Path,
+                options: ObstacleOptions = DEFAULTS.obstacles) -> list[Path]:
     """
     Bend a line around the path constraints that it violates.
 
@@ -94,6 +92,8 @@ def bend_around(problem: Problem, line: Path) -> list[Path]:
         Its path constraints that are nonlinear in x and free of u are obstacles.
     line : Path
         Straight, from x(0) to the end.
+    options : ObstacleOptions
+        Of the search.
 
     Returns
     -------
@@ -113,10 +113,10 @@ def bend_around(problem: Problem, line: Path) -> list[Path]:
     slopes = slopes.reshape(_SEEN, -1, problem.n)
     room = np.minimum(value - problem.path_lower, problem.path_upper - value)
     depends, sides = _depends(problem), []
-    for row in rows[np.argsort(room[:, rows].min(axis=0))][:_OBSTACLES].tolist():
+    for row in rows[np.argsort(room[:, rows].min(axis=0))][:options.most].tolist():
         k = int(np.argmin(room[:, row]))
         found = _sides(problem, seen, (x[0], x[k], x[-1]), row,
-                       np.where(depends[row], slopes[k, row], np.nan))
+                       np.where(depends[row], slopes[k, row], np.nan), options)
         if any(aside.any() for aside in found):
             sides.append([(s[k], aside) for aside in found])
     if not sides:
@@ -124,7 +124,7 @@ def bend_around(problem: Problem, line: Path) -> list[Path]:
     ways = [_bent(line, choice) for choice in product(*sides)]
     size = np.maximum(np.ptp([way.x for way in ways], axis=(0, 1)), 1e-300)
     return sorted(ways, key=lambda way: float(np.linalg.norm(
-        np.diff(way.x / size, axis=0), axis=1).sum()))[:_WAYS]
+        np.diff(way.x / size, axis=0), axis=1).sum()))[:options.ways]
 
 
 def _depends(problem: Problem) -> Mask:
@@ -144,7 +144,7 @@ def _curved(problem: Problem) -> NDArray[np.int64]:
 
 
 def _sides(problem: Problem, seen: VectorizedFunction, line: tuple[Array, Array, Array], row: int,
-           slope: Array) -> list[Array]:
+           slope: Array, options: ObstacleOptions) -> list[Array]:
     """
     Return the displacements (n,) of a line, to either side, that pass a constraint.
 
@@ -171,8 +171,9 @@ def _sides(problem: Problem, seen: VectorizedFunction, line: tuple[Array, Array,
         beyond = first + int(np.argmin(inside[first:]))
         if not inside.any():
             found.append(np.zeros(problem.n))
-        elif not inside[beyond] and (inside[0] or far[beyond] <= _DETOUR * length):
-            found.append(sign * _CLEAR * far[beyond] * step)
+        elif not inside[beyond] and (
+                inside[0] or far[beyond] <= options.detour * length):
+            found.append(sign * options.clear * far[beyond] * step)
     return found
 
 
@@ -196,10 +197,14 @@ class Follower:
         Straight, from x(0) to the end; its times are those of the path.
     fixed : ndarray of bool, shape (n,)
         Components of x(T) that psi fixes.
+    trials : int
+        Maximum number of evaluations.
 
     """
 
-    def __init__(self, problem: Problem, line: Path, fixed: Mask) -> None:
+    def __init__(self, problem: Problem, line: Path, fixed: Mask,
+                 trials: int = DEFAULTS.obstacles.trials) -> None:
+        self._trials = trials
         x, u = problem.x, problem.u
         self._problem, self._N = problem, len(line.t) - 1
         self._rate = VectorizedFunction([x, u, problem.p], [
@@ -223,7 +228,8 @@ class Follower:
             try:
                 z = least_squares(
                     self._misses, np.clip(first, lower, upper), self._slopes,
-                    (lower, np.maximum(upper, lower + _ROOM)), max_nfev=_TRIALS, args=(way,)).x
+                    (lower, np.maximum(upper, lower + _ROOM)),
+                    max_nfev=self._trials, args=(way,)).x
             except ValueError:   # f is undefined somewhere
                 return way
         x, u = self._parts(z)
