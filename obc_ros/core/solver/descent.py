@@ -8,9 +8,9 @@ The cost of an outcome is compared with the minimum by the Hamiltonian loss
 of the cost to first order. 'Relative excess' is this loss over |J|.
 """
 
-from collections.abc import Generator, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
-from typing import cast
+import math
 
 import numpy as np
 from obc_ros.core.ocp.solution import Verdict
@@ -25,7 +25,7 @@ from obc_ros.core.solver.transcription.program import TranscriptionOutcome
 
 class Descent:
     """
-    A descent from one outcome.
+    A descent from one outcome, which can be interrupted.
 
     Parameters
     ----------
@@ -33,20 +33,20 @@ class Descent:
         Of the search.
     start : TranscriptionOutcome
         On the coarse mesh.
+    rounds : int, optional
+        Maximum number of meshes; that of the options if left out.
 
     """
 
-    def __init__(self, bench: Bench, start: TranscriptionOutcome) -> None:
-        self._state = State(bench, start, bench.switching)
+    def __init__(self, bench: Bench, start: TranscriptionOutcome, rounds: int = 0) -> None:
+        self._state, self._tried = State(bench, start, bench.switching), start
+        self._entry = bench.trace.begin('descent', f'from cost {start.objective:.6g}')
+        self._meshes = enumerate(self._refine(rounds or bench.options.descent.meshes))
+        self._begun: int | None = None   # work of the search before the first mesh
 
-    def follow(self, rounds: int = 0) -> Generator[None, None, Candidate]:
+    def finish(self) -> Candidate:
         """
-        Refine mesh and arcs until the certificate passes; yield after each mesh.
-
-        Parameters
-        ----------
-        rounds : int, optional
-            Maximum number of meshes; that of the options if left out.
+        Refine mesh and arcs until the certificate passes.
 
         Returns
         -------
@@ -54,33 +54,53 @@ class Descent:
             The last one that was certified; otherwise the best without a passing certificate.
 
         """
-        start, bench = self._state.outcome, self._state.bench
-        trace, options = bench.trace, bench.options.descent
-        descent = trace.begin('descent', f'from cost {start.objective:.6g}')
-        with trace.under(descent):
-            done = self._try(DescentStage.START)
-        tried, begun = start, bench.work
-        meshes = enumerate(self._meshes(rounds or options.meshes))
-        while not done:
-            with trace.under(descent), trace.attempt('mesh') as attempt:
-                if (step := next(meshes, None)) is None:
-                    attempt.end(Verdict.STOPPED, 'no finer mesh is tried or leads to a path')
-                    break
-                number, course = step
-                above = self._judge(attempt, number, course)
-                if self._is_due(number, course, above):
-                    tried = self._state.outcome
-                    done = self._try(DescentStage.CERTIFIED)
-                if done or self._is_enough(number, above, begun):
-                    break
-            yield
-        with trace.under(descent):
+        found = self.advance(math.inf)
+        assert found is not None
+        return found
+
+    def advance(self, most: float) -> Candidate | None:
+        """
+        Do what `finish` does, up to a limit of the work.
+
+        Parameters
+        ----------
+        most : float
+            Work after which the descent is interrupted, at the end of a mesh.
+
+        Returns
+        -------
+        Candidate or None
+            None if it was interrupted.
+
+        """
+        bench = self._state.bench
+        before = bench.work
+        with bench.trace.under(self._entry):
+            done = self._begun is None and self._try(DescentStage.START)
+            self._begun = bench.work if self._begun is None else self._begun
+            while not (done or self._step()):
+                if bench.work - before > most:
+                    return None
             best = self._state.best or self._certify()
-            if not (best.certified or self._state.outcome is tried):
+            if not (best.certified or self._state.outcome is self._tried):
                 self._try(DescentStage.CERTIFIED)
                 best = self._state.best or best
-        descent.end(*judge_path(best.solution), cost=best.solution.objective)
+        self._entry.end(*judge_path(best.solution), cost=best.solution.objective)
         return best
+
+    def _step(self) -> bool:
+        """Solve on the next mesh; return whether the descent has ended."""
+        with self._state.bench.trace.attempt('mesh') as attempt:
+            if (step := next(self._meshes, None)) is None:
+                attempt.end(Verdict.STOPPED, 'no finer mesh is tried or leads to a path')
+                return True
+            number, course = step
+            above = self._judge(attempt, number, course)
+            if self._is_due(number, course, above):
+                self._tried = self._state.outcome
+                if self._try(DescentStage.CERTIFIED):
+                    return True
+            return self._is_enough(number, above)
 
     def _try(self, stage: DescentStage) -> bool:
         """Try the improvements of a stage; return whether one led to a candidate."""
@@ -121,10 +141,10 @@ class Descent:
         due = number in options.boundary_arcs and above < options.boundary_excess
         return due and (chorded or not self._is_certified)
 
-    def _is_enough(self, number: int, above: float, begun: int) -> bool:
-        """Return whether no finer mesh is needed; `begun`: work before the descent."""
+    def _is_enough(self, number: int, above: float) -> bool:
+        """Return whether no finer mesh is needed."""
         bench, options = self._state.bench, self._state.bench.options.descent
-        late = bench.work - begun > options.digits * (1 + bench.stages)
+        late = bench.work - (self._begun or 0) > options.digits * (1 + bench.stages)
         close = above < (options.enough_bounded if bench.bounded else options.enough)
         return self._is_certified and (close or late) or bench.quick and number >= 2
 
@@ -132,7 +152,7 @@ class Descent:
     def _is_certified(self) -> bool:
         return self._state.best is not None and self._state.best.certified
 
-    def _meshes(self, rounds: int) -> Iterator[Extremal]:
+    def _refine(self, rounds: int) -> Iterator[Extremal]:
         """Solve on finer and finer meshes, at most `rounds`; yield the costates of each path."""
         options = self._state.bench.options.descent
         self._try(DescentStage.FIRST_MESH)
@@ -156,13 +176,13 @@ class Descent:
             coarse = self._state.outcome
             if turn:
                 self._try(DescentStage.NEXT_MESH)
-            if self._state.outcome is coarse and not self._refine(course):
+            if self._state.outcome is coarse and not self._solve_finer(course):
                 return
 
     def _course(self) -> Extremal:
         return self._state.bench.course(self._state.outcome)
 
-    def _refine(self, course: Extremal) -> bool:
+    def _solve_finer(self, course: Extremal) -> bool:
         """Solve on a finer mesh, within tightened bounds; return whether that converged."""
         outcome, options = self._state.outcome, self._state.bench.options.descent
         bench, exceeded = self._state.bench.tighten(course)
@@ -180,7 +200,7 @@ class Descent:
 
 def descend(bench: Bench, start: TranscriptionOutcome, rounds: int = 0) -> Candidate:
     """
-    Refine mesh and arcs of a coarse outcome until its certificate passes; see `Descent.follow`.
+    Refine mesh and arcs of a coarse outcome until its certificate passes; see `Descent.finish`.
 
     Parameters
     ----------
@@ -192,25 +212,4 @@ def descend(bench: Bench, start: TranscriptionOutcome, rounds: int = 0) -> Candi
         Maximum number of meshes; that of the options if left out.
 
     """
-    return finish(Descent(bench, start).follow(rounds))
-
-
-def finish(work: Generator[None, None, Candidate]) -> Candidate:
-    """
-    Run a descent to its end.
-
-    Parameters
-    ----------
-    work : generator
-        From `Descent.follow`.
-
-    Returns
-    -------
-    Candidate
-
-    """
-    while True:
-        try:
-            next(work)
-        except StopIteration as end:
-            return cast('Candidate', end.value)
+    return Descent(bench, start, rounds).finish()

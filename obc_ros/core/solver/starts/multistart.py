@@ -4,14 +4,13 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import cast
 
 import numpy as np
 from obc_ros.core.ocp.solution import MOST_MINIMA, Solution, Verdict
 from obc_ros.core.solver.adjoint.mesh_refinement import is_below
 from obc_ros.core.solver.bench import Bench, Candidate
 from obc_ros.core.solver.coarse_mesh import solve_next_start
-from obc_ros.core.solver.descent import descend, Descent, finish
+from obc_ros.core.solver.descent import descend, Descent
 from obc_ros.core.solver.improve.improvement import DescentStage, State
 from obc_ros.core.solver.improve.registry import try_improvements
 from obc_ros.core.solver.program_cache import Answered, collect_numbers
@@ -56,21 +55,18 @@ def descend_from_coarse(bench: Bench, pool: StartPool, first: TranscriptionOutco
     """
     options = bench.options.multistart
     first = try_improvements(DescentStage.COARSE, State(bench, first)).outcome
-    begun, work = bench.work, Descent(bench, first).follow()
-    try:
-        while bench.work - begun <= options.long:
-            next(work)
-    except StopIteration as end:
-        return cast('Candidate', end.value), first.objective
+    descent = Descent(bench, first)
+    if (found := descent.advance(options.long)) is not None:
+        return found, first.objective
     cheapest = first
     for _ in range(options.looks):
         outcome = solve_next_start(bench, pool, once=True, hard=True)
         if is_below(outcome.objective, cheapest.objective, ANOTHER) and bench.is_accurate(outcome):
             cheapest = outcome
     other = None if cheapest is first else descend(bench, cheapest)
-    if other is None or not other.certified:
-        return finish(work), first.objective
-    return other, cheapest.objective
+    if other is not None and other.certified:
+        return other, cheapest.objective
+    return descent.finish(), first.objective
 
 
 @dataclass(frozen=True)
