@@ -163,8 +163,9 @@ def solve_next_start(bench: Bench, pool: StartPool, *, once: bool,
     most = options.iterations
     if once:
         most = min(most, max(options.few_iterations, round((5 if hard else 2.5) * bench.typical)))
-    start, rough = pool.take(), options.rough
-    with bench.trace.attempt(GUESS, start.origin) as attempt:
+    guess = start = pool.take()
+    rough = options.rough
+    with bench.trace.attempt(GUESS, guess.origin) as attempt:
         if np.isfinite(pool.periods).any():
             # An input that is an angle and turns by 2 pi within a step interpolates badly: solve
             # with constant inputs first, and remove the whole turns between its steps.
@@ -173,12 +174,12 @@ def solve_next_start(bench: Bench, pool: StartPool, *, once: bool,
             start, rough = join_whole_turns(stepped.path, pool.periods), 0.0
         # Without terminal constraints a cheap rollout may be near another minimum: allow both
         # methods.
-        once = once and not (pool.known_minima.from_rollout and not bench.problem.q)
+        once = once and not (guess.rollout and not bench.problem.q)
         outcome = bench.collocate(
             build_uniform_mesh(bench.problem, bench.intervals, bench.stages), start, most=most,
             rough=rough, once=once, known=pool.known_minima)
         pool.known_minima.record_end(
             outcome.objective, outcome.infeasibility,
-            outcome.path if outcome.converged else None)
+            outcome.path if outcome.converged else None, rollout=guess.rollout)
         attempt.end(*outcome.judge(), cost=outcome.objective)
     return outcome

@@ -181,9 +181,7 @@ def _interleave(pool: StartPool, starts: Iterator[Path], rollouts: Iterator[Path
     """Yield rollouts and starts in turn, then starts only."""
     vain, known = 0, pool.known_minima.minima
     for start in rollouts:
-        pool.known_minima.mark_rollout(True)
-        yield start
-        pool.known_minima.mark_rollout(False)
+        yield replace(start, rollout=True)
         vain, known = 0 if pool.known_minima.minima > known else vain + 1, pool.known_minima.minima
         yield next(starts)
         if vain == patience:

@@ -17,22 +17,16 @@ class LocalMinima:
     The costs of the local minima found from several starts, and the iterates of the solves.
 
     A solve can end early at an iterate of another one, since it continues like that one, or at a
-    feasible iterate with the cost of a known minimum. `from_rollout` is set while the present
-    start is a rollout of random inputs: its failure says little about the problem.
+    feasible iterate with the cost of a known minimum.
     """
 
     def __init__(self, options: CoarseOptions = DEFAULTS.coarse) -> None:
         self._options = options
         self._seen: tuple[Array, Array] | None = None
         self._part = 1.0
-        self.from_rollout = False
         self._costs, self._regular, self._failed = list[float](), list[float](), 0
         self._iterates = set[tuple[str, str]]()
         self._now = list[tuple[str, str]]()
-
-    def mark_rollout(self, from_rollout: bool) -> None:
-        """Set whether the present start is a rollout of random inputs."""
-        self.from_rollout = from_rollout
 
     def record_iterate(self, cost: float, infeasibility: float) -> bool:
         """
@@ -48,7 +42,8 @@ class LocalMinima:
         self._now.append(place)
         return place in self._iterates or self._knows(cost, infeasibility)
 
-    def record_end(self, cost: float, infeasibility: float, path: Path | None) -> None:
+    def record_end(self, cost: float, infeasibility: float, path: Path | None, *,
+                   rollout: bool = False) -> None:
         """
         Record the end of the present solve.
 
@@ -58,23 +53,25 @@ class LocalMinima:
             Of the last iterate.
         path : Path or None
             The path if the solve converged.
+        rollout : bool
+            Whether it began at a rollout of random inputs, see `Path`.
 
         """
         self._iterates.update(self._now)
         self._now = []
-        dear = self.from_rollout and self._far(cost)
+        dear = rollout and self._far(cost)
         if path is not None and not dear:   # an expensive rollout would enlarge all guesses
             x, u = path.x, np.vstack([path.ua, path.ub])
             new = np.ptp(x, axis=0), np.maximum(np.ptp(u, axis=0), np.abs(u).max(axis=0))
             known = self._seen or new
             self._seen = np.maximum(known[0], new[0]), np.maximum(known[1], new[1])
-        if path is None and not (infeasibility < self._options.wild or self.from_rollout):
+        if path is None and not (infeasibility < self._options.wild or rollout):
             self._part = max(self._options.calmer * self._part, self._options.calmest)
         if path is not None or self._knows(cost, infeasibility):
             self._costs.append(cost)
-            self._regular += [] if self.from_rollout else [cost]
+            self._regular += [] if rollout else [cost]
         else:
-            self._failed += not self.from_rollout
+            self._failed += not rollout
 
     @property
     def spans(self) -> tuple[Array, Array] | None:

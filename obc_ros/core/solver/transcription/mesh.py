@@ -128,6 +128,9 @@ class Path:
         Lengths of the phases [s].
     origin : str
         Of an initial guess: how it was made, in words.
+    rollout : bool
+        Whether it is a rollout of random inputs: a solve that fails from it says little about the
+        problem.
 
     """
 
@@ -138,6 +141,7 @@ class Path:
     ub: Array
     durations: Array
     origin: str = ''
+    rollout: bool = False
 
     @property
     def u(self) -> Array:
