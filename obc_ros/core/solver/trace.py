@@ -11,6 +11,7 @@ from obc_ros.core.ocp.solution import Attempt, MOST_ATTEMPTS, Solution, Status, 
 # The methods of attempts from an initial guess, and from the solution of a neighbour.
 GUESS, NEIGHBOUR = 'initial guess', 'neighbour'
 _SHOWN = 3   # attempts under way that `Trace.describe` names, the innermost last
+_OUTER = 2   # outermost attempts that are named when the time is up
 
 
 class Entry:
@@ -80,6 +81,7 @@ class Trace:
         self._entries: list[Entry] = []
         self._open: list[Entry] = []   # the innermost last
         self._best, self._certified = math.inf, False
+        self._late = ''   # what was tried when the time was up
         self._description: str | None = None
 
     def spend(self, work: int) -> None:
@@ -138,6 +140,10 @@ class Trace:
         """Note that a mesh with more than the maximum number of intervals was needed."""
         self.mesh_refused |= not self._aside
 
+    def note_time_up(self) -> None:
+        """Note that the time is up, and what is tried now."""
+        self._late = self._late or ', '.join(entry.method for entry in self._open[:_OUTER])
+
     @property
     def _aside(self) -> bool:
         return bool(self._open) and self._open[-1].aside
@@ -175,7 +181,8 @@ class Trace:
             return ''
         led = self.count(GUESS, Verdict.CONVERGED)
         tried = 'guess was' if guesses == 1 else 'guesses were'
-        return f'{guesses} initial {tried} tried, {led} led to a path on a coarse mesh'
+        late = f'; the time was up during {self._late}' if self._late else ''
+        return f'{guesses} initial {tried} tried, {led} led to a path on a coarse mesh{late}'
 
     def attempts(self, most: int = MOST_ATTEMPTS) -> tuple[Attempt, ...]:
         """Return the attempts, at most `most`; the most detailed are left out first."""

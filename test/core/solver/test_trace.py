@@ -151,6 +151,18 @@ def test_the_attempts_of_a_long_search_are_bounded():
     assert 1 < len(found.attempts) <= MOST_ATTEMPTS
 
 
+def test_the_effort_says_what_was_tried_when_the_time_was_up():
+    """The first note counts, with the outermost attempts; what ends the work comes after it."""
+    trace = Trace()
+    with trace.attempt('coarse mesh'), trace.attempt(GUESS), trace.attempt('collocation'):
+        trace.note_time_up()
+    with trace.attempt('multistart'):
+        trace.note_time_up()
+    assert trace.describe_effort() == (
+        '1 initial guess was tried, 0 led to a path on a coarse mesh; the time was up during '
+        'coarse mesh, initial guess')
+
+
 def test_the_effort_counts_guesses_of_the_problem_itself():
     trace = Trace()
     assert trace.describe_effort() == ''

@@ -79,6 +79,7 @@ def test_a_path_is_returned_at_the_time_limit(monkeypatch):
     assert found.message.startswith('no certified solution within 60 s; ')
     assert ': residual ' in found.message
     assert '1 initial guess was tried, ' in found.message
+    assert found.message.endswith('; the time was up during coarse mesh, initial guess')
 
 
 def test_a_response_contains_the_path_but_no_success(coarse):

@@ -194,7 +194,10 @@ class Meter:
         if self._report is not None and self._report(
                 self.trace.describe(), self.iterations + 1, cost, infeasibility):
             self._reason = 'cancelled'
-        return self._count()
+        ended = self._count()
+        if self._reason == 'timed_out':
+            self.trace.note_time_up()
+        return ended
 
     def _count(self) -> bool:
         self.iterations += 1

@@ -66,6 +66,8 @@ def test_a_part_ends_at_the_time_limit_of_the_whole() -> None:
     assert part.step(0.0, 0.0)
     assert part.stopped == 'timed_out'
     assert not whole.stopped
+    with whole.trace.attempt('initial guess'):   # of the part, not of the whole
+        assert 'the time was up' not in whole.trace.describe_effort()
 
 
 def test_a_part_counts_its_own_effort() -> None:
