@@ -33,15 +33,13 @@ class Descent:
         Of the search.
     start : TranscriptionOutcome
         On the coarse mesh.
-    rounds : int, optional
-        Maximum number of meshes; that of the options if left out.
 
     """
 
-    def __init__(self, bench: Bench, start: TranscriptionOutcome, rounds: int = 0) -> None:
+    def __init__(self, bench: Bench, start: TranscriptionOutcome) -> None:
         self._state, self._tried = State(bench, start, bench.switching), start
         self._entry = bench.trace.begin('descent', f'from cost {start.objective:.6g}')
-        self._meshes = enumerate(self._refine(rounds or bench.options.descent.meshes))
+        self._meshes = enumerate(self._refine(bench.options.descent.meshes))
         self._begun: int | None = None   # work of the search before the first mesh
 
     def finish(self) -> Candidate:
@@ -198,7 +196,7 @@ class Descent:
         return new.converged
 
 
-def descend(bench: Bench, start: TranscriptionOutcome, rounds: int = 0) -> Candidate:
+def descend(bench: Bench, start: TranscriptionOutcome) -> Candidate:
     """
     Refine mesh and arcs of a coarse outcome until its certificate passes; see `Descent.finish`.
 
@@ -208,8 +206,6 @@ def descend(bench: Bench, start: TranscriptionOutcome, rounds: int = 0) -> Candi
         Of the search.
     start : TranscriptionOutcome
         On the coarse mesh.
-    rounds : int, optional
-        Maximum number of meshes; that of the options if left out.
 
     """
-    return Descent(bench, start, rounds).finish()
+    return Descent(bench, start).finish()

@@ -126,7 +126,8 @@ class MultistartOptions:
     rival: float = steer(0.3, 'excess of their costs', 'relative')
     weary: int = steer(500_000, 'work in all after which nothing certified is enough', 'work')
     weary_starts: int = steer(50_000, 'work of starts after which that holds', 'work')
-    rough_work: int = steer(3000, 'work for starts of rough problems that are not hard', 'work')
+    rough_work: int = steer(
+        3000, 'work for starts of rough problems that are not hard, and for windows', 'work')
     lavish: int = steer(150_000, 'work for starts once a solution is certified', 'work')
 
 
@@ -187,13 +188,7 @@ class WindowOptions:
     """Final-time windows: other minima with longer and shorter final times."""
 
     ratio: float = steer(2**0.5, 'ratio of the times of adjacent windows')
-    longer: int = steer(6, 'maximum with longer times', 'windows')
-    shorter: int = steer(4, 'maximum with shorter times', 'windows')
-    iterations: int = steer(40, 'maximum in each', 'iterations')
-    rough: float = steer(1e-3, 'error of the cost at which a solve may end', 'relative')
-    same: float = steer(1e-2, 'difference of costs of the same minimum', 'relative')
-    kept: int = steer(4, 'maximum that becomes guesses', 'windows')
-    work: int = steer(3000, 'work for all windows, or that before if more', 'work')
+    most: int = steer(6, 'maximum with longer, and with shorter times', 'windows')
 
 
 @dataclass(frozen=True)
@@ -201,7 +196,6 @@ class HorizonOptions:
     """Horizon continuation: from a short final time to the given one."""
 
     halvings: int = steer(6, 'halvings of T for the first horizon')
-    meshes: int = steer(4, 'maximum over a horizon', 'meshes')
     work: int = steer(100_000, 'work for all horizons', 'work')
     fine: int = steer(32, 'integration steps of the continuation', 'steps per interval')
     far: float = steer(10.0, 'growth of the states above which it is not used', 'times')
@@ -227,24 +221,14 @@ class WellOptions:
 
     values: int = steer(17, 'values of each input at which H is evaluated', 'values')
     glance: int = steer(8, 'intervals that are sampled before all', 'intervals')
-    worth: float = steer(1e-3, 'least predicted decrease of the cost', 'relative')
-    shares: tuple[float, ...] = steer(
-        (0.0, 0.3, 0.7), 'decrease of H from which on inputs move', 'largest decrease')
-    moves: int = steer(3, 'maximum', 'moves')
-    solves: int = steer(6, 'maximum with phases that begin at jumps', 'solves')
     steps: int = steer(40, 'integration steps in the longest interval', 'steps')
-    jump: float = steer(0.05, 'least jump of an input', 'range')
-    beside: float = steer(1.5, 'distance of a slope from the end of a phase', 'intervals')
 
 
 @dataclass(frozen=True)
 class KinkOptions:
     """Meshes with a point at each kink of the inputs."""
 
-    largest: float = steer(3e7, 'size up to which the boundary value problem is solved', 'entries')
     deviation: float = steer(4e-3, 'inputs from linear in an interval', 'relative')
-    worse: float = steer(1e-5, 'increase of the cost that is accepted', 'relative')
-    intervals: int = steer(32, 'minimum', 'intervals')
 
 
 @dataclass(frozen=True)
@@ -286,18 +270,13 @@ class BoundaryOptions:
 class NeighbourOptions:
     """Repeated structures: solutions of neighbouring problems, and kept programs."""
 
-    layouts: int = steer(24, 'programs kept', 'programs')
-    answers: int = steer(16, 'solutions kept', 'solutions')
-    near: float = steer(0.2, 'change of a number up to which a problem is a neighbour', 'relative')
-    elsewhere: float = steer(2.0, 'change of x(0) up to which it is one', 'max |x|')
+    kept: int = steer(24, 'solutions kept, and programs kept', 'each')
+    near: float = steer(0.2, 'change of a number, but for x(0), of a neighbour', 'relative')
     alone: float = steer(1.0, 'part of these within which one minimum stays the best')
     several: float = steer(0.05, 'the same if several minima are known')
     derive: int = steer(1000, 'work after which faster derivatives are built', 'work')
     usual: int = steer(10, 'iterations expected of a new program', 'iterations')
     again: int = steer(4, 'weight of the work of a structure that was solved')
-    iterations: int = steer(
-        15, 'maximum from a neighbour: another minimum may be better', 'iterations')
-    meshes: int = steer(3, 'maximum if the certificate does not pass at once', 'meshes')
 
 
 @dataclass(frozen=True)

@@ -94,7 +94,7 @@ class Answered:
         found = self.options.near * size
         n = self.problem.n
         farthest = np.abs(self.outcome.path.x).max(axis=0)
-        found[:n] = np.maximum(found[:n], self.options.elsewhere * farthest)
+        found[:n] = np.maximum(found[:n], 2.0 * farthest)
         return found
 
     @cached_property
@@ -181,7 +181,7 @@ class ProgramCache:
             found = Transcription(problem, layout, self._pieces[kind])
             self.build_time += time.monotonic() - begun
         self._transcriptions[layout, swift] = found
-        if len(self._transcriptions) > options.layouts:
+        if len(self._transcriptions) > options.kept:
             self._transcriptions.popitem(last=False)
         return found
 
@@ -194,7 +194,7 @@ class ProgramCache:
     def remember(self, answer: Answered) -> None:
         """Keep a solved problem for its neighbours."""
         options = self.options.neighbour
-        self.answers = [*self.answers[1 - options.answers:], answer]
+        self.answers = [*self.answers[1 - options.kept:], answer]
 
     def forget(self, answer: Answered) -> None:
         """Do not use a solved problem for its neighbours any more."""

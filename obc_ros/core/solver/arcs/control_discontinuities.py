@@ -20,7 +20,8 @@ from obc_ros.core.solver.transcription.program import TranscriptionOutcome
 _JUMP = 0.3        # change of an input, as part of its range on the path, that may be a jump
 _BESIDE = 0.25     # largest change in a neighbouring interval, as part of that of the jump
 _LEVEL = 0.01      # change, as part of the range on the path, up to which it is no jump
-_APART = 1.5       # distance in intervals up to which a jump and an end of an arc are the same
+SLIGHT_JUMP = 0.05   # change of an input, as part of its size, up to which it does not jump
+APART = 1.5        # distance in intervals up to which a jump and an end of an arc are the same
 
 
 def find_jumps(path: Path, of: Sequence[bool]) -> Array:
@@ -55,7 +56,7 @@ def find_jumps(path: Path, of: Sequence[bool]) -> Array:
         steep = (moved > _JUMP) & (beside < _BESIDE * moved)
         for k in np.flatnonzero(steep.any(axis=1)):
             middle = 0.5 * (t[k + 1] + t[k + 1 + count])
-            near = _APART * (t[k + 1 + count] - t[k + 1])
+            near = APART * (t[k + 1 + count] - t[k + 1])
             if all(abs(middle - other) > near for other in found):
                 found.append(middle)
     return np.sort(np.array(found))
@@ -90,7 +91,7 @@ def cut_at_jumps(arcs: Sequence[Arc], path: Path, of: Sequence[bool],
         start = arc.start
         free = np.isnan(arc.levels) & np.array(of)
         for time in times if free.any() and not _follows(arc, mixed) else ():
-            width = _APART * widths[min(int(np.searchsorted(path.t, time, 'right')) - 1,
+            width = APART * widths[min(int(np.searchsorted(path.t, time, 'right')) - 1,
                                         len(widths) - 1)]
             if start + min(width, 0.02 * T) < time < arc.end - min(width, 0.02 * T):
                 kept.append(replace(arc, start=start, end=float(time), jump=start > arc.start))
@@ -123,7 +124,7 @@ def sharpen_steps(path: Path, arcs: Sequence[Arc]) -> Path:
     if not times.size:
         return path
     h = np.diff(path.t)
-    width = _APART * h[np.clip(np.searchsorted(path.t, times) - 1, 0, len(h) - 1)]
+    width = APART * h[np.clip(np.searchsorted(path.t, times) - 1, 0, len(h) - 1)]
     t = np.unique(np.concatenate([path.t, times, times - width, times + width]))
     t = t[(t >= 0) & (t <= path.t[-1])]
     t = t[np.append(True, np.diff(t) > 1e-9 * t[-1])]

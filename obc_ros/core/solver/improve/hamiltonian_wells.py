@@ -19,16 +19,16 @@ from obc_ros.core.numerics.collocation import compute_gauss_points
 from obc_ros.core.numerics.samples import interpolate_columns
 from obc_ros.core.solver.adjoint.costates import Extremal
 from obc_ros.core.solver.adjoint.mesh_refinement import is_below
-from obc_ros.core.solver.arcs.control_discontinuities import find_jumps
+from obc_ros.core.solver.arcs.control_discontinuities import APART, find_jumps, SLIGHT_JUMP
 from obc_ros.core.solver.arcs.input_arcs import Arc, have_moved
 from obc_ros.core.solver.bench import Bench
 from obc_ros.core.solver.improve.arc_iteration import solve_on_arcs
 from obc_ros.core.solver.improve.improvement import State
+from obc_ros.core.solver.transcription.local_minima import ANOTHER
 from obc_ros.core.solver.transcription.mesh import Path
 from obc_ros.core.solver.transcription.program import TranscriptionOutcome
 
 _SAME = 1e-6          # relative difference up to which costs are equal
-_VANISHING = 1e-3     # length, as part of T, up to which a phase has vanished
 
 
 def has_branches(state: State) -> bool:
@@ -62,7 +62,7 @@ def move_to_best_branch(state: State) -> State | str:
     """
     bench = state.bench
     best = outcome = state.outcome
-    for _ in range(bench.options.wells.moves):
+    for _ in range(bench.options.bangs.solves):
         paths = _moved(bench, best)
         if not paths and best is outcome:
             best = _with_jumps(bench, best) if _leaps(bench, best) else best
@@ -83,9 +83,10 @@ def _moved(bench: Bench, outcome: TranscriptionOutcome) -> list[Path]:
         least, gap = _least(bench, outcome, rows)
         if not gap.any():
             return []
-    if not np.diff(path.t) @ gap > options.worth * abs(outcome.objective):
+    if not np.diff(path.t) @ gap > ANOTHER * abs(outcome.objective):
         return []
-    chosen = [(gap > share * gap.max())[:, None] for share in options.shares]
+    # All inputs that gain move, or those that gain most.
+    chosen = [(gap > share * gap.max())[:, None] for share in (0.0, 0.3, 0.7)]
     return [replace(path, ua=np.where(moved, least, path.ua), ub=np.where(moved, least, path.ub))
             for moved in chosen]
 
@@ -156,7 +157,7 @@ def _leaps(bench: Bench, outcome: TranscriptionOutcome) -> bool:
     H = _mean_H(bench, bench.course(outcome), at, along, along)
     wall = H.max(axis=0) > np.maximum(H[0], H[-1])
     ends = np.stack([before, after])[:, :, here]
-    room = options.jump * (problem.u_upper - problem.u_lower)[here]
+    room = SLIGHT_JUMP * (problem.u_upper - problem.u_lower)[here]
     free = (ends > problem.u_lower[here] + room) & (ends < problem.u_upper[here] - room)
     return bool(np.any(wall & free.any(axis=(0, 2))))
 
@@ -168,10 +169,10 @@ def _with_jumps(bench: Bench, outcome: TranscriptionOutcome) -> TranscriptionOut
     The input next to the end of a phase may stay at the minimum of H of the other side, which is a
     slope over an interval. The end of the phase is then moved to that interval.
     """
-    options = bench.options.wells
-    for _ in range(options.solves):
+    for _ in range(bench.options.bangs.solves):
         path, arcs = outcome.path, _apart(bench, outcome)
-        if len(arcs) == len(path.durations) and not have_moved(arcs, path.durations, _VANISHING):
+        if len(arcs) == len(path.durations) and not have_moved(
+                arcs, path.durations, bench.options.bangs.vanishing):
             break
         new = solve_on_arcs(bench, arcs, outcome, len(path.ua),
                             bench.options.coarse.iterations)
@@ -183,17 +184,16 @@ def _with_jumps(bench: Bench, outcome: TranscriptionOutcome) -> TranscriptionOut
 
 def _apart(bench: Bench, outcome: TranscriptionOutcome) -> list[Arc]:
     """Return arcs that begin where inputs jump, at the ends of phases or in steep intervals."""
-    options = bench.options.wells
     problem, path, here = bench.problem, outcome.path, bench.programs.branching
     first = np.flatnonzero(np.diff(outcome.mesh.layout.phase_of)) + 1
-    ends, least = path.t[first], _VANISHING * path.t[-1]
+    ends, least = path.t[first], bench.options.bangs.vanishing * path.t[-1]
     span, found = (problem.u_upper - problem.u_lower)[here], find_jumps(path, here.tolist())
     times = found.tolist()
     for group in filter(len, np.split(first, np.flatnonzero(np.diff(ends) > least) + 1)):
         jump = path.ua[group[-1], here] - path.ub[group[0] - 1, here]
         end = float(path.t[group].mean())
-        near = options.beside * max(path.t[group[-1] + 1] - end, end - path.t[group[0] - 1])
-        if np.any(np.abs(jump) > options.jump * span) and np.all(np.abs(found - end) > near):
+        near = APART * max(path.t[group[-1] + 1] - end, end - path.t[group[0] - 1])
+        if np.any(np.abs(jump) > SLIGHT_JUMP * span) and np.all(np.abs(found - end) > near):
             times.append(end)
     arcs, start, free = list[Arc](), 0.0, (math.nan,) * problem.m
     for end in sorted(times):

@@ -24,6 +24,8 @@ from obc_ros.core.solver.program_cache import Answered, ProgramCache
 from obc_ros.core.solver.transcription.mesh import build_path, build_uniform_mesh, Mesh
 from obc_ros.core.solver.transcription.program import ProblemScales, TranscriptionOutcome
 
+_LARGEST = 3e7   # entries of the matrix of the boundary value problem (240 MB)
+
 
 def solve_boundary_values(programs: ProgramCache, problem: Problem, outcome: TranscriptionOutcome,
                           course: Extremal,
@@ -52,11 +54,10 @@ def solve_boundary_values(programs: ProgramCache, problem: Problem, outcome: Tra
         None on singular arcs, for a problem that is too large, or without convergence.
 
     """
-    options = programs.options.kinks
     arcs = find_arcs(problem, outcome.path, (True,) * problem.m)
     singular = any(linear and np.isnan(level) for arc in arcs
                    for linear, level in zip(programs.switching, arc.levels, strict=True))
-    if singular or outcome.mesh.layout.intervals * (6 * problem.n)**2 > options.largest:
+    if singular or outcome.mesh.layout.intervals * (6 * problem.n)**2 > _LARGEST:
         return None
     arcs = _with_slopes(programs, problem, arcs, course)
     return programs.indirect.solve(problem, arcs, course, outcome.path.t, scales, rough=rough)
@@ -197,18 +198,17 @@ def solve_on_kinks(state: State) -> State | str:
 
     """
     bench, outcome = state.bench, state.outcome
-    options = bench.options.kinks
     found = solve_boundary_values(bench.programs, bench.stated, outcome, bench.course(outcome),
                                   bench.sizes(outcome), rough=True)
     if found is None or len(found.lengths) == 1:
         return 'no extremal with kinks was found'
+    longest = outcome.path.t[-1] / (2 * bench.options.coarse.intervals)
     guide = transcribe_on_points(bench.stated, found, *build_points(
-        found, options.deviation, outcome.path.t[-1] / options.intervals,
-        2 * bench.meter.max_intervals))
+        found, bench.options.kinks.deviation, longest, 2 * bench.meter.max_intervals))
     if not bench.meter.allows(guide.mesh.layout.intervals):
         return 'it would have too many intervals'
     new = bench.collocate(guide.mesh, guide.path, near=True, sizes=bench.sizes(outcome),
                           guide=guide)
-    if not new.converged or is_below(outcome.objective, new.objective, options.worse):
+    if not new.converged or is_below(outcome.objective, new.objective, bench.options.bangs.room):
         return 'its cost is higher' if new.converged else new.status
     return replace(state, outcome=new, extremal=found)

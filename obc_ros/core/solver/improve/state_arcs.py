@@ -23,7 +23,11 @@ from obc_ros.core.solver.adjoint.costates import CostateIntegrator
 from obc_ros.core.solver.adjoint.mesh_refinement import is_below
 from obc_ros.core.solver.arcs.bang_arcs import cut_at_bounds, cut_at_ends
 from obc_ros.core.solver.arcs.constraint_orders import BoundRates
-from obc_ros.core.solver.arcs.control_discontinuities import cut_at_jumps, sharpen_steps
+from obc_ros.core.solver.arcs.control_discontinuities import (
+    cut_at_jumps,
+    sharpen_steps,
+    SLIGHT_JUMP,
+)
 from obc_ros.core.solver.arcs.input_arcs import Arc, find_arcs, get_signature, open_arcs, Signature
 from obc_ros.core.solver.arcs.mixed_constraints import find_active, hold_constraints
 from obc_ros.core.solver.arcs.phase_mesh import spread_as_wanted, spread_by_error, spread_like
@@ -47,7 +51,6 @@ _WEIGHS = 1e-5        # multiplier of a bound relative to the costates from whic
 _SAME = 1e-5          # relative increase of the cost by tangential junctions that is accepted
 _LIMIT = 1e-3         # distance from the least length of a phase at which it is reached, relative
 _VAIN = 'no solution with these arcs was certified'
-_NO_JUMP = 0.05       # relative change of an input from which on it is a jump
 
 
 def read_spans(problem: Problem, program: PhasedProgram, outcome: TranscriptionOutcome,
@@ -220,7 +223,7 @@ def _that_jump(found: Phased) -> list[Arc]:
     path, size = join_phases(found), np.maximum(np.abs(found.u).max(axis=(0, 1)), 1e-300)
     first = np.cumsum([0] + [len(mesh) for mesh in found.meshes])
     return [replace(arc, jump=bool(arc.jump and np.any(
-        np.abs(path.ua[k] - path.ub[k - 1]) > _NO_JUMP * size)))
+        np.abs(path.ua[k] - path.ub[k - 1]) > SLIGHT_JUMP * size)))
         for arc, k in zip(found.arcs, first[:-1], strict=True)]
 
 

@@ -58,12 +58,12 @@ def find_other_lengths(bench: Bench, pool: StartPool, known: Known) -> Proposal:
         The cheapest path first.
 
     """
-    options = bench.options.windows
+    same = bench.options.coarse.settled
     assert known.best is not None and known.best.record is not None
     outcome, begun = known.best.record.outcome, bench.work
     found: list[TranscriptionOutcome] = []
     for T in [T for T in _lengths(bench, outcome) for _ in range(1 + known.bent)]:
-        most = max(options.work, begun)
+        most = max(bench.options.multistart.rough_work, begun)
         if bench.meter.stopped or bench.work - begun > most:
             break
         for start in islice(pool.rest, 1):
@@ -72,10 +72,10 @@ def find_other_lengths(bench: Bench, pool: StartPool, known: Known) -> Proposal:
                 found.append(new)
     kept: list[TranscriptionOutcome] = []
     for each in sorted(found, key=lambda each: each.objective):
-        if all(abs(each.objective - other.objective) > options.same * abs(other.objective)
+        if all(abs(each.objective - other.objective) > same * abs(other.objective)
                for other in kept):
             kept.append(each)
-    paths = [each.path for each in kept[:options.kept]]
+    paths = [each.path for each in kept]
     return Proposal(first=iter(paths), wanted=len(paths)) if paths else Proposal(
         why='none of them costs less')
 
@@ -92,15 +92,15 @@ def _lengths(bench: Bench, outcome: TranscriptionOutcome) -> list[float]:
             problem, path.x[:-1], u, 0.0 * path.x[:-1])[0].min()) for u in inputs)
         if least > 0:   # a lower bound of L on the path: the cost grows with T
             upper = min(upper, outcome.objective / least)
-    longer = [T * options.ratio**k for k in range(1, options.longer + 1)]
-    shorter = [T / options.ratio**k for k in range(1, options.shorter + 1)]
-    return [each for each in longer + shorter if final.lower <= each <= upper]
+    powers = range(1, options.most + 1)
+    times = [*(T * options.ratio**k for k in powers), *(T / options.ratio**k for k in powers)]
+    return [each for each in times if final.lower <= each <= upper]
 
 
 def _held(bench: Bench, T: float, start: Path) -> TranscriptionOutcome:
     """Solve on the coarse mesh from a guess stretched to T, with T limited to its window."""
-    options = bench.options.windows
-    final, wide = bench.problem.final_time, options.ratio**0.5
+    options = bench.options.coarse
+    final, wide = bench.problem.final_time, bench.options.windows.ratio**0.5
     stretched = replace(start, t=start.t * (T / start.t[-1]), durations=np.array([T]))
     problem = replace(bench.problem, final_time=replace(
         final, lower=max(T / wide, final.lower), upper=min(T * wide, final.upper)))

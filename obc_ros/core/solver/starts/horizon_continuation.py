@@ -104,8 +104,8 @@ def _solve_finely(bench: Bench, mesh: Mesh,
 
     Return the bench with its bounds tightened, and the outcome, None if the error is not small.
     """
-    options = bench.options.horizon
-    for number in range(options.meshes):
+    most = bench.options.descent.meshes
+    for number in range(most):
         if bench.meter.stopped or not bench.meter.allows(mesh.layout.intervals):
             break
         outcome = bench.collocate(mesh, path, most=bench.options.coarse.iterations)
@@ -113,7 +113,7 @@ def _solve_finely(bench: Bench, mesh: Mesh,
             break
         if bench.is_accurate(outcome):
             return bench, outcome
-        if number < options.meshes - 1:
+        if number < most - 1:
             course = bench.course(outcome)
             bench, exceeded = bench.tighten(course)
             mesh, path = bench.finer(outcome, course, exceeded), outcome.path

@@ -47,7 +47,7 @@ def solve_from_neighbour(bench: Bench) -> Candidate | None:
 
 def _follow(bench: Bench, last: Answered) -> Candidate | None:
     """Do what `solve_from_neighbour` does, from the solution of one neighbour."""
-    options = bench.options.neighbour
+    most = bench.options.coarse.few_iterations   # another minimum may be better
     programs, stated, start = bench.programs, bench.stated, last.outcome
     bench = replace(
         bench, margin=last.margin, stages=start.mesh.layout.stages,
@@ -55,11 +55,11 @@ def _follow(bench: Bench, last: Answered) -> Candidate | None:
     extremal, near = None, start_from_neighbour(programs, stated, last)
     if near is None:
         outcome = bench.collocate(start.mesh, start.path, near=True, sizes=last.sizes,
-                                  most=options.iterations, warm=start)
+                                  most=most, warm=start)
     else:
         extremal, guide = near
         outcome = bench.collocate(guide.mesh, guide.path, near=True, sizes=last.sizes,
-                                  most=options.iterations, guide=guide)
+                                  most=most, guide=guide)
     found = bench.certify(outcome, extremal) if outcome.converged else None
     if found is not None and found.certified:
         found = Candidate(found.solution, nearby=near is not None, record=replace(
@@ -69,7 +69,7 @@ def _follow(bench: Bench, last: Answered) -> Candidate | None:
     else:
         programs.forget(last)   # it does not serve the next problem either
         if found is not None and not bench.meter.stopped:   # kinks have left the mesh points
-            found = descend(bench, outcome, options.meshes)
+            found = descend(bench, outcome)
             found = replace(found, record=found.record and replace(
                 found.record, rivals=last.rivals, refined=last.refined, looked=last.looked))
     if found is None or not found.certified or found.record is None:
