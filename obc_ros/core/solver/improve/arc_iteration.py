@@ -248,15 +248,7 @@ class ArcIteration:
 
 
 def has_switching_inputs(state: State) -> bool:
-    """
-    Return whether inputs may be held at bounds between switching times.
-
-    Parameters
-    ----------
-    state : State
-        Of a descent.
-
-    """
+    """Return whether inputs may be held at bounds between switching times."""
     return any(state.switching)
 
 
@@ -264,16 +256,7 @@ def hold_switching_inputs(state: State) -> State | str:
     """
     Solve with bang arcs of the inputs in which H is linear.
 
-    Parameters
-    ----------
-    state : State
-        At the start of a descent.
-
-    Returns
-    -------
-    State
-        Inputs are no longer held if the arcs are too long for the intervals in them.
-
+    Inputs are no longer held if the arcs are too long for the intervals in them.
     """
     bench, outcome = state.bench, state.outcome
     settled = _iterate(state).settle(outcome)
@@ -283,35 +266,14 @@ def hold_switching_inputs(state: State) -> State | str:
 
 
 def has_jumping_inputs(state: State) -> bool:
-    """
-    Return whether inputs go from bound to bound within one or two intervals.
-
-    Parameters
-    ----------
-    state : State
-        Of a descent in which no inputs are held yet.
-
-    """
+    """Return whether inputs jump from bound to bound, and none is held."""
     bench = state.bench
     return bench.may_hold and not (any(state.switching) or state.in_vain) and any(
         find_jumping_inputs(bench.problem, state.outcome.path))
 
 
 def hold_jumping_inputs(state: State) -> State | str:
-    """
-    Solve with bang arcs of the inputs that jump.
-
-    Parameters
-    ----------
-    state : State
-        Of a descent.
-
-    Returns
-    -------
-    State
-        Without arcs if they help neither the cost nor the loss.
-
-    """
+    """Solve with bang arcs of the inputs that jump, unless they help neither cost nor loss."""
     bench, outcome = state.bench, state.outcome
     above = bench.excess(outcome, bench.course(outcome))
     held = replace(state, switching=find_jumping_inputs(bench.problem, outcome.path))

@@ -32,34 +32,13 @@ _SAME = 1e-6          # relative difference up to which costs are equal
 
 
 def has_branches(state: State) -> bool:
-    """
-    Return whether H may have several local minima in an input.
-
-    Parameters
-    ----------
-    state : State
-        Before a descent.
-
-    """
+    """Return whether H may have several local minima in an input."""
     programs = state.bench.programs
     return not (state.bench.quick or programs.twin) and bool(programs.branching.any())
 
 
 def move_to_best_branch(state: State) -> State | str:
-    """
-    Move inputs to the global minimum of H and solve from there, as long as the cost decreases.
-
-    Parameters
-    ----------
-    state : State
-        With an outcome on the coarse mesh.
-
-    Returns
-    -------
-    State or str
-        The reason if H has no better minimum along the path.
-
-    """
+    """Move inputs to the global minimum of H and solve from there, while the cost decreases."""
     bench = state.bench
     best = outcome = state.outcome
     for _ in range(bench.options.bangs.solves):

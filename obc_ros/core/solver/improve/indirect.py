@@ -63,15 +63,7 @@ def _explained(found: Candidate, reason: str) -> Candidate:
 
 
 def is_worth_refining(state: State) -> bool:
-    """
-    Return whether the search took more work than the indirect method, which applies.
-
-    Parameters
-    ----------
-    state : State
-        With the result of the search.
-
-    """
+    """Return whether the search took more work than the indirect method, which applies."""
     bench, found = state.bench, state.best
     little = bench.work < bench.options.indirect.work and not bench.programs.touched_up
     return found is not None and found.record is not None and not (
@@ -81,20 +73,7 @@ def is_worth_refining(state: State) -> bool:
 
 
 def refine_after_search(state: State) -> State | str:
-    """
-    Refine a solution by the indirect method.
-
-    Parameters
-    ----------
-    state : State
-        With the result of the search.
-
-    Returns
-    -------
-    State or str
-        With a certified solution from the boundary value problem; the reason if there is none.
-
-    """
+    """Refine the result of a search by the indirect method."""
     bench, found, options = state.bench, state.best, state.bench.options.indirect
     assert found is not None and found.record is not None
     values = _boundary_values(bench, found.record)

@@ -167,15 +167,7 @@ def transcribe_on_points(problem: Problem, found: BoundaryValues, t: Array,
 
 
 def may_have_kinks(state: State) -> bool:
-    """
-    Return whether the kinks of free inputs are looked for, once in a descent.
-
-    Parameters
-    ----------
-    state : State
-        Of one phase, by Runge-Kutta steps, without state constraints.
-
-    """
+    """Return whether the kinks of free inputs are looked for, once in a descent."""
     bench, layout = state.bench, state.outcome.mesh.layout
     return state.extremal is None and not any(state.switching) and not (
         bench.bounded or bench.programs.twin or len(layout.phases) > 1 or layout.stages)
@@ -185,17 +177,7 @@ def solve_on_kinks(state: State) -> State | str:
     """
     Solve on a mesh with a point at each kink of the inputs.
 
-    Parameters
-    ----------
-    state : State
-        Of one phase, by Runge-Kutta steps.
-
-    Returns
-    -------
-    State or str
-        With the extremal whose kinks are its mesh points. The reason if there are no kinks, or
-        the program did not converge at about the same cost.
-
+    The outcome must cost about the same. Its state has the extremal whose kinks are mesh points.
     """
     bench, outcome = state.bench, state.outcome
     found = solve_boundary_values(bench.programs, bench.stated, outcome, bench.course(outcome),

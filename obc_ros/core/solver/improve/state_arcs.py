@@ -256,48 +256,22 @@ def _grazing(problem: Problem, program: PhasedProgram, found: Phased, sizes: Pro
 
 
 def may_have_arcs(state: State) -> bool:
-    """
-    Return whether boundary arcs may be used: there are state constraints.
-
-    Parameters
-    ----------
-    state : State
-        Of a descent.
-
-    """
+    """Return whether boundary arcs may be used: there are state constraints."""
     bench = state.bench
     return bench.bounded and bench.may_hold and not (
         bench.quick or bench.programs.twin or bench.meter.stopped)
 
 
 def may_have_arcs_at_once(state: State) -> bool:
-    """
-    Return whether boundary arcs may be used on a coarse mesh: inputs are held at bounds, too.
-
-    Parameters
-    ----------
-    state : State
-        At the start of a descent.
-
-    """
+    """Return whether boundary arcs may be used on a coarse mesh: inputs are held, too."""
     return state.outcome.converged and any(state.switching) and may_have_arcs(state)
 
 
 def solve_along_bounds(state: State) -> State | str:
     """
-    Find a certified solution with boundary arcs.
+    Find a certified solution with the boundary arcs that are detected on the outcome.
 
-    Parameters
-    ----------
-    state : State
-        The arcs of its outcome are detected. If its candidate is certified, the new solution must
-        not cost more.
-
-    Returns
-    -------
-    State or str
-        With a certified candidate; the reason if there is none.
-
+    It must not cost more than a candidate that is certified.
     """
     bench, outcome, known = state.bench, state.outcome, state.best
     options, problem = bench.options.boundary, bench.problem
@@ -447,17 +421,6 @@ def solve_at_once(state: State) -> State | str:
     Find a certified solution with boundary arcs from a coarse outcome, before it is refined.
 
     Short arcs and touch points may be visible on a finer mesh only, so that two are tried, too.
-
-    Parameters
-    ----------
-    state : State
-        At the start of a descent.
-
-    Returns
-    -------
-    State or str
-        With a certified candidate; the reason if there is none.
-
     """
     start, problem, whole = state.outcome, state.bench.problem, state.bench.meter
     options, outcome = state.bench.options.boundary, start

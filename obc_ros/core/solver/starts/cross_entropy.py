@@ -72,35 +72,15 @@ def _short(options: RolloutOptions) -> _Look:
 
 
 def ends_at_target(bench: Bench, _: Known) -> bool:
-    """
-    Return whether there are terminal constraints, at which rollouts can end.
-
-    Parameters
-    ----------
-    bench : Bench
-        Of the search.
-
-    """
+    """Return whether there are terminal constraints, at which rollouts can end."""
     return bool(bench.problem.q) and not bench.quick and not bench.programs.twin
 
 
 def start_from_rollouts(bench: Bench, pool: StartPool, _: Known) -> Proposal:
     """
-    Solve from cross-entropy rollouts.
+    Solve from rollouts; propose the outcomes with a small discretisation error.
 
-    Parameters
-    ----------
-    bench : Bench
-        Of the search.
-    pool : StartPool
-        Records the minima.
-
-    Returns
-    -------
-    Proposal
-        Outcomes with a small discretisation error; then also the remaining rollouts, which may
-        lead to other minima.
-
+    The remaining rollouts, which may lead to other minima, are proposed with them.
     """
     problem = bench.problem
     found: list[TranscriptionOutcome] = []
@@ -129,17 +109,7 @@ def start_from_rollouts(bench: Bench, pool: StartPool, _: Known) -> Proposal:
 
 
 def may_interleave(bench: Bench, known: Known) -> bool:
-    """
-    Return whether rollouts are used in multistart.
-
-    Parameters
-    ----------
-    bench : Bench
-        Of the search.
-    known : Known
-        With the candidate of the first descent.
-
-    """
+    """Return whether rollouts are used in multistart."""
     return known.best is not None and known.best.record is not None and not (
         bench.programs.twin or known.uneven and bench.problem.q)
 

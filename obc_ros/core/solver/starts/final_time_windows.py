@@ -21,17 +21,7 @@ from obc_ros.core.solver.transcription.program import TranscriptionOutcome
 
 
 def has_other_lengths(bench: Bench, known: Known) -> bool:
-    """
-    Return whether T is free, and the cost depends on more than T and has one minimum in x.
-
-    Parameters
-    ----------
-    bench : Bench
-        Of the search.
-    known : Known
-        With the candidate of the first descent.
-
-    """
+    """Return whether T is free, and the cost depends on more than T and has one minimum in x."""
     problem = bench.problem
     return not known.uneven and known.best is not None and known.best.record is not None and (
         problem.final_time.free and bool(
@@ -41,22 +31,10 @@ def has_other_lengths(bench: Bench, known: Known) -> bool:
 
 def find_other_lengths(bench: Bench, pool: StartPool, known: Known) -> Proposal:
     """
-    Propose paths with other final times that cost less than the last outcome.
+    Propose paths with other final times that cost less than the last outcome, cheapest first.
 
-    Parameters
-    ----------
-    bench : Bench
-        Of the search.
-    pool : StartPool
-        Its guesses are stretched in time, two for each window if the dynamics are bent.
-    known : Known
-        With the candidate of the first descent.
-
-    Returns
-    -------
-    Proposal
-        The cheapest path first.
-
+    The guesses of the pool are stretched in time: one for each window, two if the dynamics are
+    bent.
     """
     same = bench.options.coarse.settled
     assert known.best is not None and known.best.record is not None

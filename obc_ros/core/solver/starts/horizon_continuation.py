@@ -26,37 +26,14 @@ from obc_ros.core.solver.transcription.program import TranscriptionOutcome
 
 
 def has_open_end(bench: Bench, _: Known) -> bool:
-    """
-    Return whether the horizon can be continued: T is fixed, the end is free.
-
-    A convex problem needs no other outcome.
-
-    Parameters
-    ----------
-    bench : Bench
-        Of the search.
-
-    """
+    """Return whether T is fixed and the end free; a convex problem needs no other outcome."""
     problem = bench.problem
     return not (bench.quick or problem.q or problem.final_time.free or bench.programs.twin
                 or bench.programs.convex(problem))
 
 
 def continue_horizon(bench: Bench, _: StartPool, __: Known) -> Proposal:
-    """
-    Propose the outcome of horizon continuation.
-
-    Parameters
-    ----------
-    bench : Bench
-        Of the search.
-
-    Returns
-    -------
-    Proposal
-        At most one outcome.
-
-    """
+    """Propose the outcome of horizon continuation."""
     outcome = lengthen_horizon(bench, bench.options.coarse.intervals)
     return Proposal(outcomes=() if outcome is None else (outcome,))
 

@@ -37,39 +37,14 @@ _ROOM = 1e-9          # least scaled distance of two bounds in the least squares
 
 
 def has_obstacles(bench: Bench, known: Known) -> bool:
-    """
-    Return whether path constraints are obstacles.
-
-    Parameters
-    ----------
-    bench : Bench
-        Of the search.
-    known : Known
-        With the outcome of the first guess.
-
-    """
+    """Return whether path constraints are obstacles."""
     outcome = known.outcome
     return not bench.programs.twin and outcome is not None and bool(
         np.isfinite(outcome.path.t[-1]) and _curved(bench.problem).size)
 
 
 def start_around(bench: Bench, _: StartPool, known: Known) -> Proposal:
-    """
-    Propose paths around obstacles.
-
-    Parameters
-    ----------
-    bench : Bench
-        Of the search.
-    known : Known
-        The outcome of the first guess; its final time is that of the paths.
-
-    Returns
-    -------
-    Proposal
-        One path for each choice of sides, the shortest first.
-
-    """
+    """Propose one path for each choice of sides of the obstacles, the shortest first."""
     problem, guesser, outcome = bench.problem, bench.programs.guesser, known.outcome
     assert outcome is not None
     line = guesser.line(problem, float(outcome.path.t[-1]))
