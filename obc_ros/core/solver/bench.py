@@ -283,7 +283,7 @@ class Bench:
             return False
         course = self.course(outcome)
         error, loss = course.local.max(), self.judged(course).lost.sum()
-        if error < options.error and loss < options.absurd * max(abs(outcome.objective), 1.0):
+        if error < options.error and loss < options.wild * max(abs(outcome.objective), 1.0):
             return True
         with self.trace.attempt('check', 'discretisation error') as attempt:
             attempt.end(Verdict.REJECTED, f'relative error of a step {error:.1e}, allowed '

@@ -86,7 +86,7 @@ def solve_coarse(bench: Bench, pool: StartPool, why_not: Callable[[Problem], str
         bench, found = _solve_first(bench, pool)
         good = [outcome for outcome in found
                 if convex and outcome.converged or bench.is_accurate(outcome)
-                or _agrees(outcome, converged, options.settled)]
+                or _agrees(outcome, converged, options.error)]
         if good:
             return CoarseResult(bench, _by_cost(good), True)
         if intervals <= options.intervals and not bench.quick:

@@ -130,7 +130,7 @@ class Descent:
         # At such an excess the certificate may pass although the next mesh would reduce it.
         worth = number and above < options.look and (
             bench.programs.twin or bench.judged(course).spread < options.spread)
-        return bool(above < options.close or worth or bench.meter.stopped)
+        return bool(above < options.enough_bounded or worth or bench.meter.stopped)
 
     def _is_due(self, number: int, course: Extremal, above: float) -> bool:
         """Return whether improvements are tried that lead to certificates."""
@@ -158,9 +158,9 @@ class Descent:
         for turn in range(rounds):
             course = self._course()
             above, before = self._state.bench.excess(self._state.outcome, course), above
-            stalled = turn and above > options.close and above > 0.3 * before
+            stalled = turn and above > options.enough_bounded and above > 0.3 * before
             if (stalled or turn == options.plain) and not any(self._state.switching):
-                if above < options.close:
+                if above < options.enough_bounded:
                     yield course
                 self._try(DescentStage.STALLED)
                 course = self._course()

@@ -43,12 +43,11 @@ class CoarseOptions:
     starts_in_vain: int = steer(6, 'guesses while none led to a path', 'guesses')
     patience: int = steer(10_000, 'work after which `starts` is enough in any case', 'work')
     rough: float = steer(1e-4, 'error of the cost at which a solve may end', 'relative')
-    wild: float = steer(1e6, 'infeasibility at which states have diverged', 'scaled')
+    wild: float = steer(
+        1e6, 'infeasibility, or excess of the cost, of paths that diverged', 'scaled')
     calmer: float = steer(0.5, 'factor of the ranges of guesses after divergence')
     calmest: float = steer(0.1, 'the least product of these factors')
-    error: float = steer(1e-2, 'local error of a step that is small enough', 'relative')
-    settled: float = steer(1e-2, 'difference of the cost from that of a coarser mesh', 'relative')
-    absurd: float = steer(1e6, 'excess of the cost that is too large to compare', 'relative')
+    error: float = steer(1e-2, 'error of a step, or of the cost, that is small enough', 'relative')
 
 
 @dataclass(frozen=True)
@@ -74,9 +73,9 @@ class DescentOptions:
     boundary_excess: float = steer(0.1, 'excess below which that is done', 'relative')
     look: float = steer(1e-3, 'excess below which a certificate is computed', 'relative')
     spread: float = steer(1.5e-4, 'variation of H above which it is not', 'relative')
-    close: float = steer(1e-6, 'excess below which it is, whatever H does', 'relative')
     enough: float = steer(1e-5, 'excess at which a certified path is not refined', 'relative')
-    enough_bounded: float = steer(2e-6, 'the same with state constraints', 'relative')
+    enough_bounded: float = steer(
+        2e-6, 'the same with state constraints; below it a certificate is computed', 'relative')
     digits: int = steer(8000, 'work after which a certified path is not refined', 'work')
 
 
@@ -120,8 +119,6 @@ class MultistartOptions:
     long: int = steer(60_000, 'work of the first descent before others are looked at', 'work')
     looks: int = steer(3, 'others that are looked at then', 'starts')
     splits: int = steer(2, 'mesh halvings to confirm a lower cost', 'meshes')
-    errs: float = steer(1e-2, 'error of coarse costs above which a finer mesh decides', 'relative')
-    finer: int = steer(4, 'refinement of that mesh', 'times')
     rivals: int = steer(3, 'other minima kept for neighbours', 'minima')
     rival: float = steer(0.3, 'excess of their costs', 'relative')
     weary: int = steer(500_000, 'work in all after which nothing certified is enough', 'work')
@@ -136,8 +133,7 @@ class GuessOptions:
     """Initial guesses: lines that are bent at random, and random inputs."""
 
     bend: float = steer(0.5, 'amplitude of the bend of states', 'size')
-    noise: float = steer(0.3, 'amplitude of the noise of inputs', 'size')
-    aside: float = steer(0.3, 'bend in a state that the line does not move', 'reach')
+    noise: float = steer(0.3, 'that of inputs, and of states that the line does not move', 'size')
     reach: float = steer(3.0, 'distance up to which final states are searched', 'reach')
 
 
@@ -145,8 +141,7 @@ class GuessOptions:
 class ObstacleOptions:
     """Obstacle homotopy classes: lines that are bent around obstacles."""
 
-    most: int = steer(6, 'maximum: those with the largest violation', 'obstacles')
-    ways: int = steer(8, 'maximum: the shortest', 'bent lines')
+    ways: int = steer(8, 'maximum, the shortest; and of obstacles, the largest', 'bent lines')
     clear: float = steer(1.1, 'distance of a bent line', 'end of the obstacle')
     detour: float = steer(0.5, 'largest distance of the other side of an obstacle', 'line')
     trials: int = steer(15, 'maximum of the least squares', 'evaluations')
@@ -164,22 +159,19 @@ class RolloutOptions:
 
     samples: int = steer(384, 'of a generation', 'samples')
     share: int = steer(16, 'of which one becomes a parent', 'samples')
-    generations: int = steer(5, 'of a search', 'generations')
+    generations: int = steer(5, 'of a search; half as many of a brief one', 'generations')
     pieces: int = steer(6, 'of constant input', 'pieces')
     steps: int = steer(16, 'integration steps', 'steps per piece')
     spread: float = steer(0.4, 'first standard deviation around parents', 'range')
     windows: int = steer(4, 'of a free final time, each with parents of its own', 'windows')
-    longer: float = steer(8.0, 'largest ratio of a free final time to its guess', 'times')
     like: float = steer(0.5, 'distance of paths of one kind', 'distance of all')
-    nearer: int = steer(3, 'halvings of the distance from rest for half of the samples')
+    octaves: int = steer(3, 'of a free final time, and of the distance from rest', 'octaves')
     tried: int = steer(8, 'solved while none converged; at most twice as many', 'rollouts')
     cheap: int = steer(2, 'cheap ones before those that end nearer to psi = 0', 'rollouts')
     vain: int = steer(3, 'in a row without a new minimum; twice as many if it is bent', 'rollouts')
     glance: int = steer(32, 'of a brief search with terminal constraints', 'samples')
     kinds: int = steer(4, 'kinds of paths that are parents in one without', 'kinds')
-    children: int = steer(48, 'of each', 'samples')
-    among: int = steer(24, 'cheapest samples that are told apart', 'samples per kind')
-    brief_generations: int = steer(2, 'of a brief search', 'generations')
+    children: int = steer(48, 'of each; of half as many each the kind is looked at', 'samples')
     brief_steps: int = steer(5, 'integration steps of a brief search', 'steps per piece')
 
 
@@ -205,13 +197,10 @@ class HorizonOptions:
 class BangOptions:
     """Bang arcs: phases in which inputs are held at their bounds."""
 
-    solves: int = steer(10, 'maximum with other arcs', 'solves')
-    moved: float = steer(1e-6, 'decrease of the cost for which ends are moved', 'relative')
+    solves: int = steer(10, 'maximum with other arcs, also along state bounds', 'solves')
     seen: float = steer(0.98, 'least length of an arc', 'detected length')
     vanishing: float = steer(1e-3, 'length up to which an arc may be removed', 'final time')
-    removal: float = steer(1e-9, 'increase of the cost by removing one', 'relative')
-    removal_again: float = steer(1e-7, 'the same once one has vanished', 'relative')
-    iterations: int = steer(200, 'maximum of a solve with new arcs', 'iterations')
+    removal: float = steer(1e-7, 'increase of the cost by removing one', 'relative')
     room: float = steer(1e-5, 'increase of the cost by new arcs', 'relative')
 
 
@@ -250,18 +239,14 @@ class BoundaryOptions:
     finer: tuple[int, ...] = steer((4, 2), 'refinements of the coarse mesh, in turn', 'times')
     gaps: tuple[float, ...] = steer(
         (0.06, 0.01), 'gaps in a contact that are closed, in turn', 'final time')
-    solves: int = steer(6, 'maximum with changing arcs', 'solves')
-    graded: int = steer(3, 'refinements where x or lam is not resolved', 'refinements')
+    graded: int = steer(3, 'maximum, each by 2', 'refinements')
     intervals: int = steer(24, 'of all phases together, about', 'intervals')
     fewest: int = steer(3, 'minimum of a phase', 'intervals')
-    finest: int = steer(8, 'largest refinement', 'times')
     coarse: float = steer(1e-4, 'residual of the dynamics above which arcs are not detected')
-    stiff: float = steer(0.1, 'ratio of residuals above which intervals are spread anew')
     steady: float = steer(0.7, 'ratio of residuals below which the budget is extended')
-    slowly: float = steer(0.1, 'ratio of residuals above which bangs are sought')
+    slowly: float = steer(
+        0.1, 'ratio of residuals above which bangs are sought, or intervals are spread')
     worse: float = steer(1.5, 'ratio of residuals above which no finer mesh is tried')
-    dearer: float = steer(1e-3, 'increase of the cost from the detected path', 'relative')
-    no_dearer: float = steer(1e-6, 'increase of the cost from a certified solution', 'relative')
     opened: float = steer(0.25, 'length of a free arc that is inserted', 'shorter neighbour')
     nearly: float = steer(0.1, 'rate at a junction that may be tangential', 'relative')
 

@@ -27,6 +27,7 @@ from obc_ros.core.solver.arcs.input_arcs import (
 from obc_ros.core.solver.arcs.state_contacts import add_contacts, find_contacts
 from obc_ros.core.solver.bench import Bench
 from obc_ros.core.solver.improve.improvement import State
+from obc_ros.core.solver.transcription.local_minima import CHEAPER
 from obc_ros.core.solver.transcription.mesh import build_uniform_mesh
 from obc_ros.core.solver.transcription.program import TranscriptionOutcome
 
@@ -101,7 +102,7 @@ class ArcIteration:
                 break
             if shown == now:
                 new = self.with_arcs(arcs, outcome, density, options.seen)
-                if new is None or not is_below(new.objective, outcome.objective, options.moved):
+                if new is None or not is_below(new.objective, outcome.objective, CHEAPER):
                     new, now = self.freed(found, outcome, density, seen)
                     if new is None:
                         break
@@ -186,7 +187,7 @@ class ArcIteration:
         `kept`: least length of arcs at bounds, as part of the given one.
         """
         new = solve_on_arcs(self.bench, arcs, outcome, density,
-                            self.bench.options.bangs.iterations, kept)
+                            self.bench.options.coarse.iterations, kept)
         return new if new is not None and self.no_dearer(new, outcome) else None
 
     def no_dearer(self, new: TranscriptionOutcome, outcome: TranscriptionOutcome) -> bool:
@@ -220,8 +221,7 @@ class ArcIteration:
                 if arc.end - arc.start > options.vanishing * T]
         density = max(2.0 * self.coarse, outcome.mesh.layout.intervals)
         new = self.with_arcs(close_gaps(arcs, T), outcome, density)
-        accepted = options.removal_again if self.vanished(outcome) else options.removal
-        dearer = accepted * abs(outcome.objective)
+        dearer = options.removal * abs(outcome.objective)
         return outcome if new is None or new.objective > outcome.objective + dearer else new
 
     @staticmethod

@@ -24,11 +24,9 @@ from obc_ros.core.solver.arcs.input_arcs import Arc, have_moved
 from obc_ros.core.solver.bench import Bench
 from obc_ros.core.solver.improve.arc_iteration import solve_on_arcs
 from obc_ros.core.solver.improve.improvement import State
-from obc_ros.core.solver.transcription.local_minima import ANOTHER
+from obc_ros.core.solver.transcription.local_minima import ANOTHER, CHEAPER
 from obc_ros.core.solver.transcription.mesh import Path
 from obc_ros.core.solver.transcription.program import TranscriptionOutcome
-
-_SAME = 1e-6          # relative difference up to which costs are equal
 
 
 def has_branches(state: State) -> bool:
@@ -48,7 +46,7 @@ def move_to_best_branch(state: State) -> State | str:
             break
         found = [new for path in paths if (new := _from_inputs(bench, best, path)) is not None]
         new = min(found, key=lambda each: each.objective, default=best)
-        if bench.meter.stopped or not is_below(new.objective, best.objective, _SAME):
+        if bench.meter.stopped or not is_below(new.objective, best.objective, CHEAPER):
             break
         best = _with_jumps(bench, new)
     return 'H has no lower minimum' if best is outcome else replace(state, outcome=best)
@@ -155,7 +153,7 @@ def _with_jumps(bench: Bench, outcome: TranscriptionOutcome) -> TranscriptionOut
             break
         new = solve_on_arcs(bench, arcs, outcome, len(path.ua),
                             bench.options.coarse.iterations)
-        if new is None or is_below(outcome.objective, new.objective, _SAME):
+        if new is None or is_below(outcome.objective, new.objective, CHEAPER):
             break
         outcome = new
     return outcome

@@ -40,6 +40,7 @@ from obc_ros.core.solver.improve.phase_samples import BY_SAMPLES, certify_sample
 from obc_ros.core.solver.nlp.meter import Meter
 from obc_ros.core.solver.options import BoundaryOptions, DEFAULTS, Options
 from obc_ros.core.solver.trace import judge_path
+from obc_ros.core.solver.transcription.local_minima import ANOTHER, CHEAPER
 from obc_ros.core.solver.transcription.mesh import build_uniform_mesh, Path
 from obc_ros.core.solver.transcription.program import ProblemScales, TranscriptionOutcome
 
@@ -180,7 +181,7 @@ def settle_arcs(problem: Problem, program: PhasedProgram, arcs: list[Arc], guess
         None without convergence, or if the mesh is too large.
 
     """
-    for _ in range(options.boundary.solves):
+    for _ in range(options.bangs.solves):
         meshes = _meshes(arcs, spread, fine, options.boundary)
         K = sum(len(mesh) for mesh in meshes)
         if meter.stopped or not meter.allows(K):
@@ -277,10 +278,10 @@ def solve_along_bounds(state: State) -> State | str:
     options, problem = bench.options.boundary, bench.problem
     program = bench.programs.phased
     value = bench.programs.fitter(problem).at(problem, outcome.path.x, outcome.path.u)
-    allowed = outcome.objective + options.dearer * abs(outcome.objective)
+    allowed = outcome.objective + ANOTHER * abs(outcome.objective)
     if known is not None and known.certified:
         cost = known.solution.objective
-        allowed = cost + options.no_dearer * abs(cost)
+        allowed = cost + CHEAPER * abs(cost)
     seen: set[tuple[Signature, float, int]] = set()
     bench = replace(bench, meter=bench.meter.part(max(options.work, bench.work)))
     for gap in options.gaps:
@@ -324,7 +325,7 @@ class _Turn:
         again = get_signature(found.arcs) == self.led_to
         if again and erred < options.steady * self.erred:
             meter.extend(options.work)
-        if again or erred > options.stiff * self.erred:
+        if again or erred > options.slowly * self.erred:
             spread = spread_by_error(found)
             if again or len(found.arcs) == len(arcs):
                 arcs, guess = found.arcs, join_phases(found)
@@ -345,11 +346,11 @@ def _settled_on(bench: Bench, outcome: TranscriptionOutcome, arcs: list[Arc], al
     fitter = bench.programs.fitter(problem)
     turn, sizes = _Turn(arcs, sharpen_steps(outcome.path, arcs), spread_like(outcome.path)), (
         bench.sizes(outcome))
-    for number in range(options.solves + options.graded):
+    for number in range(bench.options.bangs.solves):
         if number and turn.key in seen:
             # On this mesh the detected arcs alternate.
             turn = replace(turn, fine=2 * turn.fine)
-        if turn.fine > options.finest or turn.key in seen:
+        if turn.fine > 2**options.graded or turn.key in seen:
             break
         seen.add(turn.key)
         found = settle_arcs(problem, program, turn.arcs, turn.guess, sizes, pinned, meter,

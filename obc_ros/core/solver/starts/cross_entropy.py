@@ -224,7 +224,7 @@ def _drawn_again(bench: Bench, problem: Problem, drawn: '_Drawn', steps: int,
     options = bench.options.rollouts
     led = _Led(bench, problem, drawn, steps)
     best = led.kinds(kinds)
-    for generation in range(options.brief_generations):
+    for generation in range(options.generations // 2):
         if not best.size:
             return None
         led = _Led(bench, problem, led.drawn.around(
@@ -272,7 +272,7 @@ class _Led:
 
     def kinds(self, most: int) -> Index:
         """Return the cheapest rollout of each kind of path, at most `most`, among the cheapest."""
-        order = self.order(np.inf)[:self._options.among * most]
+        order = self.order(np.inf)[:self._options.children // 2 * most]
         seen = [RolloutEnd(float(rank), self.path(k)) for rank, k in enumerate(order)]
         return np.array([order[int(each.gap)] for each, *_ in _alike(
             seen, self._options)[:most]], dtype=np.int64)
@@ -353,7 +353,7 @@ def search_rollouts(problem: Problem, T: float, most: float = np.inf, rest: Arra
     chance = np.random.default_rng(4)
     if final.free:
         shortest, longest = np.clip(
-            [T / options.longer, T * options.longer], final.lower, final.upper)
+            [T / 2**options.octaves, T * 2**options.octaves], final.lower, final.upper)
         spans = np.geomspace(shortest, longest * (1 + 1e-9), options.windows + 1)
     else:
         shortest, longest, spans = T, T, np.array([T * (1 - 1e-9), np.inf])
@@ -361,7 +361,7 @@ def search_rollouts(problem: Problem, T: float, most: float = np.inf, rest: Arra
     if rest is not None:
         still = _part_at(problem, rest)
         away = np.where(np.arange(count) % 4 < 2,
-                        2.0 ** -chance.uniform(0, options.nearer, count), 1.0)
+                        2.0 ** -chance.uniform(0, options.octaves, count), 1.0)
         part = still + away[:, None, None] * (part - still)
     drawn = _Drawn(part, np.exp(
         chance.uniform(np.log(shortest), np.log(longest), count)))

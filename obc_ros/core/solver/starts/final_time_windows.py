@@ -36,7 +36,7 @@ def find_other_lengths(bench: Bench, pool: StartPool, known: Known) -> Proposal:
     The guesses of the pool are stretched in time: one for each window, two if the dynamics are
     bent.
     """
-    same = bench.options.coarse.settled
+    same = bench.options.coarse.error
     assert known.best is not None and known.best.record is not None
     outcome, begun = known.best.record.outcome, bench.work
     found: list[TranscriptionOutcome] = []

@@ -349,7 +349,7 @@ class Guesser:
         reach = self._within_reach(problem, line, sizes.u)
         moves = (far > 0) & (reach > 0)
         reach = reach * np.max(far[moves] / reach[moves]) if moves.any() else reach
-        return np.where(far > 0, far, self._options.aside * np.where(reach > 0, reach, sizes.x))
+        return np.where(far > 0, far, self._options.noise * np.where(reach > 0, reach, sizes.x))
 
     def scattered(self, problem: Problem, integrator: CostateIntegrator, starts: Iterator[Path],
                   cost: float) -> Iterator[Path]:

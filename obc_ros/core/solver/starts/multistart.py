@@ -20,13 +20,9 @@ from obc_ros.core.solver.starts.start import Known, StartStage
 from obc_ros.core.solver.starts.start_pool import is_rough, StartPool
 from obc_ros.core.solver.starts.stopping_rule import Effort, explain_enough
 from obc_ros.core.solver.trace import GUESS
-from obc_ros.core.solver.transcription.local_minima import ANOTHER
+from obc_ros.core.solver.transcription.local_minima import ANOTHER, CHEAPER, MET, SAME
 from obc_ros.core.solver.transcription.mesh import build_uniform_mesh, split
 from obc_ros.core.solver.transcription.program import TranscriptionOutcome
-
-_MET = 1e-5           # infeasibility of a feasible path
-_SAME = 2e-4          # relative difference up to which two coarse costs are of the same minimum
-_CHEAPER = 1e-6       # relative difference of the costs of two certified solutions that counts
 
 
 def descend_from_coarse(bench: Bench, pool: StartPool, first: TranscriptionOutcome
@@ -183,7 +179,7 @@ class _Multistart:
                                    hard=self._uneven or self._before > options.hard)
         if not self._is_lowest(outcome):
             return outcome
-        if not outcome.converged and outcome.infeasibility <= _MET:   # it needs more iterations
+        if not outcome.converged and outcome.infeasibility <= MET:   # it needs more iterations
             later = bench.collocate(outcome.mesh, outcome.path, near=True, most=most)
             outcome = later if later.converged else outcome
         for _ in range(options.splits):
@@ -200,7 +196,7 @@ class _Multistart:
     def _refine(self, outcome: TranscriptionOutcome) -> Candidate | None:
         """Return the candidate that an outcome leads to, None if it cannot be the best."""
         lower = self._is_lowest(outcome)
-        descends = lower and not outcome.converged and outcome.infeasibility <= _MET
+        descends = lower and not outcome.converged and outcome.infeasibility <= MET
         differs = not self._best.certified and all(
             abs(outcome.objective - other) > ANOTHER * abs(other) for other in self._followed)
         if not (descends or (lower or differs) and self._bench.is_accurate(outcome) and (
@@ -218,10 +214,10 @@ class _Multistart:
         bench, options = self._bench, self._options
         most = bench.options.coarse.iterations
         cost, kept, coarse = self._best.solution.objective, self._best.record, self._coarse
-        if kept is None or abs(cost - coarse) <= options.errs * abs(coarse) or (
+        if kept is None or abs(cost - coarse) <= bench.options.coarse.error * abs(coarse) or (
                 outcome.mesh.layout.intervals > bench.intervals):
             return True
-        mesh = build_uniform_mesh(bench.problem, options.finer * bench.intervals, bench.stages)
+        mesh = build_uniform_mesh(bench.problem, 2**options.splits * bench.intervals, bench.stages)
         if not bench.meter.allows(mesh.layout.intervals):
             return True
         known, new = (bench.collocate(mesh, path, path.t[-1:], near=True, most=most)
@@ -229,7 +225,7 @@ class _Multistart:
         if not (known.converged and new.converged):
             return lower
         apart, error = new.objective - known.objective, abs(cost - known.objective)
-        return _SAME * abs(known.objective) < abs(apart) and apart < 2 * error
+        return SAME * abs(known.objective) < abs(apart) and apart < 2 * error
 
     def _find_others(self) -> list[float]:
         """Return the coarse costs of local minima above the best that were not refined."""
@@ -284,7 +280,7 @@ def better(best: Solution, other: Solution) -> Solution:
     """
     def cheaper(one: Solution, than: Solution) -> bool:
         both = one.certified and than.certified
-        return is_below(one.objective, than.objective, _CHEAPER if both else ANOTHER)
+        return is_below(one.objective, than.objective, CHEAPER if both else ANOTHER)
 
     def feasible(one: Solution) -> bool:
         return bool(one.certificate and one.certificate.feasible)

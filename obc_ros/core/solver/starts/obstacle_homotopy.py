@@ -88,7 +88,7 @@ def bend_around(problem: Problem, line: Path,
     slopes = slopes.reshape(_SEEN, -1, problem.n)
     room = np.minimum(value - problem.path_lower, problem.path_upper - value)
     depends, sides = _depends(problem), []
-    for row in rows[np.argsort(room[:, rows].min(axis=0))][:options.most].tolist():
+    for row in rows[np.argsort(room[:, rows].min(axis=0))][:options.ways].tolist():
         k = int(np.argmin(room[:, row]))
         found = _sides(problem, seen, (x[0], x[k], x[-1]), row,
                        np.where(depends[row], slopes[k, row], np.nan), options)

@@ -8,8 +8,9 @@ from obc_ros.core.solver.options import CoarseOptions, DEFAULTS
 from obc_ros.core.solver.transcription.mesh import Path
 
 ANOTHER = 1e-3   # relative difference of two costs above which they are of different minima
-_SAME = 2e-4     # relative difference up to which a coarse cost is that of a known minimum
-_MET = 1e-5      # infeasibility of a feasible path
+CHEAPER = 1e-6   # relative difference that counts of two costs on fine meshes
+SAME = 2e-4      # relative difference up to which a coarse cost is that of a known minimum
+MET = 1e-5       # infeasibility of a feasible path
 
 
 class LocalMinima:
@@ -87,8 +88,8 @@ class LocalMinima:
         return cost - least > abs(least)
 
     def _knows(self, cost: float, infeasibility: float) -> bool:
-        return infeasibility <= _MET and any(
-            abs(cost - known) <= _SAME * abs(known) for known in self._costs)
+        return infeasibility <= MET and any(
+            abs(cost - known) <= SAME * abs(known) for known in self._costs)
 
     @property
     def rough(self) -> bool:
