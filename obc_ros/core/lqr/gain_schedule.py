@@ -26,6 +26,7 @@ from scipy.linalg import solve_continuous_lyapunov
 PlantAt = Callable[[float], tuple[Array, Array]]
 
 _MOST = 1025  # gains
+_TOLERANCE = 0.01  # of an interpolated gain, relative to the largest entry of the designed one
 _ANY = 1e6  # [1/s] relative to the range; a larger rate is finite by rounding only
 _THIRDS = (0.0, 1.0 / 3.0, 2.0 / 3.0, 1.0)
 # From the values of a cubic there to its Bernstein coefficients.
@@ -63,13 +64,12 @@ class _Knot:
     X: Array
 
 
-def compute_schedule(plant: PlantAt, weights: Weights, lower: float, upper: float, *,
-                     tolerance: float = 0.01) -> Table:
+def compute_schedule(plant: PlantAt, weights: Weights, lower: float, upper: float) -> Table:
     """
     Return a table of gains for the values of a variable in a range.
 
-    A value is added where the interpolated gain differs from the designed one by more than
-    `tolerance`, or where stability in between is not verified.
+    A value is added where the interpolated gain differs from the designed one by more than 1 % of
+    its largest entry, or where stability in between is not verified.
 
     Parameters
     ----------
@@ -79,8 +79,6 @@ def compute_schedule(plant: PlantAt, weights: Weights, lower: float, upper: floa
         One cost for all values.
     lower, upper : float
         The range.
-    tolerance : float
-        Tolerance of the gain, relative to its largest entry.
 
     Returns
     -------
@@ -103,7 +101,7 @@ def compute_schedule(plant: PlantAt, weights: Weights, lower: float, upper: floa
         low, high = knots[done - 1:done + 1]
         middle = _knot(plant, weights, 0.5 * (low.value + high.value))
         gap = np.abs(middle.K - 0.5 * (low.K + high.K)).max()
-        bears = _rate(plant, low, high) if gap <= tolerance * np.abs(middle.K).max() else 0.0
+        bears = _rate(plant, low, high) if gap <= _TOLERANCE * np.abs(middle.K).max() else 0.0
         if bears:
             rate, done = min(rate, bears), done + 1
         elif len(knots) < _MOST:

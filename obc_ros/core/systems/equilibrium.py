@@ -3,10 +3,9 @@
 """
 Equilibria of a system and its linearization there.
 
-An equilibrium is an input u, and values of the free states, with f(x, u) = 0. States on which f
-does not depend may drift at a constant rate: a vehicle that drives straight ahead has
-f = (v, 0, 0). The drift is then f(xe, ue), and the deviation from xe + drift t is linearized with
-constant A and B.
+An equilibrium is a state x with an input u for which f(x, u) = 0. States on which f does not
+depend may drift at a constant rate: a vehicle that drives straight ahead has f = (v, 0, 0). The
+drift is then f(xe, ue), and the deviation from xe + drift t is linearized with constant A and B.
 """
 
 from collections.abc import Sequence
@@ -50,7 +49,6 @@ def find_equilibrium(
     system: System,
     x: Sequence[float] | Array | None = None,
     u: Sequence[float] | Array | None = None,
-    free: Sequence[str] = (),
 ) -> Equilibrium:
     """
     Find the equilibrium at a set point by Newton's method.
@@ -64,8 +62,6 @@ def find_equilibrium(
     u : array_like, shape (m,), optional
         Initial guess of the input; default: that of the system. Inputs that the set point does not
         determine (the speed of a vehicle) keep these values.
-    free : sequence of str
-        Names of states to solve for too, starting from their values in `x`.
 
     Returns
     -------
@@ -81,15 +77,10 @@ def find_equilibrium(
                       system.state_names, DynamicsError)
     u = check_numbers(f'input of {system.name}', system.setpoint_input if u is None else u,
                       system.input_names, DynamicsError)
-    unknown = [name for name in free if name not in system.state_names]
-    if unknown:
-        raise DynamicsError(f"{system.name} has no state '{unknown[0]}'; it has "
-                            f'{", ".join(system.state_names)}')
-    loose = np.array([name in free for name in system.state_names] + [True] * system.m)
-    held = ~_may_move_on(system)
+    loose, held = np.arange(system.n + system.m) >= system.n, ~_may_move_on(system)
     best = _solve(system, np.concatenate([x, u]), loose, held)
     if not best.holds:
-        raise DynamicsError(_refusal(system, x, best, held, free))
+        raise DynamicsError(_refusal(system, x, best, held))
     best = _keep_inputs(system, u, best, loose, held)
     _check_limits(system, best)
     drift = system.f(best.x, best.u)
@@ -282,10 +273,9 @@ def _check_limits(system: System, found: _Found) -> None:
                 f'[{signal.lower:g}, {signal.upper:g}] {signal.unit}'.rstrip())
 
 
-def _refusal(system: System, x: Array, best: _Found, held: Mask, free: Sequence[str]) -> str:
+def _refusal(system: System, x: Array, best: _Found, held: Mask) -> str:
     what = (f'found no equilibrium of the {system.name} '
-            + _at(system.states, np.where(held, x, 0.0))
-            + (f' with {", ".join(free)} free' if free else ''))
+            f'{_at(system.states, np.where(held, x, 0.0))}')
     if not np.isfinite(best.f).all():
         return f'{what}: f is undefined there'
     rest = ', '.join(f'd{signal.name}/dt = {value:.3g} {_per_second(signal.unit)}'.rstrip()
