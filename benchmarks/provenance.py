@@ -6,7 +6,8 @@ Provenance of the options: the problems of test/problems that need the value of 
 Each problem is solved once to see which options its search reads. Then each option is multiplied
 by 1/4 and by 4 on some of the problems that read it. A problem needs the value if it is not
 solved, costs more, or takes longer with the changed one. If no problem does, the tests of its
-strategy are run with the changed value: one that fails needs it.
+strategy are run with the changed value: one that fails needs it. If none fails, the factors 1/100
+and 100 are tried on the problems.
 """
 
 import timing  # isort: skip - before numpy
@@ -32,7 +33,7 @@ from obc_ros.core.solver.solve import solve
 
 TEST = Path(__file__).resolve().parents[1] / 'test'
 PROBLEMS = TEST / 'problems'
-FACTORS = 0.25, 4.0
+FACTORS, FAR = (0.25, 4.0), (0.01, 100.0)
 LIMIT = 240.0      # [s] time limit of a solution with the default options
 SLOW = 2.0         # [s] problems that take longer are not solved with changed options
 SECONDS = 4.0      # [s] processor time of the problems of one option with its default
@@ -195,29 +196,28 @@ def try_option(option: Option, whole: dict[str, Result], others: Iterable[dict[s
     reading = [each for each in whole.values() if option.name in each.options]
     chosen = choose([each for each in reading if each.time < SLOW and each.status == 'solved'],
                     Counter(name for other in others for name, *_ in other['needs']), seconds)
-    needs = [[*row] for row in _try_values(option, chosen)] or [
-        [*row] for row in _try_tests(option)]
+    needs = ([[*row] for row in _try_values(option, chosen, FACTORS)]
+             or [[*row] for row in _try_tests(option)]
+             or [[*row] for row in _try_values(option, chosen, FAR)])
     return {'option': option.name, 'read': len(reading), 'tried': [each.name for each in chosen],
             'needs': needs}
 
 
 def choose(results: Sequence[Result], needing: Counter[str], seconds: float) -> list[Result]:
-    """Return problems: first those that need many options, then all kinds of durations."""
-    ranked = sorted(results, key=lambda each: each.time)
-    stride = max(1, len(ranked) // MOST)
-    spread = [each for first in range(stride) for each in ranked[first::stride]]
-    spread.sort(key=lambda each: -needing[each.name])
+    """Return problems: first those that need many options, then those that read many."""
+    ranked = sorted(results, key=lambda each: (-needing[each.name], -len(each.options)))
     chosen, left = list[Result](), seconds
-    for each in spread:
+    for each in ranked:
         if len(chosen) < MOST and each.time <= left:
             chosen.append(each)
             left -= each.time
     return chosen
 
 
-def _try_values(option: Option, chosen: Sequence[Result]) -> Iterator[tuple[str, float, str]]:
+def _try_values(option: Option, chosen: Sequence[Result], factors: tuple[float, ...]
+                ) -> Iterator[tuple[str, float, str]]:
     """Yield problem, factor and what happens; the first failure or higher cost ends a factor."""
-    for factor in FACTORS:
+    for factor in factors:
         value = change(option.value, factor)
         if value == option.value:
             continue

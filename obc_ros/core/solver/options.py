@@ -43,11 +43,20 @@ class CoarseOptions:
     starts_in_vain: int = steer(6, 'guesses while none led to a path', 'guesses')
     patience: int = steer(10_000, 'work after which `starts` is enough in any case', 'work')
     rough: float = steer(1e-4, 'error of the cost at which a solve may end', 'relative')
+    late: tuple[int, ...] = steer(
+        (10, 5), 'after which a solve that stays infeasible ends; of further guesses',
+        'iterations')
+    left: tuple[float, ...] = steer(
+        (0.5, 0.8), 'infeasibility above which it does', 'first infeasibility')
     wild: float = steer(
         1e6, 'infeasibility, or excess of the cost, of paths that diverged', 'scaled')
     calmer: float = steer(0.5, 'factor of the ranges of guesses after divergence')
     calmest: float = steer(0.1, 'the least product of these factors')
     error: float = steer(1e-2, 'error of a step, or of the cost, that is small enough', 'relative')
+
+    def get_early_ends(self, number: int) -> tuple[tuple[int, float], ...]:
+        """Return the first pairs of `late` and `left`: one for first guesses, two for others."""
+        return tuple(zip(self.late, self.left, strict=False))[:number]
 
 
 @dataclass(frozen=True)

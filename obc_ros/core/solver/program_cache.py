@@ -178,7 +178,8 @@ class ProgramCache:
             kind = layout.stages, layout.free_durations, swift
             if kind not in self._pieces:
                 self._pieces[kind] = Pieces(problem, *kind)
-            found = Transcription(problem, layout, self._pieces[kind])
+            found = Transcription(
+                problem, layout, self._pieces[kind], self.options.coarse)
             self.build_time += time.monotonic() - begun
         self._transcriptions[layout, swift] = found
         if len(self._transcriptions) > options.kept:

@@ -29,6 +29,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 from obc_ros.core.numerics.arrays import Array, Index
+from obc_ros.core.solver.options import DEFAULTS
 from scipy.linalg.lapack import dgbtrf, dgbtrs, dgetrf, dgetrs, dpbtrf, dpbtrs
 
 PROXIMAL = 1e-10      # subtracted from the diagonal of rows: redundant ones are not singular then
@@ -42,9 +43,6 @@ _NEAREST = 1e-2       # largest initial distance from an active bound, as part o
 BESIDE = 0.03         # distance from a bound, as part of the span, below which it counts as active
 _HUGE = 1e100         # number above which powers overflow
 _ROUGH = 1e-5         # infeasibility that is small enough for an approximate cost
-# Early end of an approximate solve: after so many steps, if this part of the first infeasibility
-# is left. The second pair is for a run that is `spare`.
-_LATE = ((10, 0.5), (5, 0.8))
 _FAR = 0.1            # infeasibility below which it does not end early
 
 
@@ -226,10 +224,10 @@ class StoppingRule:
     most : int
         Maximum number of steps.
     rough : float
-        Relative error of the cost that is small enough; 0: none. If it is positive, a run that
-        stays far from feasible ends early.
-    spare : bool
-        Such a run ends even earlier.
+        Relative error of the cost that is small enough; 0: none.
+    late : tuple of (int, float)
+        Early end of a run with `rough`: after so many steps, if more than this part of the first
+        infeasibility is left.
 
     """
 
@@ -237,7 +235,7 @@ class StoppingRule:
     optimal: float = 1e-9
     most: int = 100
     rough: float = 0.0
-    spare: bool = False
+    late: tuple[tuple[int, float], ...] = DEFAULTS.coarse.get_early_ends(1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -542,7 +540,7 @@ def solve_program(work: Interior, now: Iterate, goal: StoppingRule,
             return replace(now, status='no step')
         now, promise = step
         if goal.rough and any(now.iterations == steps and now.worst > max(part * first, _FAR)
-                              for steps, part in _LATE[:1 + goal.spare]):
+                              for steps, part in goal.late):
             return replace(now, status='too slow')
         near = goal.rough * abs(now.values.f)
         if near and now.worst <= _ROUGH and promise <= near and now.mu * work.count <= near:

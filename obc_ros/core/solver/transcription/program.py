@@ -29,6 +29,7 @@ from obc_ros.core.ocp.solution import Verdict
 from obc_ros.core.solver.nlp.interior_point import StoppingRule
 from obc_ros.core.solver.nlp.ipopt import build_ipopt, Found, run_ipopt
 from obc_ros.core.solver.nlp.meter import Meter, Watch
+from obc_ros.core.solver.options import CoarseOptions, DEFAULTS
 from obc_ros.core.solver.transcription.banded_program import Stages
 from obc_ros.core.solver.transcription.block_program import assemble, Block, BlockProgram, Piece
 from obc_ros.core.solver.transcription.intervals import Pieces
@@ -153,10 +154,14 @@ class Transcription:
         Phases, intervals and scheme.
     pieces : Pieces, optional
         Of the same problem and scheme, for any other layout.
+    options : CoarseOptions
+        Of the search.
 
     """
 
-    def __init__(self, problem: Problem, layout: Layout, pieces: Pieces | None = None) -> None:
+    def __init__(self, problem: Problem, layout: Layout, pieces: Pieces | None = None,
+                 options: CoarseOptions = DEFAULTS.coarse) -> None:
+        self._options = options
         self.layout, self._solvers = layout, dict[str, tuple[ca.Function, Watch]]()
         self._pieces = pieces or Pieces(problem, layout.stages, layout.free_durations)
         self.n, self.m, self.q = problem.n, problem.m, problem.q
@@ -454,7 +459,8 @@ class Transcription:
                 return meter.step(f * scales.cost, worst) or once and again
 
             found = self._staged.run(
-                start, (lower, upper), StoppingRule(rough=rough, spare=once), seen, near=near,
+                start, (lower, upper), StoppingRule(
+                    rough=rough, late=self._options.get_early_ends(1 + once)), seen, near=near,
                 multipliers=guessed, mu=0.0 if guide is None else guide.mu)
             if found.converged or once or meter.stopped or meter.spent:
                 return self._outcome(problem, mesh, scales, found, (0.0, 0.0))
