@@ -36,23 +36,27 @@ def steer(default: float | tuple[float, ...], meaning: str, unit: str = '',
 class CoarseOptions:
     """First solves on a coarse mesh."""
 
-    intervals: int = steer(16, 'size of the coarsest mesh', 'intervals')
-    iterations: int = steer(150, 'maximum of a solve from a rough guess', 'iterations')
+    intervals: int = steer(16, 'size of the coarsest mesh', 'intervals', 'detumble_mintime')
+    iterations: int = steer(
+        150, 'maximum of a solve from a rough guess', 'iterations', 'abs_off_centre')
     few_iterations: int = steer(12, 'lower limit of the maximum of further guesses', 'iterations')
-    starts: int = steer(1, 'guesses after one that led to a path', 'guesses')
+    starts: int = steer(1, 'guesses after one that led to a path', 'guesses', 'detumble_mintime')
     starts_in_vain: int = steer(6, 'guesses while none led to a path', 'guesses')
     patience: int = steer(10_000, 'work after which `starts` is enough in any case', 'work')
-    rough: float = steer(1e-4, 'error of the cost at which a solve may end', 'relative')
+    rough: float = steer(
+        1e-4, 'error of the cost at which a solve may end', 'relative', 'double_tank')
     late: tuple[int, ...] = steer(
         (10, 5), 'after which a solve that stays infeasible ends; of further guesses',
-        'iterations')
+        'iterations', 'orbit_transfer')
     left: tuple[float, ...] = steer(
-        (0.5, 0.8), 'infeasibility above which it does', 'first infeasibility')
+        (0.5, 0.8), 'infeasibility above which it does', 'first infeasibility', 'orbit_transfer')
     wild: float = steer(
         1e6, 'infeasibility, or excess of the cost, of paths that diverged', 'scaled')
     calmer: float = steer(0.5, 'factor of the ranges of guesses after divergence')
     calmest: float = steer(0.1, 'the least product of these factors')
-    error: float = steer(1e-2, 'error of a step, or of the cost, that is small enough', 'relative')
+    error: float = steer(
+        1e-2, 'error of a step, or of the cost, that is small enough',
+        'relative', 'rayleigh_mintime')
 
     def get_early_ends(self, number: int) -> tuple[tuple[int, float], ...]:
         """Return the first pairs of `late` and `left`: one for first guesses, two for others."""
@@ -64,25 +68,30 @@ class RefinementOptions:
     """Aims of a mesh refinement, for all intervals together unless said otherwise."""
 
     loss: float = steer(3e-7, 'Hamiltonian loss without state constraints', 'relative')
-    loss_bounded: float = steer(1e-7, 'Hamiltonian loss with state constraints', 'relative')
-    drift: float = steer(2e-5, 'variation of H in each interval', 'relative to its terms')
-    step_error: float = steer(3e-8, 'local errors of the states', 'relative')
+    loss_bounded: float = steer(
+        1e-7, 'Hamiltonian loss with state constraints', 'relative', 'rayleigh_mixed')
+    drift: float = steer(
+        2e-5, 'variation of H in each interval', 'relative to its terms', 'orbit_transfer')
+    step_error: float = steer(3e-8, 'local errors of the states', 'relative', 'orbit_transfer')
 
 
 @dataclass(frozen=True)
 class DescentOptions:
     """Descent from a coarse outcome to a certificate."""
 
-    meshes: int = steer(10, 'maximum of a descent', 'meshes')
-    plain: int = steer(5, 'meshes after which switching times are sought in any case', 'meshes')
-    iterations: int = steer(350, 'maximum on a finer mesh, from the coarser one', 'iterations')
+    meshes: int = steer(10, 'maximum of a descent', 'meshes', 'orbit_transfer')
+    plain: int = steer(
+        5, 'meshes after which switching times are sought in any case', 'meshes', 'oil_shale')
+    iterations: int = steer(
+        350, 'maximum on a finer mesh, from the coarser one', 'iterations', 'sphere_geodesic')
     work: int = steer(450_000, 'maximum on a finer mesh, but for 50 iterations', 'work')
     boundary_arcs: tuple[int, ...] = steer(
         (1, 2, 4, 6), 'refinements after which arcs along state bounds are solved for', 'meshes')
     boundary_excess: float = steer(0.1, 'excess below which that is done', 'relative')
     look: float = steer(1e-3, 'excess below which a certificate is computed', 'relative')
     spread: float = steer(1.5e-4, 'variation of H above which it is not', 'relative')
-    enough: float = steer(1e-5, 'excess at which a certified path is not refined', 'relative')
+    enough: float = steer(
+        1e-5, 'excess at which a certified path is not refined', 'relative', 'aircraft_5')
     enough_bounded: float = steer(
         2e-6, 'the same with state constraints; below it a certificate is computed', 'relative')
     digits: int = steer(8000, 'work after which a certified path is not refined', 'work')
@@ -92,7 +101,9 @@ class DescentOptions:
 class BudgetOptions:
     """Work and time of searches, proofs and explanations."""
 
-    vain: float = steer(2.0, 'work of descents when all coarse errors are large', 'work so far')
+    vain: float = steer(
+        2.0, 'work of descents when all coarse errors are large',
+        'work so far', 'hypersensitive_long')
     share: float = steer(0.6, 'part of the time for descents that may be in vain', 'time left')
     chattering: int = steer(200_000, 'extra work of descents when sequences chatter', 'work')
     inside: float = steer(1e-2, 'distance from bounds of an input that chatters', 'range')
@@ -112,19 +123,23 @@ class MultistartOptions:
     or end at very different costs; bent if its nonlinearity index is large.
     """
 
-    hard: int = steer(3000, 'work of the first descent of a hard problem', 'work')
-    slow: int = steer(30, 'iterations of a coarse solve of a rough problem', 'iterations')
-    bent: float = steer(0.4, 'nonlinearity index of a bent problem')
+    hard: int = steer(
+        3000, 'work of the first descent of a hard problem', 'work', 'detumble_mintime')
+    slow: int = steer(
+        30, 'iterations of a coarse solve of a rough problem', 'iterations', 'aircraft_5')
+    bent: float = steer(0.4, 'nonlinearity index of a bent problem', '', 'aircraft_5')
     parts: int = steer(12, 'parts of the inputs that give the index', 'parts')
-    share: float = steer(0.15, 'part of all work for further starts', 'work')
-    share_hard: float = steer(0.3, 'the same for hard problems', 'work')
-    least_hard: int = steer(12, 'minimum for hard problems by collocation, rough ones', 'starts')
-    least_bent: int = steer(8, 'minimum for bent problems', 'starts')
+    share: float = steer(0.15, 'part of all work for further starts', 'work', 'aircraft_5')
+    share_hard: float = steer(0.3, 'the same for hard problems', 'work', 'cart_pole')
+    least_hard: int = steer(
+        12, 'minimum for hard problems by collocation, rough ones',
+        'starts', 'hypersensitive_long')
+    least_bent: int = steer(8, 'minimum for bent problems', 'starts', 'cstr_kirk')
     few: int = steer(2, 'minima above which the minimum number is doubled', 'minima')
     after: int = steer(3, 'starts after one that led to a better solution', 'starts')
     many: int = steer(24, 'minimum for hard problems by steps and costs with wells', 'starts')
     many_work: int = steer(15_000, 'minimum for these', 'work')
-    most: int = steer(80, 'maximum', 'starts')
+    most: int = steer(80, 'maximum', 'starts', 'terminal_wells_plane')
     long: int = steer(60_000, 'work of the first descent before others are looked at', 'work')
     looks: int = steer(3, 'others that are looked at then', 'starts')
     splits: int = steer(2, 'mesh halvings to confirm a lower cost', 'meshes')
@@ -133,27 +148,38 @@ class MultistartOptions:
     weary: int = steer(500_000, 'work in all after which nothing certified is enough', 'work')
     weary_starts: int = steer(50_000, 'work of starts after which that holds', 'work')
     rough_work: int = steer(
-        3000, 'work for starts of rough problems that are not hard, and for windows', 'work')
-    lavish: int = steer(150_000, 'work for starts once a solution is certified', 'work')
+        3000, 'work for starts of rough problems that are not hard, and for windows',
+        'work', 'robot_arm')
+    lavish: int = steer(
+        150_000, 'work for starts once a solution is certified', 'work', 'hypersensitive_long')
 
 
 @dataclass(frozen=True)
 class GuessOptions:
     """Initial guesses: lines that are bent at random, and random inputs."""
 
-    bend: float = steer(0.5, 'amplitude of the bend of states', 'size')
-    noise: float = steer(0.3, 'that of inputs, and of states that the line does not move', 'size')
-    reach: float = steer(3.0, 'distance up to which final states are searched', 'reach')
+    bend: float = steer(0.5, 'amplitude of the bend of states', 'size', 'hypersensitive_long')
+    noise: float = steer(
+        0.3, 'that of inputs, and of states that the line does not move',
+        'size', 'dielectrophoretic')
+    reach: float = steer(
+        3.0, 'distance up to which final states are searched', 'reach', 'test_program.py')
 
 
 @dataclass(frozen=True)
 class ObstacleOptions:
     """Obstacle homotopy classes: lines that are bent around obstacles."""
 
-    ways: int = steer(8, 'maximum, the shortest; and of obstacles, the largest', 'bent lines')
-    clear: float = steer(1.1, 'distance of a bent line', 'end of the obstacle')
-    detour: float = steer(0.5, 'largest distance of the other side of an obstacle', 'line')
-    trials: int = steer(15, 'maximum of the least squares', 'evaluations')
+    ways: int = steer(
+        8, 'maximum, the shortest; and of obstacles, the largest',
+        'bent lines', 'test_obstacle_homotopy.py')
+    clear: float = steer(
+        1.1, 'distance of a bent line', 'end of the obstacle', 'test_obstacle_homotopy.py')
+    detour: float = steer(
+        0.5, 'largest distance of the other side of an obstacle',
+        'line', 'test_obstacle_homotopy.py')
+    trials: int = steer(
+        15, 'maximum of the least squares', 'evaluations', 'test_obstacle_homotopy.py')
 
 
 @dataclass(frozen=True)
@@ -166,37 +192,43 @@ class RolloutOptions:
     times the samples, and twice the kinds.
     """
 
-    samples: int = steer(384, 'of a generation', 'samples')
-    share: int = steer(16, 'of which one becomes a parent', 'samples')
-    generations: int = steer(5, 'of a search; half as many of a brief one', 'generations')
-    pieces: int = steer(6, 'of constant input', 'pieces')
-    steps: int = steer(16, 'integration steps', 'steps per piece')
-    spread: float = steer(0.4, 'first standard deviation around parents', 'range')
-    windows: int = steer(4, 'of a free final time, each with parents of its own', 'windows')
+    samples: int = steer(384, 'of a generation', 'samples', 'duffing')
+    share: int = steer(16, 'of which one becomes a parent', 'samples', 'orbit_transfer')
+    generations: int = steer(
+        5, 'of a search; half as many of a brief one', 'generations', 'orbit_transfer')
+    pieces: int = steer(6, 'of constant input', 'pieces', 'test_multistart.py')
+    steps: int = steer(16, 'integration steps', 'steps per piece', 'hypersensitive')
+    spread: float = steer(
+        0.4, 'first standard deviation around parents', 'range', 'orbit_transfer')
+    windows: int = steer(
+        4, 'of a free final time, each with parents of its own', 'windows', 'zermelo_shear')
     like: float = steer(0.5, 'distance of paths of one kind', 'distance of all')
     octaves: int = steer(3, 'of a free final time, and of the distance from rest', 'octaves')
     tried: int = steer(8, 'solved while none converged; at most twice as many', 'rollouts')
     cheap: int = steer(2, 'cheap ones before those that end nearer to psi = 0', 'rollouts')
     vain: int = steer(3, 'in a row without a new minimum; twice as many if it is bent', 'rollouts')
-    glance: int = steer(32, 'of a brief search with terminal constraints', 'samples')
-    kinds: int = steer(4, 'kinds of paths that are parents in one without', 'kinds')
+    glance: int = steer(32, 'of a brief search with terminal constraints', 'samples', 'robot_arm')
+    kinds: int = steer(4, 'kinds of paths that are parents in one without', 'kinds', 'cstr_luus')
     children: int = steer(48, 'of each; of half as many each the kind is looked at', 'samples')
-    brief_steps: int = steer(5, 'integration steps of a brief search', 'steps per piece')
+    brief_steps: int = steer(
+        5, 'integration steps of a brief search', 'steps per piece', 'test_multistart.py')
 
 
 @dataclass(frozen=True)
 class WindowOptions:
     """Final-time windows: other minima with longer and shorter final times."""
 
-    ratio: float = steer(2**0.5, 'ratio of the times of adjacent windows')
-    most: int = steer(6, 'maximum with longer, and with shorter times', 'windows')
+    ratio: float = steer(
+        2**0.5, 'ratio of the times of adjacent windows', '', 'test_final_time_windows.py')
+    most: int = steer(
+        6, 'maximum with longer, and with shorter times', 'windows', 'test_final_time_windows.py')
 
 
 @dataclass(frozen=True)
 class HorizonOptions:
     """Horizon continuation: from a short final time to the given one."""
 
-    halvings: int = steer(6, 'halvings of T for the first horizon')
+    halvings: int = steer(6, 'halvings of T for the first horizon', '', 'pendulum_long')
     work: int = steer(100_000, 'work for all horizons', 'work')
     fine: int = steer(32, 'integration steps of the continuation', 'steps per interval')
     far: float = steer(10.0, 'growth of the states above which it is not used', 'times')
@@ -206,9 +238,11 @@ class HorizonOptions:
 class BangOptions:
     """Bang arcs: phases in which inputs are held at their bounds."""
 
-    solves: int = steer(10, 'maximum with other arcs, also along state bounds', 'solves')
-    seen: float = steer(0.98, 'least length of an arc', 'detected length')
-    vanishing: float = steer(1e-3, 'length up to which an arc may be removed', 'final time')
+    solves: int = steer(
+        10, 'maximum with other arcs, also along state bounds', 'solves', 'epidemic_beds')
+    seen: float = steer(0.98, 'least length of an arc', 'detected length', 'lotka_fishing')
+    vanishing: float = steer(
+        1e-3, 'length up to which an arc may be removed', 'final time', 'pendulum_mintime')
     removal: float = steer(1e-7, 'increase of the cost by removing one', 'relative')
     room: float = steer(1e-5, 'increase of the cost by new arcs', 'relative')
 
@@ -217,23 +251,27 @@ class BangOptions:
 class WellOptions:
     """Moves of inputs to another minimum of H."""
 
-    values: int = steer(17, 'values of each input at which H is evaluated', 'values')
-    glance: int = steer(8, 'intervals that are sampled before all', 'intervals')
-    steps: int = steer(40, 'integration steps in the longest interval', 'steps')
+    values: int = steer(
+        17, 'values of each input at which H is evaluated', 'values', 'test_hamiltonian_wells.py')
+    glance: int = steer(
+        8, 'intervals that are sampled before all', 'intervals', 'test_hamiltonian_wells.py')
+    steps: int = steer(
+        40, 'integration steps in the longest interval', 'steps', 'test_hamiltonian_wells.py')
 
 
 @dataclass(frozen=True)
 class KinkOptions:
     """Meshes with a point at each kink of the inputs."""
 
-    deviation: float = steer(4e-3, 'inputs from linear in an interval', 'relative')
+    deviation: float = steer(
+        4e-3, 'inputs from linear in an interval', 'relative', 'test_kink_mesh.py')
 
 
 @dataclass(frozen=True)
 class IndirectOptions:
     """Indirect refinement after a search."""
 
-    work: int = steer(800, 'work of a search from which on it is done', 'work')
+    work: int = steer(800, 'work of a search from which on it is done', 'work', 'aircraft_5')
     quick: float = steer(1e-5, 'difference of the sampled input from u*, first', 'relative')
     precise: float = steer(2e-7, 'the same of the method indirect, and second', 'relative')
     fewest: int = steer(64, 'minimum', 'samples')
@@ -244,13 +282,17 @@ class IndirectOptions:
 class BoundaryOptions:
     """Boundary arcs: phases along active state constraints."""
 
-    work: int = steer(45_000, 'work for the arcs of a coarse mesh; the least for others', 'work')
-    finer: tuple[int, ...] = steer((4, 2), 'refinements of the coarse mesh, in turn', 'times')
+    work: int = steer(
+        45_000, 'work for the arcs of a coarse mesh; the least for others',
+        'work', 'goddard_pressure_limit')
+    finer: tuple[int, ...] = steer(
+        (4, 2), 'refinements of the coarse mesh, in turn', 'times', 'goddard_speed_limit')
     gaps: tuple[float, ...] = steer(
-        (0.06, 0.01), 'gaps in a contact that are closed, in turn', 'final time')
+        (0.06, 0.01), 'gaps in a contact that are closed, in turn',
+        'final time', 'goddard_speed_limit')
     graded: int = steer(3, 'maximum, each by 2', 'refinements')
-    intervals: int = steer(24, 'of all phases together, about', 'intervals')
-    fewest: int = steer(3, 'minimum of a phase', 'intervals')
+    intervals: int = steer(24, 'of all phases together, about', 'intervals', 'detumble_mintime')
+    fewest: int = steer(3, 'minimum of a phase', 'intervals', 'epidemic_weak_lockdown')
     coarse: float = steer(1e-4, 'residual of the dynamics above which arcs are not detected')
     steady: float = steer(0.7, 'ratio of residuals below which the budget is extended')
     slowly: float = steer(
@@ -265,8 +307,10 @@ class NeighbourOptions:
     """Repeated structures: solutions of neighbouring problems, and kept programs."""
 
     kept: int = steer(24, 'solutions kept, and programs kept', 'each')
-    near: float = steer(0.2, 'change of a number, but for x(0), of a neighbour', 'relative')
-    alone: float = steer(1.0, 'part of these within which one minimum stays the best')
+    near: float = steer(
+        0.2, 'change of a number, but for x(0), of a neighbour', 'relative', 'test_kink_mesh.py')
+    alone: float = steer(
+        1.0, 'part of these within which one minimum stays the best', '', 'test_kink_mesh.py')
     several: float = steer(0.05, 'the same if several minima are known')
     derive: int = steer(1000, 'work after which faster derivatives are built', 'work')
     usual: int = steer(10, 'iterations expected of a new program', 'iterations')

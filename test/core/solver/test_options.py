@@ -3,12 +3,16 @@
 """Options of the search: how they are read, and that the search follows them."""
 
 from dataclasses import replace
+from pathlib import Path
 
 from obc_ros.core.solver.options import DEFAULTS, list_options, Options, read_options
 from obc_ros.core.solver.solve import Cache, solve
 from obc_ros.core.text.errors import StatementError
 import problems
 import pytest
+
+TEST = Path(__file__).resolve().parents[2]
+WITHOUT = 61   # options without provenance
 
 
 def write(value):
@@ -20,6 +24,18 @@ def test_every_option_has_a_meaning_and_its_own_name():
     listed = list(list_options())
     assert len({each.name for each in listed}) == len(listed)
     assert all(each.meaning and each.name.count('.') == 1 for each in listed)
+
+
+def test_the_provenance_of_an_option_is_a_problem_or_a_test():
+    known = {path.stem for path in (TEST / 'problems').glob('*.yaml')} | {
+        path.name for path in (TEST / 'core').rglob('test_*.py')}
+    named = [each for each in list_options() if each.needed_by]
+    assert [each.name for each in named if each.needed_by not in known] == []
+
+
+def test_no_option_without_provenance_is_added():
+    """A new one names what needs it; benchmarks/provenance.py found nothing for these."""
+    assert sum(not each.needed_by for each in list_options()) <= WITHOUT
 
 
 def test_defaults_read_back_are_the_defaults():
