@@ -29,6 +29,7 @@ from obc_ros.core.numerics.collocation import build_collocation, evaluate_lagran
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.ocp.structure import find_idle_inputs
 from obc_ros.core.solver.arcs.constraint_orders import BoundRates
+from obc_ros.core.solver.arcs.implied_bounds import build_curvatures, find_implied_bounds
 from obc_ros.core.solver.arcs.input_arcs import Arc, limit_shortening
 from obc_ros.core.solver.arcs.phases import DEGREE, Grazing, OUTWARDS, Phased
 from obc_ros.core.solver.nlp.ipopt import build_ipopt, Found, run_ipopt
@@ -79,6 +80,11 @@ class PhasedProgram:
         x, u, p = self.problem.x, self.problem.u, self.problem.p
         return [ca.Function('held', [x, u, p], [ca.vertcat(*chain[:-1]), chain[-1]])
                 for chain in self.bounds.chains]
+
+    @cached_property
+    def curvatures(self) -> list[ca.Function]:
+        """Return for each path constraint its derivatives by the inputs."""
+        return build_curvatures(self.problem)
 
     @cached_property
     def gradients(self) -> list[ca.Function]:
@@ -322,7 +328,8 @@ class _Solve:
 
     def _begin(self, u: ca.MX, phase: int) -> None:
         """Require free inputs to be within their bounds at the start of a phase."""
-        lower, upper, size = self.problem.u_lower, self.problem.u_upper, self.sizes.u
+        lower, upper = self.u_bounds[phase]
+        size = self.sizes.u
         free = np.flatnonzero(np.isnan(self.arcs[phase].levels) & (
             np.isfinite(lower) | np.isfinite(upper)) & ~self._free(phase))
         if free.size:
@@ -392,6 +399,28 @@ class _Solve:
         self.outwards[place, row] = self._add(
             outwards / rate, *(np.full((1, 1), each) for each in span))
 
+    def _implied(self, phase: int) -> Mask:
+        """Return which bounds of inputs follow from constraints held in a phase, (2, m)."""
+        problem, bounds, arc = self.problem, self.program.bounds, self.arcs[phase]
+        implied: Mask = np.zeros((2, problem.m), dtype=bool)
+        for row in np.flatnonzero(arc.on):
+            if bounds.orders[row]:
+                continue
+            path = int(row) - problem.n
+            level = (problem.path_upper if arc.on[row] > 0 else problem.path_lower)[path]
+            t = arc.start + _LOOKS * (arc.end - arc.start)
+            implied |= find_implied_bounds(
+                problem, self.program.curvatures[path],
+                (self.guess.states_at(t), self.guess.inputs_at(t, after=True)), arc.on[row],
+                float(level), np.isnan(arc.levels) & bounds.deciding[row])
+        return implied
+
+    def _limit_inputs(self, phase: int) -> tuple[Array, Array]:
+        """Return the bounds of free inputs in a phase, without those that are implied."""
+        lower, upper = self._implied(phase)
+        return (np.where(lower, -np.inf, self.problem.u_lower),
+                np.where(upper, np.inf, self.problem.u_upper))
+
     def _free(self, place: int) -> Mask:
         """Return which inputs a grazing junction determines, so that they need no bounds there."""
         rows = [row for where, row in self.grazing if where == place]
@@ -404,6 +433,7 @@ class _Solve:
         self.size = np.abs(self.program.rows.map(count)(
             guess.x.T, guess.u.T,
             ca.repmat(self.problem.p_value, 1, count)).full()).max(axis=1)
+        self.u_bounds = [self._limit_inputs(phase) for phase in range(len(self.arcs))]
         self.build()
         problem, sizes, K, d = self.problem, self.sizes, self.K, DEGREE
         w = ca.vertcat(ca.vec(self.X), ca.vec(self.U), ca.vec(self.T))
@@ -413,8 +443,8 @@ class _Solve:
         solver = build_ipopt('phases', {'x': w, 'f': self.J, 'g': g}, watch=watch)
         durations = np.array([arc.end - arc.start for arc in self.arcs])
         levels = np.array([arc.levels for arc in self.arcs])[np.repeat(self.phase_of, d)]
-        u_low = np.where(np.isnan(levels), problem.u_lower, levels)
-        u_high = np.where(np.isnan(levels), problem.u_upper, levels)
+        limits = np.array(self.u_bounds)[np.repeat(self.phase_of, d)]
+        u_low, u_high = (np.where(np.isnan(levels), limits[:, side], levels) for side in (0, 1))
         for phase, last in enumerate(self.first[1:] * d - 1):
             known = self._free(-1 - phase) & np.isnan(self.arcs[phase].levels)
             u_low[last, known], u_high[last, known] = -np.inf, np.inf
