@@ -52,8 +52,7 @@ class CoarseOptions:
         (0.5, 0.8), 'infeasibility above which it does', 'first infeasibility', 'orbit_transfer')
     wild: float = steer(
         1e6, 'infeasibility, or excess of the cost, of paths that diverged', 'scaled')
-    calmer: float = steer(0.5, 'factor of the ranges of guesses after divergence')
-    calmest: float = steer(0.1, 'the least product of these factors')
+    calmest: float = steer(0.1, 'least part of the ranges of guesses; a divergence halves it')
     error: float = steer(
         1e-2, 'error of a step, or of the cost, that is small enough',
         'relative', 'rayleigh_mintime')
@@ -72,6 +71,7 @@ class RefinementOptions:
         1e-7, 'Hamiltonian loss with state constraints', 'relative', 'rayleigh_mixed')
     drift: float = steer(
         2e-5, 'variation of H in each interval', 'relative to its terms', 'orbit_transfer')
+    cuts: int = steer(4, 'maximum of an interval in one refinement', 'parts', 'singular_aly_chan')
     step_error: float = steer(3e-8, 'local errors of the states', 'relative', 'orbit_transfer')
 
 
@@ -128,7 +128,6 @@ class MultistartOptions:
     slow: int = steer(
         30, 'iterations of a coarse solve of a rough problem', 'iterations', 'aircraft_5')
     bent: float = steer(0.4, 'nonlinearity index of a bent problem', '', 'aircraft_5')
-    parts: int = steer(12, 'parts of the inputs that give the index', 'parts')
     share: float = steer(0.15, 'part of all work for further starts', 'work', 'aircraft_5')
     share_hard: float = steer(0.3, 'the same for hard problems', 'work', 'cart_pole')
     least_hard: int = steer(
@@ -136,9 +135,9 @@ class MultistartOptions:
         'starts', 'hypersensitive_long')
     least_bent: int = steer(8, 'minimum for bent problems', 'starts', 'cstr_kirk')
     few: int = steer(2, 'minima above which the minimum number is doubled', 'minima')
-    after: int = steer(3, 'starts after one that led to a better solution', 'starts')
+    after: int = steer(3, 'starts after one that led to a better solution', 'starts', 'cart_pole')
     many: int = steer(24, 'minimum for hard problems by steps and costs with wells', 'starts')
-    many_work: int = steer(15_000, 'minimum for these', 'work')
+    many_work: int = steer(15_000, 'minimum for these', 'work', 'terminal_wells_plane')
     most: int = steer(80, 'maximum', 'starts', 'terminal_wells_plane')
     long: int = steer(60_000, 'work of the first descent before others are looked at', 'work')
     looks: int = steer(3, 'others that are looked at then', 'starts')
@@ -204,12 +203,15 @@ class RolloutOptions:
         4, 'of a free final time, each with parents of its own', 'windows', 'zermelo_shear')
     like: float = steer(0.5, 'distance of paths of one kind', 'distance of all')
     octaves: int = steer(3, 'of a free final time, and of the distance from rest', 'octaves')
-    tried: int = steer(8, 'solved while none converged; at most twice as many', 'rollouts')
+    tried: int = steer(
+        8, 'solved while none converged; at most twice as many', 'rollouts', 'dubins_point_inside')
     cheap: int = steer(2, 'cheap ones before those that end nearer to psi = 0', 'rollouts')
     vain: int = steer(3, 'in a row without a new minimum; twice as many if it is bent', 'rollouts')
     glance: int = steer(32, 'of a brief search with terminal constraints', 'samples', 'robot_arm')
     kinds: int = steer(4, 'kinds of paths that are parents in one without', 'kinds', 'cstr_luus')
-    children: int = steer(48, 'of each; of half as many each the kind is looked at', 'samples')
+    children: int = steer(
+        48, 'of each; of half as many each the kind is looked at',
+        'samples', 'batch_reactor_temperature')
     brief_steps: int = steer(
         5, 'integration steps of a brief search', 'steps per piece', 'test_multistart.py')
 
@@ -229,7 +231,7 @@ class HorizonOptions:
     """Horizon continuation: from a short final time to the given one."""
 
     halvings: int = steer(6, 'halvings of T for the first horizon', '', 'pendulum_long')
-    work: int = steer(100_000, 'work for all horizons', 'work')
+    work: int = steer(100_000, 'work for all horizons', 'work', 'pendulum_long')
     fine: int = steer(32, 'integration steps of the continuation', 'steps per interval')
     far: float = steer(10.0, 'growth of the states above which it is not used', 'times')
 
@@ -241,10 +243,11 @@ class BangOptions:
     solves: int = steer(
         10, 'maximum with other arcs, also along state bounds', 'solves', 'epidemic_beds')
     seen: float = steer(0.98, 'least length of an arc', 'detected length', 'lotka_fishing')
+    jump: float = steer(0.3, 'change of an input that may be a jump', 'range', 'thrust_in_a_disc')
     vanishing: float = steer(
         1e-3, 'length up to which an arc may be removed', 'final time', 'pendulum_mintime')
     removal: float = steer(1e-7, 'increase of the cost by removing one', 'relative')
-    room: float = steer(1e-5, 'increase of the cost by new arcs', 'relative')
+    room: float = steer(1e-5, 'increase of the cost by new arcs', 'relative', 'oil_shale')
 
 
 @dataclass(frozen=True)

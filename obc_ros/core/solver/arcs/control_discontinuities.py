@@ -14,17 +14,17 @@ from dataclasses import replace
 import numpy as np
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.solver.arcs.input_arcs import Arc
+from obc_ros.core.solver.options import DEFAULTS
 from obc_ros.core.solver.transcription.mesh import build_path, LINEAR, Path
 from obc_ros.core.solver.transcription.program import TranscriptionOutcome
 
-_JUMP = 0.3        # change of an input, as part of its range on the path, that may be a jump
 _BESIDE = 0.25     # largest change in a neighbouring interval, as part of that of the jump
 _LEVEL = 0.01      # change, as part of the range on the path, up to which it is no jump
 SLIGHT_JUMP = 0.05   # change of an input, as part of its size, up to which it does not jump
 APART = 1.5        # distance in intervals up to which a jump and an end of an arc are the same
 
 
-def find_jumps(path: Path, of: Sequence[bool]) -> Array:
+def find_jumps(path: Path, of: Sequence[bool], jump: float = DEFAULTS.bangs.jump) -> Array:
     """
     Find the times at which inputs jump, or change so steeply that the mesh hides a jump.
 
@@ -34,6 +34,8 @@ def find_jumps(path: Path, of: Sequence[bool]) -> Array:
         Times, and inputs at both ends of each interval.
     of : sequence of bool, length m
         Inputs to consider.
+    jump : float
+        Change of an input, as part of its range on the path, that may be a jump.
 
     Returns
     -------
@@ -46,14 +48,14 @@ def find_jumps(path: Path, of: Sequence[bool]) -> Array:
     size = np.maximum(np.ptp(u, axis=(0, 1)), 1e-300)
     within = np.abs(u[1] - u[0]) / size
     between = np.abs(u[0, 1:] - u[1, :-1]) / size
-    found = list(t[1:-1][(between > _JUMP).any(axis=1)])
+    found = list(t[1:-1][(between > jump).any(axis=1)])
     # A jump hidden in one or two intervals: compare with the intervals before and after them.
     for count in (1, 2):
         if len(within) < count + 2:
             break
         moved = sum(within[k:len(within) - count - 1 + k] for k in range(1, count + 1))
         beside = np.maximum(within[:len(moved)], within[count + 1:count + 1 + len(moved)])
-        steep = (moved > _JUMP) & (beside < _BESIDE * moved)
+        steep = (moved > jump) & (beside < _BESIDE * moved)
         for k in np.flatnonzero(steep.any(axis=1)):
             middle = 0.5 * (t[k + 1] + t[k + 1 + count])
             near = APART * (t[k + 1 + count] - t[k + 1])
@@ -63,7 +65,7 @@ def find_jumps(path: Path, of: Sequence[bool]) -> Array:
 
 
 def cut_at_jumps(arcs: Sequence[Arc], path: Path, of: Sequence[bool],
-                 mixed: Sequence[bool] = ()) -> list[Arc]:
+                 mixed: Sequence[bool] = (), jump: float = DEFAULTS.bangs.jump) -> list[Arc]:
     """
     Cut arcs at the jumps of inputs that are free there.
 
@@ -77,6 +79,8 @@ def cut_at_jumps(arcs: Sequence[Arc], path: Path, of: Sequence[bool],
         Inputs to consider.
     mixed : sequence of bool, length n + l
         Rows of (x, c) that depend on inputs; arcs on these alone are cut.
+    jump : float
+        As for `find_jumps`.
 
     Returns
     -------
@@ -85,7 +89,7 @@ def cut_at_jumps(arcs: Sequence[Arc], path: Path, of: Sequence[bool],
 
     """
     kept = list[Arc]()
-    T, times = path.t[-1], find_jumps(path, of)
+    T, times = path.t[-1], find_jumps(path, of, jump)
     widths = np.diff(path.t)
     for arc in arcs:
         start = arc.start

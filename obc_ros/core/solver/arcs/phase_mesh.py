@@ -6,6 +6,7 @@ import numpy as np
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.numerics.collocation import build_collocation
 from obc_ros.core.solver.arcs.phases import DEGREE, Phased
+from obc_ros.core.solver.options import DEFAULTS
 from obc_ros.core.solver.transcription.mesh import choose_cuts, Path
 
 _RESOLVED = 1e-5   # relative size of the highest Legendre coefficient of a resolved interval
@@ -52,7 +53,8 @@ def spread_by_error(found: Phased) -> tuple[Array, Array]:
         found.h, np.ones(len(found.h)), _highest(found.x).max(axis=1) ** (1 / DEGREE))
 
 
-def spread_as_wanted(found: Phased) -> tuple[tuple[Array, Array], int]:
+def spread_as_wanted(found: Phased, cuts: int = DEFAULTS.refinement.cuts
+                     ) -> tuple[tuple[Array, Array], int]:
     """
     Distribute intervals with cuts where x or lam is not resolved.
 
@@ -60,6 +62,8 @@ def spread_as_wanted(found: Phased) -> tuple[tuple[Array, Array], int]:
     ----------
     found : Phased
         A path with K intervals.
+    cuts : int
+        Maximum number of parts of an interval.
 
     Returns
     -------
@@ -70,7 +74,7 @@ def spread_as_wanted(found: Phased) -> tuple[tuple[Array, Array], int]:
 
     """
     error = np.maximum(_highest(found.x).max(axis=1), _highest(found.lam).max(axis=1))
-    count = choose_cuts(error, _RESOLVED, DEGREE).astype(float)
+    count = choose_cuts(error, _RESOLVED, DEGREE, cuts).astype(float)
     return (np.append(0.0, np.cumsum(found.h)), _shares(count)), int(count.sum())
 
 

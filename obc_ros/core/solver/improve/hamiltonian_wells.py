@@ -125,7 +125,8 @@ def _leaps(bench: Bench, outcome: TranscriptionOutcome) -> bool:
     """Return whether an input jumps between local minima of H that are not both at bounds."""
     options = bench.options.wells
     problem, path, here = bench.problem, outcome.path, bench.programs.branching
-    at = np.clip(np.searchsorted(path.t, find_jumps(path, here.tolist())) - 1, 0, len(path.ua) - 1)
+    jumps = find_jumps(path, here.tolist(), bench.options.bangs.jump)
+    at = np.clip(np.searchsorted(path.t, jumps) - 1, 0, len(path.ua) - 1)
     if not at.size:
         return False
     before, after = path.ua[np.maximum(at - 1, 0)], path.ub[np.minimum(at + 1, len(path.ub) - 1)]
@@ -164,7 +165,8 @@ def _apart(bench: Bench, outcome: TranscriptionOutcome) -> list[Arc]:
     problem, path, here = bench.problem, outcome.path, bench.programs.branching
     first = np.flatnonzero(np.diff(outcome.mesh.layout.phase_of)) + 1
     ends, least = path.t[first], bench.options.bangs.vanishing * path.t[-1]
-    span, found = (problem.u_upper - problem.u_lower)[here], find_jumps(path, here.tolist())
+    span = (problem.u_upper - problem.u_lower)[here]
+    found = find_jumps(path, here.tolist(), bench.options.bangs.jump)
     times = found.tolist()
     for group in filter(len, np.split(first, np.flatnonzero(np.diff(ends) > least) + 1)):
         jump = path.ua[group[-1], here] - path.ub[group[0] - 1, here]

@@ -56,7 +56,8 @@ _VAIN = 'no solution with these arcs was certified'
 
 def read_spans(problem: Problem, program: PhasedProgram, outcome: TranscriptionOutcome,
                value: Array,
-               margin: Array, switching: tuple[bool, ...], gap: float) -> list[Arc]:
+               margin: Array, switching: tuple[bool, ...], gap: float,
+               jump: float = DEFAULTS.bangs.jump) -> list[Arc]:
     """
     Detect the arcs of an outcome, boundary arcs among them.
 
@@ -75,6 +76,8 @@ def read_spans(problem: Problem, program: PhasedProgram, outcome: TranscriptionO
     gap : float
         Part of T up to which an oscillating path may leave a bound within a contact, and a
         switching input may be between its bounds.
+    jump : float
+        As for `find_jumps`.
 
     Returns
     -------
@@ -92,7 +95,7 @@ def read_spans(problem: Problem, program: PhasedProgram, outcome: TranscriptionO
     if found:
         arcs = add_contacts(arcs, found, bounds.deciding, mixed)
     jumping = bounds.deciding[mixed].any(axis=0) & switching
-    arcs = cut_at_jumps(arcs, outcome.path, jumping.tolist(), mixed.tolist())
+    arcs = cut_at_jumps(arcs, outcome.path, jumping.tolist(), mixed.tolist(), jump)
     return tidy_arcs(_without_smears(arcs, switching, gap * T))
 
 
@@ -286,7 +289,7 @@ def solve_along_bounds(state: State) -> State | str:
     bench = replace(bench, meter=bench.meter.part(max(options.work, bench.work)))
     for gap in options.gaps:
         arcs = read_spans(problem, program, outcome, value, bench.margin,
-                          bench.programs.switching, gap)
+                          bench.programs.switching, gap, bench.options.bangs.jump)
         with bench.trace.attempt('phases', f'{len(arcs)} arcs') as attempt:
             answer = _settled_on(bench, outcome, arcs, allowed, seen)
             if answer is not None:
@@ -408,7 +411,7 @@ def _resolve(bench: Bench, turn: _Turn, found: Phased, answer: Solution,
             return turn.like(found, ended)
     # The costates may have a boundary layer.
     if worst == Condition.COSTATE and turn.graded < options.graded:
-        spread, count = spread_as_wanted(found)
+        spread, count = spread_as_wanted(found, bench.options.refinement.cuts)
         return replace(turn, spread=spread, graded=turn.graded + 1,
                        fine=max(turn.fine, count / options.intervals))
     if turn.off > options.worse * before:

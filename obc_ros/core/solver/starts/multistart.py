@@ -299,11 +299,11 @@ def _disproportion(bench: Bench, best: Candidate) -> float:
     u is the input of the last path, u_mean its mean, u_half the mean of both. If the index is
     small, the dynamics cause no other local minima.
     """
-    options = bench.options.multistart
     if best.record is None:
         return 0.0
     path, parts = best.record.outcome.path, np.array([0.0, 0.5, 1.0])
-    first = np.unique(np.linspace(0, len(path.ua), options.parts + 1).astype(np.int64))
+    pieces = 2 * bench.options.rollouts.pieces
+    first = np.unique(np.linspace(0, len(path.ua), pieces + 1).astype(np.int64))
     t, h = path.t[first], np.diff(path.t)[:, None]
     u = np.add.reduceat(h * (path.ua + path.ub) / 2, first[:-1])
     mean, u = u.sum(axis=0) / t[-1], u / np.maximum(np.diff(t), 1e-300)[:, None]

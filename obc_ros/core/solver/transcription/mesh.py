@@ -15,9 +15,9 @@ from obc_ros.core.numerics.arrays import Array, Index
 from obc_ros.core.numerics.collocation import compute_gauss_points
 from obc_ros.core.numerics.samples import interpolate_columns
 from obc_ros.core.ocp.problem import Problem
+from obc_ros.core.solver.options import DEFAULTS
 
 LINEAR, STEPPED, HELD = 'linear', 'stepped', 'held'
-_MOST_CUTS = 4       # maximum number of parts of an interval in one refinement
 _SAME_TIME = 1e-10   # difference, as part of T, up to which times are equal
 
 
@@ -246,12 +246,13 @@ def split(mesh: Mesh, counts: Index) -> Mesh:
                    fractions=np.repeat(mesh.fractions / counts, counts))
 
 
-def choose_cuts(errors: Array, share: float, rate: float) -> Index:
+def choose_cuts(errors: Array, share: float, rate: float,
+                most: int = DEFAULTS.refinement.cuts) -> Index:
     """
-    Return the number of parts of each interval for which its error is at most `share`.
+    Return the number of parts of each interval, up to `most`, for an error of at most `share`.
 
     The error of an interval is proportional to the power `rate` of its length.
     """
     share = max(share, 1e-300)
     number = np.ceil((np.minimum(errors, 1e30 * share) / share) ** (1 / rate))
-    return np.clip(number, 1, _MOST_CUTS).astype(np.int64)
+    return np.clip(number, 1, most).astype(np.int64)
