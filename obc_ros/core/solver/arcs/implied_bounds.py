@@ -52,7 +52,7 @@ def find_implied_bounds(problem: Problem, curvatures: ca.Function, at: tuple[Arr
     sign, level : int, float
         1 for c <= level, -1 for c >= level.
     free : ndarray of bool, shape (m,)
-        Inputs of the constraint that are not held at a bound.
+        Inputs of the constraint.
 
     Returns
     -------

@@ -86,6 +86,37 @@ class PhasedProgram:
         """Return for each path constraint its derivatives by the inputs."""
         return build_curvatures(self.problem)
 
+    def implied(self, problem: Problem, arc: Arc, path: Path) -> Mask:
+        """
+        Return which bounds of inputs follow from constraints held on an arc.
+
+        Parameters
+        ----------
+        problem : Problem
+            In the symbols of this program.
+        arc : Arc
+            Also bounds at which it holds inputs are judged.
+        path : Path
+            Gives the states and the other inputs.
+
+        Returns
+        -------
+        ndarray of bool, shape (2, m)
+            Lower and upper bounds.
+
+        """
+        bounds, found = self.bounds, np.zeros((2, problem.m), dtype=bool)
+        t = arc.start + _LOOKS * (arc.end - arc.start)
+        for row in np.flatnonzero(arc.on):
+            if bounds.orders[row] == 0:
+                path_row = int(row) - problem.n
+                level = (problem.path_upper if arc.on[row] > 0 else problem.path_lower)[path_row]
+                found |= find_implied_bounds(
+                    problem, self.curvatures[path_row],
+                    (path.states_at(t), path.inputs_at(t, after=True)), arc.on[row],
+                    float(level), bounds.deciding[row])
+        return found
+
     @cached_property
     def gradients(self) -> list[ca.Function]:
         """Return for each row the gradients of its derivatives without inputs, (n, order)."""
@@ -399,25 +430,9 @@ class _Solve:
         self.outwards[place, row] = self._add(
             outwards / rate, *(np.full((1, 1), each) for each in span))
 
-    def _implied(self, phase: int) -> Mask:
-        """Return which bounds of inputs follow from constraints held in a phase, (2, m)."""
-        problem, bounds, arc = self.problem, self.program.bounds, self.arcs[phase]
-        implied: Mask = np.zeros((2, problem.m), dtype=bool)
-        for row in np.flatnonzero(arc.on):
-            if bounds.orders[row]:
-                continue
-            path = int(row) - problem.n
-            level = (problem.path_upper if arc.on[row] > 0 else problem.path_lower)[path]
-            t = arc.start + _LOOKS * (arc.end - arc.start)
-            implied |= find_implied_bounds(
-                problem, self.program.curvatures[path],
-                (self.guess.states_at(t), self.guess.inputs_at(t, after=True)), arc.on[row],
-                float(level), np.isnan(arc.levels) & bounds.deciding[row])
-        return implied
-
     def _limit_inputs(self, phase: int) -> tuple[Array, Array]:
         """Return the bounds of free inputs in a phase, without those that are implied."""
-        lower, upper = self._implied(phase)
+        lower, upper = self.program.implied(self.problem, self.arcs[phase], self.guess)
         return (np.where(lower, -np.inf, self.problem.u_lower),
                 np.where(upper, np.inf, self.problem.u_upper))
 

@@ -94,9 +94,19 @@ def read_spans(problem: Problem, program: PhasedProgram, outcome: TranscriptionO
                   or bounds.orders[each.row] and each.end < T)]
     if found:
         arcs = add_contacts(arcs, found, bounds.deciding, mixed)
+        arcs = [_without_implied_levels(problem, program, arc, outcome.path) for arc in arcs]
     jumping = bounds.deciding[mixed].any(axis=0) & switching
     arcs = cut_at_jumps(arcs, outcome.path, jumping.tolist(), mixed.tolist(), jump)
     return tidy_arcs(_without_smears(arcs, switching, gap * T))
+
+
+def _without_implied_levels(problem: Problem, program: PhasedProgram, arc: Arc,
+                            path: Path) -> Arc:
+    """Return an arc with inputs free at bounds that follow from a constraint held on it."""
+    lower, upper = program.implied(problem, arc, path)
+    levels = np.array(arc.levels)
+    at = lower & (levels == problem.u_lower) | upper & (levels == problem.u_upper)
+    return replace(arc, levels=tuple(np.where(at, np.nan, levels).tolist())) if at.any() else arc
 
 
 def _implied(contact: StateContact, arcs: list[Arc], deciding: Mask) -> bool:
