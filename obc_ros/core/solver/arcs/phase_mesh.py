@@ -36,7 +36,9 @@ def spread_like(path: Path) -> tuple[Array, Array]:
 
 def spread_by_error(found: Phased) -> tuple[Array, Array]:
     """
-    Distribute intervals so that the highest coefficients of x become about the same everywhere.
+    Distribute intervals so that the highest coefficients of x and u become about equal everywhere.
+
+    Inputs that turn fast have an influence on x that is small, and yet decides the residuals.
 
     Parameters
     ----------
@@ -49,8 +51,12 @@ def spread_by_error(found: Phased) -> tuple[Array, Array]:
         As returned by `spread_like`.
 
     """
+    points = build_collocation(DEGREE, 'radau')[0]
+    errors = [_highest(values, at).max(axis=1) ** (1 / (len(at) - 1)) for values, at in (
+        (found.x, np.append(0.0, points)), (found.u, points))]
+    error = sum(each / max(each.sum(), 1e-300) for each in errors)
     return np.append(0.0, np.cumsum(found.h)), _shares(
-        found.h, np.ones(len(found.h)), _highest(found.x).max(axis=1) ** (1 / DEGREE))
+        found.h, np.ones(len(found.h)), np.asarray(error))
 
 
 def spread_as_wanted(found: Phased, cuts: int = DEFAULTS.refinement.cuts
@@ -73,15 +79,17 @@ def spread_as_wanted(found: Phased, cuts: int = DEFAULTS.refinement.cuts
         Number of intervals needed.
 
     """
-    error = np.maximum(_highest(found.x).max(axis=1), _highest(found.lam).max(axis=1))
+    points = np.append(0.0, build_collocation(DEGREE, 'radau')[0])
+    error = np.maximum(*(_highest(values, points).max(axis=1)
+                         for values in (found.x, found.lam)))
     count = choose_cuts(error, _RESOLVED, DEGREE, cuts).astype(float)
     return (np.append(0.0, np.cumsum(found.h)), _shares(count)), int(count.sum())
 
 
-def _highest(values: Array) -> Array:
+def _highest(values: Array, points: Array) -> Array:
     """Return the highest Legendre coefficients in all intervals, relative, (K, n)."""
-    points = 2 * np.append(0.0, build_collocation(DEGREE, 'radau')[0]) - 1
-    highest = np.polynomial.legendre.legfit(points, np.eye(DEGREE + 1), DEGREE)[DEGREE]
+    degree = len(points) - 1
+    highest = np.polynomial.legendre.legfit(2 * points - 1, np.eye(degree + 1), degree)[degree]
     size = np.maximum(np.abs(values).max(axis=(0, 1)), 1e-300)
     return np.asarray(np.abs(np.einsum('j,kjn->kn', highest, values)) / size)
 

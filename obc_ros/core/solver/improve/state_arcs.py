@@ -336,11 +336,12 @@ class _Turn:
         """Continue with shorter intervals, distributed anew if the errors decrease slowly."""
         arcs, guess, spread = self.arcs, self.guess, self.spread
         again = get_signature(found.arcs) == self.led_to
-        if again and erred < options.steady * self.erred:
-            meter.extend(options.work)
-        if again or erred > options.slowly * self.erred:
+        if erred < options.steady * self.erred < math.inf:
+            meter.extend(round(options.work * self.fine))
+        fewer = len(found.arcs) < len(arcs)
+        if again or fewer or erred > options.slowly * self.erred:
             spread = spread_by_error(found)
-            if again or len(found.arcs) == len(arcs):
+            if again or len(found.arcs) <= len(arcs):
                 arcs, guess = found.arcs, join_phases(found)
         return replace(self, arcs=arcs, guess=guess, spread=spread, fine=2 * self.fine,
                        erred=erred, led_to=get_signature(found.arcs))
@@ -426,6 +427,8 @@ def _resolve(bench: Bench, turn: _Turn, found: Phased, answer: Solution,
                        fine=max(turn.fine, count / options.intervals))
     if turn.off > options.worse * before:
         return None
+    if turn.off < options.steady * before:
+        bench.meter.extend(round(options.work * turn.fine))
     spread = spread_by_error(found) if worst in BY_SAMPLES else turn.spread
     return replace(turn, fine=2 * turn.fine, spread=spread)
 
