@@ -226,12 +226,17 @@ class Transcription:
              self.at_inner.reshape(layout.intervals, -1), self.at_x[1:]]
         return np.hstack(v), np.hstack(own) - self.unknowns
 
+    @property
+    def is_banded(self) -> bool:
+        """Return whether it has one phase, Runge-Kutta steps and no path constraints."""
+        layout = self.layout
+        return not (len(layout.phases) > 1 or layout.stages or self.l or self.held
+                    or STEPPED in layout.phases[0].modes)
+
     @cached_property
     def _staged(self) -> Stages | None:
-        """Return the banded program; None for several phases, collocation or path constraints."""
-        layout = self.layout
-        if (len(layout.phases) > 1 or layout.stages or self.l or self.held
-                or STEPPED in layout.phases[0].modes):
+        """Return the banded program, None if there is none."""
+        if not self.is_banded:
             return None
         inputs = np.vstack([self.at_ua[:1], self.at_ub])
         return Stages(self._pieces.interval.whole, self._pieces.end.whole, *self._index(),
@@ -239,6 +244,10 @@ class Transcription:
 
     @cached_property
     def _program(self) -> BlockProgram:
+        return assemble(self._blocks(), self.unknowns, self.shared, self.constants)
+
+    def _blocks(self) -> list[Block]:
+        """Return the intervals, the end, the path constraints at ends of phases, the lengths."""
         layout, pieces, problem = self.layout, self._pieces, self._problem
         none = np.zeros((1, 0), dtype=np.int64)
         blocks = [
@@ -253,7 +262,7 @@ class Transcription:
             blocks.append(Block(
                 Piece(durations, ca.SX(0, 1), pieces.shared, ca.sum1(durations), ca.SX(0)),
                 self.at_duration[None, :], none))
-        return assemble(blocks, self.unknowns, self.shared, self.constants)
+        return blocks
 
     def _ends(self, problem: Problem) -> Index:
         """Return the last intervals of the phases at whose ends path constraints are needed."""

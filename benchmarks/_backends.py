@@ -1,0 +1,169 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+A process of benchmarks/backends.py: ``python _backends.py SECONDS CHANGES FILE BACKEND...``.
+
+Solves a problem with each back-end of the transcription in turn: without a cache, and then with
+its numbers changed, all with one cache. Prints a line of JSON for each back-end: its name, and for
+each solution status, cost and processor time; how often it ran, and how often it converged.
+"""
+
+import timing  # isort: skip - before numpy
+
+from collections import Counter
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, ExitStack
+from dataclasses import replace
+import json
+from pathlib import Path
+import sys
+import time
+from typing import Any
+from unittest.mock import patch
+
+from _stagewise import Fatrop, order_by_stages
+import numpy as np
+from obc_ros.core.ocp.problem import Problem
+from obc_ros.core.ocp.statement import build_problem, load_file
+from obc_ros.core.solver.nlp.meter import Meter, Watch
+from obc_ros.core.solver.options import DEFAULTS, Options
+from obc_ros.core.solver.solve import Cache, solve
+from obc_ros.core.solver.transcription import banded_program
+from obc_ros.core.solver.transcription.local_minima import LocalMinima
+from obc_ros.core.solver.transcription.program import Transcription, TranscriptionOutcome
+
+SIZE = 1e-2   # relative change of each number
+WARM_UP = {
+    'states': ['x'], 'inputs': ['u'], 'dynamics': {'x': 'u - x**3'}, 'running_cost': 'u**2 + x**4',
+    'initial_state': {'x': 1}, 'final_time': {'free': False, 'value': 1}}
+
+
+class KnownMinima:
+    """A monitor that also stops at the local minima known to multistart, as the own method."""
+
+    def __init__(self, monitor: Meter, known: LocalMinima) -> None:
+        self._monitor, self._known = monitor, known
+
+    def __getattr__(self, name: str) -> Any:
+        """Return an attribute of the monitor."""
+        return getattr(self._monitor, name)
+
+    def step(self, cost: float, infeasibility: float) -> bool:
+        """Count an iteration; return whether to stop."""
+        again = self._known.record_iterate(cost, infeasibility)
+        return self._monitor.step(cost, infeasibility) or again
+
+
+def _solve_until_known(solve_program: Callable[..., TranscriptionOutcome]
+                       ) -> Callable[..., TranscriptionOutcome]:
+    """Return `Transcription.solve` with early ends at known minima for any back-end."""
+    def solve_known(self: Transcription, *args: Any, once: bool = False,
+                    known: LocalMinima | None = None, **kwargs: Any) -> TranscriptionOutcome:
+        if once and known is not None and self.is_banded:
+            args = *args[:-1], KnownMinima(args[-1], known)
+        return solve_program(self, *args, once=once, **kwargs)
+
+    return solve_known
+
+
+def _solve_by_fatrop(self: Transcription, start: str) -> tuple[Fatrop, Watch]:
+    """Return what `Transcription._solver` returns, with fatrop in place of IPOPT."""
+    kept = self.__dict__.setdefault('_by_fatrop', {})
+    if 'stagewise' not in kept:
+        kept['stagewise'] = order_by_stages(self)
+    if start not in kept:
+        watch = Watch(self.unknowns, int(self._program.nlp['g'].numel()), self.constants)
+        kept[start] = Fatrop(kept['stagewise'], start, watch), watch
+    return kept[start]
+
+
+
+
+NOT_OWN = ((Transcription, '_staged', None),
+           (Transcription, 'solve', _solve_until_known(Transcription.solve)))
+FATROP = ((Transcription, '_solver', _solve_by_fatrop),)
+BACKENDS: dict[str, tuple[tuple[Any, str, Any], ...]] = {
+    'own, IPOPT': (),
+    'IPOPT': NOT_OWN,
+    'fatrop': (*NOT_OWN, *FATROP),
+    'own, fatrop': FATROP,
+    'own without active set': ((banded_program, 'follow_active_set', lambda *_: None),),
+    'own without negative curvature': (
+        (banded_program, 'leave_saddle', lambda _, end, *rest: end),),
+    'own without step derivatives': (),
+}
+
+
+def _options(name: str) -> Options:
+    """Return the options of a back-end: derivatives by CasADi only, or the defaults."""
+    if not name.endswith('step derivatives'):
+        return DEFAULTS
+    return replace(DEFAULTS, neighbour=replace(DEFAULTS.neighbour, derive=10**12))
+
+
+@contextmanager
+def use(name: str) -> Iterator[Counter[str]]:
+    """Solve with a back-end; count the runs of the own method and of the other one."""
+    counts = Counter[str]()
+
+    def counted(kind: str, function: Callable[..., Any]) -> Callable[..., Any]:
+        def call(*args: Any, **kwargs: Any) -> Any:
+            found = function(*args, **kwargs)
+            counts[kind] += 1
+            counts[f'{kind} converged'] += found.converged
+            return found
+
+        return call
+
+    with ExitStack() as stack:
+        for of, attribute, value in BACKENDS[name]:
+            stack.enter_context(patch.object(of, attribute, value))
+        for of, attribute, kind in ((banded_program.Stages, 'run', 'own'),
+                                    (Transcription, 'solve', 'all')):
+            stack.enter_context(patch.object(
+                of, attribute, counted(kind, getattr(of, attribute))))
+        yield counts
+
+
+def vary(mapping: dict[str, Any], changes: int) -> Iterator[Problem]:
+    """Yield a problem, and then with its parameters and its initial state changed."""
+    chance = np.random.default_rng(0)
+    yield build_problem(mapping)
+    for _ in range(changes):
+        problem = build_problem(mapping)
+        x0, p = (value * (1 + SIZE * chance.uniform(-1, 1, len(value)))
+                 for value in (problem.x0, problem.p_value))
+        yield replace(problem, x0=np.clip(x0, problem.x_lower, problem.x_upper), p_value=p)
+
+
+def answer(mapping: dict[str, Any], name: str, changes: int, seconds: float) -> dict[str, Any]:
+    """Return status, cost and processor time of each solution with a back-end."""
+    cache, status, cost, times = Cache(), list[str](), list[float](), list[float]()
+    with use(name) as counts:
+        for problem in vary(mapping, changes):
+            begun = time.process_time()
+            try:
+                found = solve(problem, cache=cache, time_limit=seconds, options=_options(name))
+                status.append(found.status.value)
+                cost.append(float(found.objective))
+            except Exception as error:  # exceptions of any kind are results here
+                status.append(f'{type(error).__name__}: {str(error).splitlines()[0]}')
+                cost.append(float('nan'))
+            times.append(time.process_time() - begun)
+    return {'status': status, 'cost': cost, 'times': times, **counts}
+
+
+def main() -> None:
+    """Solve the problem and print the results."""
+    assert timing
+    seconds, changes, file = float(sys.argv[1]), int(sys.argv[2]), Path(sys.argv[3])
+    mapping = load_file(file)[0]
+    for name in sys.argv[4:]:
+        answer(WARM_UP, name, 0, seconds)   # loads the solver
+    for name in sys.argv[4:]:
+        print(json.dumps({'name': file.stem, 'backend': name,
+                          **answer(mapping, name, changes, seconds)}), flush=True)
+
+
+if __name__ == '__main__':
+    main()
