@@ -35,7 +35,6 @@ signal.signal(signal.SIGINT, signal.default_int_handler)
 
 # Tests are deterministic and without deadlines. `--hypothesis-profile explore` draws new examples
 # each time.
-# looks at other examples each time.
 settings.register_profile('obc_ros', deadline=None, derandomize=True)
 settings.register_profile('explore', deadline=None)
 settings.load_profile('obc_ros')

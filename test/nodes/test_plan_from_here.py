@@ -97,23 +97,23 @@ def test_one_call_plans_and_executes_from_the_present_state(spawn: Any, probe: A
     states = probe.listen(State, 'state', 100)
     probe.wait_for(lambda: states, what='states')
     probe.wait_for_node('lqr_node')
-    answer = plan_integrator(probe, 15.0, execute=True)   # slow, for a busy machine
+    answer = plan_integrator(probe, 10.0, execute=True)   # slow, for a busy machine
     assert answer.success, answer.message
     path = np.reshape(answer.trajectory.x, (-1, 2))
     assert path[0] == pytest.approx([3.0, 0.0], abs=1e-6)
     assert path[-1] == pytest.approx([2.0, 0.0], abs=1e-6)
     probe.wait_for(lambda: plans, what='the reference')
     begin = nanoseconds(plans[0])
-    for words in ('a plan of 15 s for double_integrator is published on /reference',
-                  'the reference of 15 s begins', 'the reference of 15 s has ended'):
+    for words in ('a plan of 10 s for double_integrator is published on /reference',
+                  'the reference of 10 s begins', 'the reference of 10 s has ended'):
         probe.wait_for(lambda words=words: [each for each in log if words in each.msg],
                        what=words)
-    probe.wait_for(lambda: nanoseconds(states[-1]) >= begin + 15 * 10**9,
+    probe.wait_for(lambda: nanoseconds(states[-1]) >= begin + 10 * 10**9,
                    what='the state at the end')
     t = np.array([nanoseconds(each) - begin for each in states]) * 1e-9
     x = np.array([each.x for each in states])
     assert t[0] < 0.0
-    during = (t >= 0.0) & (t <= 15.0)
+    during = (t >= 0.0) & (t <= 10.0)
     expected = np.interp(t[during], answer.trajectory.t, path[:, 0])
     assert np.abs(x[during, 0] - expected).max() < 0.05
     assert not [each.msg for each in log if 'rejected' in each.msg]
