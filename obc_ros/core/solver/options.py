@@ -19,6 +19,13 @@ from typing import Any
 from obc_ros.core.text.errors import quote, StatementError
 from obc_ros.core.text.expressions import suggest_name
 
+# Ranges of values by unit: sizes divide, and parts are parts. Others are not negative.
+_AT_LEAST_1 = (1, math.inf)
+_RANGES = {'intervals': _AT_LEAST_1, 'pieces': _AT_LEAST_1, 'samples': _AT_LEAST_1,
+           'steps': _AT_LEAST_1, 'steps per interval': _AT_LEAST_1,
+           'steps per piece': _AT_LEAST_1, 'values': _AT_LEAST_1, 'shorter window': (1.01, 100),
+           'final time': (0, 1)}
+
 
 def steer(default: float | tuple[float, ...], meaning: str, unit: str = '',
           needed_by: str = '') -> Any:
@@ -221,7 +228,8 @@ class WindowOptions:
     """Final-time windows: other minima with longer and shorter final times."""
 
     ratio: float = steer(
-        2**0.5, 'ratio of the times of adjacent windows', '', 'test_final_time_windows.py')
+        2**0.5, 'ratio of the times of adjacent windows', 'shorter window',
+        'test_final_time_windows.py')
     most: int = steer(
         6, 'maximum with longer, and with shorter times', 'windows', 'test_final_time_windows.py')
 
@@ -389,10 +397,10 @@ def read_options(given: Iterable[str]) -> Options:
     Raises
     ------
     StatementError
-        If a name is unknown, or a value is not of the kind of the default, or is negative.
+        If a name is unknown, or a value is not of the kind of the default or out of its range.
 
     """
-    options, known = DEFAULTS, {each.name: each.value for each in list_options()}
+    options, known = DEFAULTS, {each.name: each for each in list_options()}
     for text in given:
         name, sign, value = (part.strip() for part in text.partition('='))
         if not sign:
@@ -404,21 +412,24 @@ def read_options(given: Iterable[str]) -> Options:
                 '`obc solve --list-options` lists all')
         group, key = name.split('.')
         options = replace(options, **{group: replace(
-            getattr(options, group), **{key: _read_value(name, value, known[name])})})
+            getattr(options, group), **{key: _read_value(known[name], value, known[name].value)})})
     return options
 
 
-def _read_value(name: str, text: str, default: float | tuple[float, ...]) -> Any:
-    """Return a value of the kind of the default."""
+def _read_value(option: Option, text: str, default: float | tuple[float, ...]) -> Any:
+    """Return a value of the kind of the default, within the range of the option."""
     if isinstance(default, tuple):
         parts = text.split(',')
-        return tuple(_read_value(name, part.strip(), default[0]) for part in parts)
+        return tuple(_read_value(option, part.strip(), default[0]) for part in parts)
     kind, wanted = (int, 'a whole number') if isinstance(default, int) else (float, 'a number')
+    least, most = _RANGES.get(option.unit, (0, math.inf))
+    wanted += f' from {least:g} to {most:g}' if most < math.inf else (
+        f' of at least {least:g}' if least else ' that is not negative')
     try:
         value = kind(text)
     except ValueError:
         raise StatementError(
-            f"option: {name} = '{quote(text)}': wanted {wanted} that is not negative") from None
-    if not 0 <= value < math.inf:
-        raise StatementError(f'option: {name} = {value:g}: wanted {wanted} that is not negative')
+            f"option: {option.name} = '{quote(text)}': wanted {wanted}") from None
+    if not (least <= value <= most and value < math.inf):
+        raise StatementError(f'option: {option.name} = {value:g}: wanted {wanted}')
     return value
