@@ -39,19 +39,19 @@ WARM_UP = {
 
 
 class KnownMinima:
-    """A monitor that also stops at the local minima known to multistart, as the own method."""
+    """A meter that also stops at the local minima known to multistart, as the own method."""
 
-    def __init__(self, monitor: Meter, known: LocalMinima) -> None:
-        self._monitor, self._known = monitor, known
+    def __init__(self, meter: Meter, known: LocalMinima) -> None:
+        self._meter, self._known = meter, known
 
     def __getattr__(self, name: str) -> Any:
-        """Return an attribute of the monitor."""
-        return getattr(self._monitor, name)
+        """Return an attribute of the meter."""
+        return getattr(self._meter, name)
 
     def step(self, cost: float, infeasibility: float) -> bool:
         """Count an iteration; return whether to stop."""
         again = self._known.record_iterate(cost, infeasibility)
-        return self._monitor.step(cost, infeasibility) or again
+        return self._meter.step(cost, infeasibility) or again
 
 
 def _solve_until_known(solve_program: Callable[..., TranscriptionOutcome]

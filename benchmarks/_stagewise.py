@@ -193,7 +193,7 @@ class Fatrop:
     start : str
         Kind of start, a key of STARTS.
     watch : Watch
-        Its monitor counts the iterations after the solve: CasADi has no callback for fatrop.
+        Its meter counts the iterations after the solve: CasADi has no callback for fatrop.
 
     """
 
@@ -224,7 +224,7 @@ class Fatrop:
                 'lam_x': result['lam_x'][of.place.tolist()], 'lam_g': ca.DM(lam)}
 
     def _count(self, f: float, violation: float) -> None:
-        """Count the iterations; those that the monitor does not allow make a failure."""
+        """Count the iterations; those that the meter does not allow make a failure."""
         found = self._solver.stats()
         count, step = max(int(found['iter_count']), 0), self._watch.meter.step
         taken = next((k for k in range(count + 1)
