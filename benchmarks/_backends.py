@@ -77,8 +77,6 @@ def _solve_by_fatrop(self: Transcription, start: str) -> tuple[Fatrop, Watch]:
     return kept[start]
 
 
-
-
 NOT_OWN = ((Transcription, '_staged', None),
            (Transcription, 'solve', _solve_until_known(Transcription.solve)))
 FATROP = ((Transcription, '_solver', _solve_by_fatrop),)
