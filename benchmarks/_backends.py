@@ -22,15 +22,14 @@ from typing import Any
 from unittest.mock import patch
 
 from _stagewise import Fatrop, order_by_stages
-import numpy as np
-from obc_ros.core.ocp.problem import Problem
-from obc_ros.core.ocp.statement import build_problem, load_file
+from obc_ros.core.ocp.statement import load_file
 from obc_ros.core.solver.nlp.meter import Meter, Watch
 from obc_ros.core.solver.options import DEFAULTS, Options
 from obc_ros.core.solver.solve import Cache, solve
 from obc_ros.core.solver.transcription import banded_program
 from obc_ros.core.solver.transcription.local_minima import LocalMinima
 from obc_ros.core.solver.transcription.program import Transcription, TranscriptionOutcome
+from repeats import vary
 
 SIZE = 1e-2   # relative change of each number
 WARM_UP = {
@@ -123,22 +122,11 @@ def use(name: str) -> Iterator[Counter[str]]:
         yield counts
 
 
-def vary(mapping: dict[str, Any], changes: int) -> Iterator[Problem]:
-    """Yield a problem, and then with its parameters and its initial state changed."""
-    chance = np.random.default_rng(0)
-    yield build_problem(mapping)
-    for _ in range(changes):
-        problem = build_problem(mapping)
-        x0, p = (value * (1 + SIZE * chance.uniform(-1, 1, len(value)))
-                 for value in (problem.x0, problem.p_value))
-        yield replace(problem, x0=np.clip(x0, problem.x_lower, problem.x_upper), p_value=p)
-
-
 def answer(mapping: dict[str, Any], name: str, changes: int, seconds: float) -> dict[str, Any]:
     """Return status, cost and processor time of each solution with a back-end."""
     cache, status, cost, times = Cache(), list[str](), list[float](), list[float]()
     with use(name) as counts:
-        for problem in vary(mapping, changes):
+        for problem in vary(mapping, changes, SIZE):
             begun = time.process_time()
             try:
                 found = solve(problem, cache=cache, time_limit=seconds, options=_options(name))

@@ -48,19 +48,20 @@ def main() -> int:
 def compared(mapping: dict[str, Any]) -> Iterator[str]:
     """Yield the differences between solutions with one cache and solutions without."""
     cache = Cache()
-    pairs = zip(variants(mapping), variants(mapping), strict=True)
+    pairs = zip(vary(mapping), vary(mapping), strict=True)
     for number, (one, other) in enumerate(pairs):
         for word in differences(answered(one, cache), answered(other, None)):
             yield f'{number}: {word}'
 
 
-def variants(mapping: dict[str, Any]) -> Iterator[Problem]:
+def vary(mapping: dict[str, Any], changes: int = CHANGES, size: float = SIZE
+         ) -> Iterator[Problem]:
     """Yield the problem unchanged and with its changes, each parsed again."""
     chance = np.random.default_rng(0)
     yield build_problem(mapping)
-    for _ in range(CHANGES):
+    for _ in range(changes):
         problem = build_problem(mapping)
-        x0, p = (value * (1 + SIZE * chance.uniform(-1, 1, len(value)))
+        x0, p = (value * (1 + size * chance.uniform(-1, 1, len(value)))
                  for value in (problem.x0, problem.p_value))
         yield replace(problem, x0=np.clip(x0, problem.x_lower, problem.x_upper), p_value=p)
 

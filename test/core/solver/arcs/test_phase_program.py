@@ -73,6 +73,36 @@ def test_intervals_are_added_where_the_error_is():
     assert count * np.diff(share) == pytest.approx([4, 1, 1, 1])
 
 
+def test_intervals_are_added_where_inputs_turn():
+    """The input turns in the second of four intervals; x = t^4 has equal coefficients in all."""
+    tau = build_collocation(DEGREE, 'radau')[0]
+    t = 0.25 * (np.arange(4)[:, None] + np.append(0.0, tau))
+    u = np.zeros((4, DEGREE, 1))
+    u[1, :, 0] = np.tanh(40 * (tau - 0.5))
+    found = Phased(
+        arcs=[Arc(0.0, 1.0, (np.nan,), (0,))], meshes=[np.full(4, 0.25)], durations=np.ones(1),
+        x=t[:, :, None]**4, u=u, lam=np.zeros((4, DEGREE + 1, 1)), eta=np.zeros((4, DEGREE, 1)),
+        nu=np.zeros(0), cost=0.0, converged=True, outwards={}, pushed=u, astray=[])
+    _, share = spread_by_error(found)
+    parts = np.diff(share)
+    assert parts[1] > 1.4 * np.delete(parts, 1).max()
+
+
+def test_a_bound_that_a_held_circle_implies_is_found_on_its_arc():
+    """On a^2 + w^2 = 64 the bound a >= -8 follows; where the circle is not held, it does not."""
+    problem = problems.pose(
+        {'v': 'a', 'h': 'w'}, 1, (1, 0), FIXED, inputs=['a', 'w'],
+        input_bounds={'a': [-8, 4], 'w': [-8, 8]},
+        path_constraints=[{'expr': 'a**2 + w**2', 'upper': 64}])
+    program, t = PhasedProgram(problem, (False, False)), np.array([0.0, 3])
+    u = np.array([[-8.0, 0.0]])
+    path = Path(t, np.ones((2, 2)), np.zeros((1, 0, 2)), u, u, np.array([3.0]))
+    held = Arc(0.0, 3.0, (-8.0, np.nan), (0, 0, 1))
+    assert program.implied(problem, held, path).tolist() == [[True, True], [False, True]]
+    free = replace(held, on=(0, 0, 0))
+    assert not program.implied(problem, free, path).any()
+
+
 def test_phases_are_split_where_inputs_reach_their_bounds():
     """The input is 1 until t = 1, decreases to -1 at t = 2 and stays there until t = 3."""
     problem = problems.pose(
