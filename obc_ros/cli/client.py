@@ -15,7 +15,7 @@ import tempfile
 from typing import Any
 
 from obc_ros.action import SolveOptimalControl
-from obc_ros.cli.processes import Children, isolate, reserve_domain
+from obc_ros.cli.processes import APPEARS, Children, isolate, reserve_domain
 from obc_ros.cli.ros_graph import Graph, join_graph, ServerLostError
 from obc_ros.ros.service_qos import BURST
 from rcl_interfaces.srv import GetParameters
@@ -27,7 +27,6 @@ ACTION = 'obc_ros/action/SolveOptimalControl'
 CLIENT_LOOK = 1.0  # [s] to look for a server if no process of this machine uses the domain
 LOOK_HERE = 4.0    # [s] if one does: Fast DDS repeats its announcement after 3 s
 PARTICIPANTS = 32
-START = 20.0  # [s] in which a server that is started here must appear
 
 
 class Client(Graph):
@@ -121,8 +120,8 @@ def serve_client(children: Children, *parameters: str) -> Iterator[Client]:
     children.start('trajectory_server', *(
         word for each in parameters for word in ('-p', each)))
     with join_graph(children.check, Client) as client:
-        if not client.find(START):
-            raise ServerLostError(f'no trajectory_server appears within {START:g} s')
+        if not client.find(APPEARS):
+            raise ServerLostError(f'no trajectory_server appears within {APPEARS:g} s')
         yield client
 
 

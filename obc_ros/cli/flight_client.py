@@ -10,7 +10,7 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticArray
 from nav_msgs.msg import Odometry
 import numpy as np
-from obc_ros.cli.processes import Children
+from obc_ros.cli.processes import APPEARS, Children
 from obc_ros.cli.recording import CLOCK, LATCHED, read_stamp, Recorder
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.text.errors import ObcError
@@ -106,7 +106,7 @@ class Pilot:
         """Return the last state."""
         return np.asarray(deserialize_message(self.states.data[-1], State).x)
 
-    def wait(self, condition: Callable[[], bool], what: str, timeout: float = 20.0,
+    def wait(self, condition: Callable[[], bool], what: str, timeout: float = APPEARS,
              progress: Callable[[], None] = lambda: None) -> None:
         """Spin until a condition holds; raise an error that names `what` after `timeout` [s]."""
         deadline = time.monotonic() + timeout

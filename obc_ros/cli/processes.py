@@ -28,6 +28,7 @@ from obc_ros.ros.middleware import choose_profile
 
 PR_SET_PDEATHSIG = 1
 DOMAINS = range(1, 102)  # the ports of higher domains are in Linux's ephemeral range
+APPEARS = 60.0  # [s] in which a node appears even on a loaded machine; its death ends the wait
 # One thread is faster than two for the small matrices of a node.
 ONE_THREAD = dict.fromkeys(('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'MKL_NUM_THREADS'), '1')
 SHARED_MEMORY = Path('/dev/shm')
