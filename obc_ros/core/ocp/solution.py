@@ -85,8 +85,12 @@ class Certificate:
     @property
     def fault(self) -> str:
         """Return the worst condition for being a path of the problem that fails; '' for none."""
-        broken = [key for key in _FEASIBLE if not self.residuals[key] <= self.tolerances[key]]
-        return max(broken, key=self._size, default='')
+        return max(self.faults, key=self._size, default='')
+
+    @property
+    def faults(self) -> tuple[str, ...]:
+        """Return the conditions for being a path of the problem that fail."""
+        return tuple(key for key in _FEASIBLE if not self.residuals[key] <= self.tolerances[key])
 
     def _size(self, key: str) -> float:
         return self.residuals[key] / self.tolerances[key]

@@ -100,6 +100,12 @@ class Candidate:
         """Return whether the certificate of the path passes."""
         return self.solution.certified
 
+    @property
+    def feasible(self) -> bool:
+        """Return whether the certificate shows a path of the problem, extremal or not."""
+        certificate = self.solution.certificate
+        return certificate is not None and certificate.feasible
+
 
 class _Memo:
     """The integrated costates of the last outcomes, and the last Hamiltonian loss."""
@@ -345,9 +351,16 @@ class Bench:
         cost = abs(outcome.objective)
         return replace(estimate_scales(self.problem, outcome.path), cost=cost if cost > 0 else 1.0)
 
-    def tighten(self, course: Extremal) -> tuple['Bench', Array]:
+    def tighten(self, course: Extremal, most: float = EXCEEDED[1]) -> tuple['Bench', Array]:
         """
         Tighten the bounds by the amounts by which a path exceeds them between nodes.
+
+        Parameters
+        ----------
+        course : Extremal
+            The path.
+        most : float
+            Relative violation above which a bound is not tightened.
 
         Returns
         -------
@@ -360,7 +373,7 @@ class Bench:
         if not self.bounded:
             return self, np.zeros(0)
         value = self.programs.fitter(self.problem).values(self.problem, course)
-        margin, exceeded = compute_tightening(self.problem, value, course, self.margin)
+        margin, exceeded = compute_tightening(self.problem, value, course, self.margin, most)
         return replace(self, margin=margin), exceeded
 
     def finer(self, outcome: TranscriptionOutcome, course: Extremal, exceeded: Array) -> Mesh:

@@ -83,6 +83,10 @@ class Descent:
             if not (best.certified or self._state.outcome is self._tried):
                 self._try(DescentStage.CERTIFIED)
                 best = self._state.best or best
+            if not best.feasible:
+                self._state = replace(self._state, best=best)
+                self._try(DescentStage.VIOLATED)
+                best = self._state.best or best
         self._entry.end(*judge_path(best.solution), cost=best.solution.objective)
         return best
 
@@ -117,7 +121,8 @@ class Descent:
             return above
         found, best = self._certify(), self._state.best
         attempt.end(*judge_path(found.solution), cost=outcome.objective, loss=above)
-        if best is None or found.certified or not best.certified:
+        # Of two that are equal in this respect the later one is kept, on the finer mesh.
+        if best is None or (found.certified, found.feasible) >= (best.certified, best.feasible):
             self._state = replace(self._state, best=found)
         return above
 

@@ -147,7 +147,25 @@ def _search(task: Task) -> Solution:
 def _search_and_refine(task: Task, refine: Refine) -> Solution:
     """Return the result of a search, refined unless its work was stopped."""
     found, bench = search(task, why_not=look_for_proof(task))
-    return (found if bench.meter.stopped else refine(bench, found)).solution
+    if bench.meter.stopped:
+        return _keep_bounds(task, bench, found).solution
+    return refine(bench, found).solution
+
+
+def _keep_bounds(task: Task, bench: Bench, found: Candidate) -> Candidate:
+    """Return the result of a search that was stopped, within its bounds if that is possible."""
+    options, record = task.options.budget, found.record
+    if (record is None or found.feasible or task.meter.stopped == 'cancelled'
+            or not bench.bounded or bench.programs.twin):
+        return found
+    meter = task.meter.overtime(options.least) if task.meter.stopped else task.meter.part()
+    if meter.remaining() <= 0.0:
+        return found
+    bench = replace(bench, meter=meter, whole=meter, margin=record.margin)
+    state = State(bench, record.outcome, best=bench.certify(record.outcome, record.extremal))
+    best = try_improvements(DescentStage.VIOLATED, state).best or found
+    return replace(best, solution=replace(
+        best.solution, optimality=best.solution.optimality or found.solution.optimality))
 
 
 def _improve(bench: Bench, found: Candidate) -> Candidate:
@@ -159,8 +177,8 @@ def _improve(bench: Bench, found: Candidate) -> Candidate:
 
 
 def _transcribe(task: Task) -> Solution:
-    found, _ = search(task, with_arcs=False)
-    return found.solution
+    found, bench = search(task, with_arcs=False)
+    return (_keep_bounds(task, bench, found) if bench.meter.stopped else found).solution
 
 
 METHODS: Mapping[str, Method] = {

@@ -101,6 +101,9 @@ class DescentOptions:
         1e-5, 'excess at which a certified path is not refined', 'relative', 'aircraft_5')
     enough_bounded: float = steer(
         2e-6, 'the same with state constraints; below it a certificate is computed', 'relative')
+    back_off: float = steer(
+        1e-3, 'violation of bounds alone up to which a path is solved for within tighter ones',
+        'relative', 'test_back_off.py')
     digits: int = steer(8000, 'work after which a certified path is not refined', 'work')
 
 
@@ -118,7 +121,8 @@ class BudgetOptions:
     explanation: int = steer(400_000, 'work of an explanation', 'work')
     related: int = steer(150_000, 'work for each problem that it solves', 'work')
     least: float = steer(0.5, 'time for an explanation, for more digits or a certificate', 's')
-    certificate: float = steer(0.05, 'part of the time kept for the certificate', 'time limit')
+    certificate: float = steer(
+        0.05, 'part of the time kept for a path within bounds and its certificate', 'time limit')
 
 
 @dataclass(frozen=True)

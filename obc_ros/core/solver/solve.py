@@ -102,8 +102,10 @@ def solve(problem: Problem, *, method: str = '', time_limit: float = 60.0,
 
     """
     name, begun = get_method(method or problem.method), time.monotonic()
-    kept = min(options.budget.certificate * time_limit, options.budget.least)
-    meter = Meter(time_limit - kept, report, max_intervals)
+    kept = options.budget.certificate * time_limit
+    if not problem.constrained:
+        kept = min(kept, options.budget.least)
+    meter = Meter(time_limit - kept, report, max_intervals, kept=kept)
     problem, programs = (cache or Cache(1)).prepared(problem, options)
     if keep is not None:
         meter.watch(BestPath(problem, lambda path: keep(mark_unfinished(path))))

@@ -290,7 +290,7 @@ def align_mesh(mesh: Mesh, t: Array, kinks: Array, spare: NDArray[np.bool_]) -> 
 
 
 def compute_tightening(problem: Problem, value: Array, course: Extremal,
-                       margin: Array) -> tuple[Array, Array]:
+                       margin: Array, most: float = EXCEEDED[1]) -> tuple[Array, Array]:
     """
     Compute the tightening of bounds, and their violation in each interval.
 
@@ -307,6 +307,8 @@ def compute_tightening(problem: Problem, value: Array, course: Extremal,
         K parts in N intervals.
     margin : ndarray, shape (n + l,)
         Tightening with which the course was found.
+    most : float
+        Violation above which a constraint is not tightened, relative to its size.
 
     Returns
     -------
@@ -321,8 +323,8 @@ def compute_tightening(problem: Problem, value: Array, course: Extremal,
     upper = np.append(problem.x_upper, problem.path_upper) - margin
     excess = np.maximum(lower - value, value - upper)
     over = np.max(excess, axis=0)
-    least, most = (part * size for part in EXCEEDED)
-    drawn = np.where((over > least) & (over < most) & (lower < upper), 1.2 * over, 0.0)
+    tightened = (over > EXCEEDED[0] * size) & (over < most * size) & (lower < upper)
+    drawn = np.where(tightened, 1.2 * over, 0.0)
     size = np.where(size > 0, size, 1.0) * np.where(lower < upper, 1.0, _EQUAL)
     relative = np.max(excess / size, axis=1)
     relative[::course.parts] = 0.0   # nodes are held

@@ -21,6 +21,7 @@ class DescentStage(str, Enum):
     FIRST_MESH = 'on the first mesh of a descent'
     STALLED = 'on a mesh that gained little'
     NEXT_MESH = 'before a finer mesh'
+    VIOLATED = 'at the end of a descent'
     CERTIFIED = 'where a certificate is near'
     FINISHED = 'after the search'
 

@@ -16,6 +16,10 @@ from obc_ros.core.solver.improve.arc_iteration import (
     hold_jumping_inputs,
     hold_switching_inputs,
 )
+from obc_ros.core.solver.improve.back_off import (
+    solve_within_tighter_bounds,
+    violates_bounds_only,
+)
 from obc_ros.core.solver.improve.hamiltonian_wells import has_branches, move_to_best_branch
 from obc_ros.core.solver.improve.improvement import DescentStage, Improvement, State
 from obc_ros.core.solver.improve.indirect import is_worth_refining, refine_after_search
@@ -43,6 +47,9 @@ IMPROVEMENTS = (
     Improvement('mesh at kinks', DescentStage.NEXT_MESH,
                 'there are no state constraints, and no inputs that are held at bounds',
                 may_have_kinks, solve_on_kinks),
+    Improvement('tighter bounds', DescentStage.VIOLATED,
+                'the path violates bounds between mesh points, and nothing else',
+                violates_bounds_only, solve_within_tighter_bounds),
     Improvement('boundary arcs', DescentStage.CERTIFIED,
                 'there are state constraints',
                 may_have_arcs, solve_along_bounds),

@@ -96,6 +96,8 @@ class Meter:
         its parts took. Failed attempts before a second one, phases and other parts are left out.
     deadline : float
         On the monotonic clock [s].
+    kept : float
+        Time after the deadline for a certificate and a path within the bounds [s].
     max_intervals : int
         Maximum number of intervals of a mesh.
     best : BestPath or None
@@ -104,8 +106,8 @@ class Meter:
     """
 
     def __init__(self, time_limit: float = math.inf, report: Report | None = None,
-                 max_intervals: int = MAX_INTERVALS) -> None:
-        self.max_intervals = max_intervals
+                 max_intervals: int = MAX_INTERVALS, kept: float = 0.0) -> None:
+        self.max_intervals, self.kept = max_intervals, kept
         self.deadline = time.monotonic() + time_limit
         self._reason = ''
         self.trace = Trace()
@@ -167,6 +169,18 @@ class Meter:
 
         """
         return _Part(self, work, min(time_limit, self.remaining()))
+
+    def overtime(self, least: float) -> 'Meter':
+        """
+        Return a meter of the time that was kept beyond the deadline, for after it.
+
+        Parameters
+        ----------
+        least : float
+            Part of it that is left for the certificate [s].
+
+        """
+        return _Overtime(self, self.remaining() + self.kept - least, self._report)
 
     def extend(self, work: int) -> None:
         """Increase the budget of a part, and of the parts that contain it; the whole has none."""
@@ -232,6 +246,14 @@ class _Part(Meter):
         if not self._reason and self._left < 0:
             self._reason = 'spent'
         return self._count()
+
+
+class _Overtime(Meter):
+    """A meter for what follows after the deadline of another one."""
+
+    def __init__(self, whole: Meter, time_limit: float, report: Report | None) -> None:
+        super().__init__(time_limit, report, whole.max_intervals)
+        self.trace, self.best = whole.trace, whole.best
 
 
 class Watch(ca.Callback):

@@ -268,7 +268,8 @@ def better(best: Solution, other: Solution) -> Solution:
     """
     Return the better one of two solutions of a problem.
 
-    A cheaper feasible path replaces a certified solution, since that is not the global minimum.
+    A cheaper feasible path replaces a certified solution, since that is not the global minimum. A
+    feasible path replaces one that is not.
 
     Parameters
     ----------
@@ -285,10 +286,9 @@ def better(best: Solution, other: Solution) -> Solution:
     def feasible(one: Solution) -> bool:
         return bool(one.certificate and one.certificate.feasible)
 
-    if cheaper(other, best):
-        return other if other.certified or feasible(other) else best
-    first = other.certified and not best.certified and not (
-        feasible(best) and cheaper(best, other))
+    if feasible(other) and (cheaper(other, best) or not feasible(best)):
+        return other
+    first = other.certified and not best.certified and not cheaper(best, other)
     return other if first else best
 
 
