@@ -80,8 +80,10 @@ def solve_form(form: LqForm, x0: Array, T: float, names: tuple[str, ...]) -> Sol
         input on the terminal constraints.
 
     """
-    extended = _extended(form)
     try:
+        with np.errstate(over='ignore', invalid='ignore'):
+            extended = _extended(form, T)
+        _require_finite(extended.A, extended.G, extended.Q, extended.P1)
         P1, unit = _terminal_weight(extended, T)
         x, u, lam, t, nu, value = _path(extended, P1, unit, x0, T, names)
     except _NoAnswerError as no_answer:
@@ -93,7 +95,13 @@ def solve_form(form: LqForm, x0: Array, T: float, names: tuple[str, ...]) -> Sol
         optimality=Optimality('global', 'linear quadratic'))
 
 
-def _extended(form: LqForm) -> Extended:
+def _require_finite(*arrays: Array) -> None:
+    if not all(np.isfinite(each).all() for each in arrays):
+        raise _NoAnswerError(Status.NOT_CONVERGED, (
+            'the closed form overflows: choose units in which the numbers are closer to 1'))
+
+
+def _extended(form: LqForm, T: float) -> Extended:
     n, q = len(form.A), len(form.C)
     right = np.linalg.solve(form.R, np.column_stack([form.N.T, form.r]))
     A = form.A - form.B @ right[:, :n]
@@ -107,7 +115,8 @@ def _extended(form: LqForm) -> Extended:
     G = F @ F.T
     row = np.linalg.norm(C, axis=1)
     row[row == 0.0] = 1.0
-    speed = norm(A) + math.sqrt(norm(G) * norm(Q)) + TINY
+    # Without a time constant of the plant, as for an integrator, that of the horizon counts.
+    speed = max(norm(A) + math.sqrt(norm(G) * norm(Q)), 1.0 / T)
     one = max(norm(a / d), norm(linear * d)) / speed or 1.0
     size = n + 1 + q
     big = {name: np.zeros((size, size)) for name in ('A', 'G', 'Q', 'P1')}
@@ -186,6 +195,7 @@ def _path(extended: Extended, P1: Array, unit: Array, x0: Array, T: float,
     start = np.append(x0 / extended.scale, extended.one)
     feedback = Feedback(extended, P1, blocks)
     P0 = feedback.costs(0)[0]
+    _require_finite(P0)
     nu = _multipliers(extended, P0, unit, start, T, names)
     most = min(_MOST, _LARGEST_TABLE / len(P1)**2) / len(blocks)
     largest = 2 ** int(math.log2(max(most, _FEWEST)))

@@ -340,3 +340,24 @@ def test_perturbed_inputs_cost_more():
     for _ in range(20):
         walk = np.cumsum(rng.standard_normal(len(best.t))) / math.sqrt(len(best.t))
         assert cost(best.u[:, 0] + 0.1 * walk) > best.objective
+
+
+@pytest.mark.parametrize('T', [1e-3, 1.0, 1e4])
+@pytest.mark.parametrize('gain', [1e-9, 1.0, 1e9])
+@pytest.mark.parametrize('drift', [0.0, 1e-9, 1e12])
+def test_an_integrator_with_drift_has_a_constant_input(gain, drift, T):
+    """An integrator has no time constant. u = ((x(T) - x(0))/T - drift)/gain for any units."""
+    answer = solve_lq(problems.pose(
+        {'x': f'{gain!r}*u + {drift!r}'}, 'u**2', (1,), T, terminal_constraints=['x - 3']))
+    u = (2 / T - drift) / gain
+    assert answer.status is Status.SOLVED, answer.message
+    assert answer.u == pytest.approx(u, rel=1e-9)
+    assert answer.objective == pytest.approx(u**2 * T, rel=1e-9)
+
+
+def test_numbers_that_overflow_are_said():
+    """Squares of the gain are beyond the largest double."""
+    answer = solve_lq(problems.pose(
+        {'x': '1e200*u + 1e200'}, 'u**2', (1,), 1, terminal_constraints=['x - 3']))
+    assert answer.status is Status.NOT_CONVERGED
+    assert 'units' in answer.message
