@@ -5,8 +5,11 @@ Fixtures of the tests that run nodes: `domain`, `spawn`, `probe`, `terminal`.
 
 A test that uses one of them carries the marker ``nodes``; if it fails, its report contains the
 output of its processes. A test that uses `clock` carries ``alone`` and runs while no other worker
-runs such a test. With several workers, slow tests and tests of nodes run first and those marked
-``alone`` last, so that no worker waits in between or at the end.
+runs a test.
+
+Several workers take the tests in this order: tests of nodes, which wait half of their time, mixed
+with slow ones, which do not; quick tests; those that run alone. Workers are then busy together and
+end together.
 
 A test carries ``check`` unless it carries ``nodes`` or ``slow``; `make check` runs these tests.
 Such a test fails if it takes twice `QUICK`, including the processes that it has waited for.
@@ -59,12 +62,30 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         if not any(map(item.get_closest_marker, ('nodes', 'slow'))):
             item.add_marker('check')
     if hasattr(config, 'workerinput'):  # set by pytest-xdist; a single process needs no order
-        items.sort(key=_stage)
+        items[:] = _put_in_order(items)
 
 
-def _stage(item: pytest.Item) -> int:
-    """Return 0 for a test that runs first, 1 for a quick one, 2 for one that runs alone."""
-    return 2 if item.get_closest_marker('alone') else bool(item.get_closest_marker('check'))
+def _put_in_order(items: list[pytest.Item]) -> list[pytest.Item]:
+    kinds: dict[str, list[pytest.Item]] = {}
+    for item in items:
+        kinds.setdefault(_kind(item), []).append(item)
+    shared, nodes, slow, quick, alone = (
+        kinds.get(kind, []) for kind in ('shared', 'nodes', 'slow', 'check', 'alone'))
+    places = [(place / len(of), item) for of in (nodes, slow) for place, item in enumerate(of)]
+    mixed = [item for _, item in sorted(places, key=lambda each: each[0])]
+    return [*shared, *mixed, *quick, *alone]
+
+
+def _kind(item: pytest.Item) -> str:
+    """Return 'alone', 'check', 'nodes', 'slow', or 'shared': with others of its file a fixture."""
+    for kind in ('alone', 'check'):
+        if item.get_closest_marker(kind):
+            return kind
+    known = getattr(item, '_fixtureinfo', None)
+    found = (each[-1] for each in known.name2fixturedefs.values()) if known else ()
+    if any(each.scope == 'module' for each in found):
+        return 'shared'   # other tests in between would end the fixture
+    return 'nodes' if item.get_closest_marker('nodes') else 'slow'
 
 
 @pytest.hookimpl(wrapper=True, tryfirst=True)

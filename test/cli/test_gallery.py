@@ -48,7 +48,7 @@ def desk(out: Path) -> Iterator[desks.Desk]:
         with reserve_domain() as domain:
             isolate(domain)
             with Children(out / 'log') as children, ExitStack() as stack:
-                yield desks.Desk(lambda: stack.enter_context(serve_client(children)),
+                yield desks.Desk(lambda: stack.enter_context(serve_client(children, 'workers:=1')),
                                  out / 'recordings')
     finally:
         os.environ.clear()

@@ -40,7 +40,7 @@ def _design(asked: list[Case]) -> None:
     try:
         from obc_ros.cli.client import connect_client  # ROS is imported only if it is needed
         from obc_ros.srv import DesignLqr
-        with connect_client() as client:
+        with connect_client('workers:=1') as client:
             for case in asked:
                 response = client.ask(DesignLqr, 'design_lqr', _request(DesignLqr, case.given))
                 status, _, words = response.message.partition(': ')

@@ -104,8 +104,10 @@ def _solve(asked: list[Question], time_limit: float, method: str,
            options: Sequence[str]) -> None:
     """Send the problems to a server; each has a status afterwards."""
     from obc_ros.cli.processes import InterruptedByUserError
-    # For a server that is started here: its default may be below the limit that is asked for.
+    # For a server that is started here. Its default may be below the limit that is asked for; a
+    # second worker process has nothing to do for one problem.
     parameters = [f'time_limit:={max(time_limit, SHORTEST)}'] if time_limit else []
+    parameters += ['workers:=1'] if len(asked) == 1 else []
     try:
         from obc_ros.cli.ask.batch import RequestBatch  # ROS is imported only if it is needed
         from obc_ros.cli.client import connect_client

@@ -50,7 +50,9 @@ def work_all(entries: Sequence[GalleryEntry], out: Path, records: list[dict[str,
         isolate(domain)
         with (Children(out / 'log') as children, ExitStack() as stack,
               terminal.show_progress() as lines):
-            desk = Desk(lambda: stack.enter_context(serve_client(children)), out / 'recordings')
+            # Entries ask one question at a time.
+            desk = Desk(lambda: stack.enter_context(serve_client(children, 'workers:=1')),
+                        out / 'recordings')
             for entry in entries:
                 lines.update(entry.name, entry.title)
                 records.append(work(entry, desk, out))
