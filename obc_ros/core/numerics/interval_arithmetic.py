@@ -11,9 +11,9 @@ last place, by 4 units.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
 import math
-from math import inf, nextafter, pi
+from math import inf, isfinite, nextafter, pi
+from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -23,10 +23,10 @@ from obc_ros.core.numerics.instructions import Instructions
 _UNITS = 4        # in the last place, above the error of the functions of the C library
 _FAR = 1e6        # largest argument of sin, cos and tan for which extrema or poles are located
 _TURN = 1e-14     # relative distance at which an extremum or a pole counts as inside
+_EXACT = frozenset((0.0, 1.0, -1.0, inf, -inf))   # factors whose products are not rounded
 
 
-@dataclass(frozen=True)
-class Interval:
+class Interval(NamedTuple):
     """All numbers from `low` to `high`; they may be infinite."""
 
     low: float
@@ -36,14 +36,15 @@ class Interval:
 WHOLE = Interval(-inf, inf)
 
 
-def enclose_outputs(function: ca.Function, boxes: list[tuple[Array, Array]]) -> list[Interval]:
+def enclose_outputs(function: ca.Function | Instructions,
+                    boxes: list[tuple[Array, Array]]) -> list[Interval]:
     """
     Return an interval for each entry of the output of a function of SX.
 
     Parameters
     ----------
-    function : casadi.Function
-        A function of SX with columns as inputs and one output.
+    function : casadi.Function or Instructions
+        A function of SX with columns as inputs and one output; its instructions are faster.
     boxes : list of (lower, upper)
         Bounds of each argument, arrays of its length.
 
@@ -59,7 +60,8 @@ def enclose_outputs(function: ca.Function, boxes: list[tuple[Array, Array]]) -> 
         undefined = math.isnan(found.low) or math.isnan(found.high)
         return WHOLE if undefined else found
 
-    return Instructions(function).evaluate(
+    program = function if isinstance(function, Instructions) else Instructions(function)
+    return program.evaluate(
         lambda i, k: Interval(float(boxes[i][0][k]), float(boxes[i][1][k])),
         lambda value: Interval(value, value), apply)[0]
 
@@ -87,7 +89,13 @@ def multiply_intervals(a: Interval, b: Interval) -> Interval:
         The ends may be infinite.
 
     """
-    ends = [(x, y) for x in (a.low, a.high) for y in (b.low, b.high)]
+    (s, t), (v, w) = a, b
+    if not (s in _EXACT or t in _EXACT or v in _EXACT or w in _EXACT):
+        products = s * v, s * w, t * v, t * w
+        low, high = min(products), max(products)
+        if isfinite(low) and isfinite(high):
+            return Interval(nextafter(low, -inf), nextafter(high, inf))
+    ends = [(x, y) for x in a for y in b]
     return Interval(min(_product(x, y, -inf) for x, y in ends),
                     max(_product(x, y, inf) for x, y in ends))
 

@@ -16,6 +16,7 @@ from math import exp, factorial, inf
 import casadi as ca
 import numpy as np
 from obc_ros.core.numerics.arrays import Array
+from obc_ros.core.numerics.instructions import Instructions
 from obc_ros.core.numerics.interval_arithmetic import (
     add_intervals,
     enclose_outputs,
@@ -58,8 +59,10 @@ class Tube:
             if total > _MOST_INSTRUCTIONS:
                 break
         self.fits = total <= _MOST_INSTRUCTIONS
-        self._terms = [ca.Function('term', [y, p], [ca.densify(term)]) for term in terms]
+        self._terms = [Instructions(ca.Function('term', [y, p], [ca.densify(term)]))
+                       for term in terms]
         self._slope = ca.Function('slope', [y, p], [ca.densify(ca.jacobian(g, y))])
+        self._slopes = Instructions(self._slope)
 
     def steps(self, start: Box, stops: Array) -> Iterator[TaylorStep]:
         """
@@ -166,7 +169,7 @@ class Tube:
     def _growth(self, box: Box, size: Array) -> float:
         """Return a bound of the logarithmic norm of the Jacobian, in units of the sizes."""
         n = len(size)
-        found = enclose_outputs(self._slope, [box, self._p])
+        found = enclose_outputs(self._slopes, [box, self._p])
         low, high = (np.array(ends).reshape(n, n, order='F') for ends in zip(
             *((each.low, each.high) for each in found), strict=True))
         if not np.isfinite([low, high]).all():
