@@ -60,7 +60,7 @@ class Pilot:
         self.node = rclpy.create_node('obc_demo', context=self._context)
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self.node)
-        self.states, self.commands = Samples(), Samples()
+        self.states, self.commands, self.odometry = Samples(), Samples(), Samples()
         self.designs: list[LqrDesign] = []
         self.said: list[Log] = []
         self._record()
@@ -71,7 +71,7 @@ class Pilot:
         recorder.subscribe(node, 'command', Command, self.commands.append)
         recorder.subscribe(node, 'lqr_node/design', LqrDesign, self._on_design, qos=LATCHED)
         recorder.subscribe(node, 'reference', Trajectory, qos=LATCHED)
-        recorder.subscribe(node, 'odom', Odometry)
+        recorder.subscribe(node, 'odom', Odometry, self.odometry.append)
         journal = self._journal
         journal.subscribe(node, '/clock', Clock, qos=CLOCK)
         journal.subscribe(node, '/diagnostics', DiagnosticArray)
@@ -185,11 +185,16 @@ class Pilot:
         now = self.pause(True)
         while True:
             due = round(now * 1e9)
-            self.wait(lambda due=due: self.states.stamp[-1] >= due  # type: ignore[misc]
-                      and self.commands.stamp[-1:] >= [due], f'the command at {now:g} s')
+            self.wait(lambda due=due: self._has_all(due),  # type: ignore[misc]
+                      f'the command at {now:g} s')
             if now >= moment - 1e-9:
                 return
             now = self._step()
+
+    def _has_all(self, stamp: int) -> bool:
+        """Return whether the messages of a state are recorded; some plants have no odometry."""
+        return (self.states.stamp[-1] >= stamp and self.commands.stamp[-1:] >= [stamp]
+                and (not self.odometry.stamp or self.odometry.stamp[-1] >= stamp))
 
     def _step(self, timeout: float = 20.0) -> float:
         """Step the paused plant by one state, once it has its command; return its time [s]."""
