@@ -48,7 +48,8 @@ SOLVER = 'core/solver/'
 TESTS = {
     'coarse': ('test_coarse_mesh.py', 'test_stiff.py'),
     'refinement': ('adjoint/test_bvp.py',),
-    'descent': ('test_coarse_mesh.py', 'improve/test_kink_mesh.py'),
+    'descent': ('improve/test_back_off.py', 'test_coarse_mesh.py',
+                'improve/test_kink_mesh.py'),
     'budget': ('test_uncertified.py', 'diagnosis/test_explanation.py'),
     'guesses': ('starts/test_initial_guess.py', 'starts/test_multistart.py'),
     'obstacles': ('starts/test_obstacle_homotopy.py',),

@@ -66,6 +66,7 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 
 
 def _put_in_order(items: list[pytest.Item]) -> list[pytest.Item]:
+    """Return the tests in the order in which several workers take them."""
     kinds: dict[str, list[pytest.Item]] = {}
     for item in items:
         kinds.setdefault(_kind(item), []).append(item)

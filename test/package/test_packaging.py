@@ -186,6 +186,12 @@ def test_a_cpp_program_builds_with_the_interfaces(tmp_path):
     assert completed.stdout == '2p'
 
 
+def test_packages_that_depend_on_this_one_get_the_runtime():
+    file = installed('share/obc_ros/cmake/ament_cmake_export_dependencies-extras.cmake')
+    exported = re.search('_exported_dependencies "(.*)"', file.read_text(encoding='utf-8'))
+    assert 'rosidl_default_runtime' in exported[1].split(';')
+
+
 @pytest.mark.parametrize('file', INTERFACES, ids=name)
 def test_every_field_has_a_comment(file):
     previous = ''

@@ -89,9 +89,8 @@ def multiply_intervals(a: Interval, b: Interval) -> Interval:
         The ends may be infinite.
 
     """
-    (s, t), (v, w) = a, b
-    if not (s in _EXACT or t in _EXACT or v in _EXACT or w in _EXACT):
-        products = s * v, s * w, t * v, t * w
+    if _EXACT.isdisjoint(a + b):
+        products = a.low * b.low, a.low * b.high, a.high * b.low, a.high * b.high
         low, high = min(products), max(products)
         if isfinite(low) and isfinite(high):
             return Interval(nextafter(low, -inf), nextafter(high, inf))

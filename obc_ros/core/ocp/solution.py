@@ -249,6 +249,11 @@ class Solution:
         """Return whether there is a certificate that passes."""
         return self.certificate is not None and self.certificate.holds
 
+    @property
+    def feasible(self) -> bool:
+        """Return whether there is a certificate that shows a path, extremal or not."""
+        return self.certificate is not None and self.certificate.feasible
+
     def meets(self, limits: Mapping[Condition, float]) -> bool:
         """Return whether there is a certificate whose residuals are within some limits."""
         certificate = self.certificate

@@ -102,9 +102,8 @@ class Candidate:
 
     @property
     def feasible(self) -> bool:
-        """Return whether the certificate shows a path of the problem, extremal or not."""
-        certificate = self.solution.certificate
-        return certificate is not None and certificate.feasible
+        """Return whether the certificate shows a path, extremal or not."""
+        return self.solution.feasible
 
 
 class _Memo:
@@ -435,7 +434,7 @@ class Bench:
         if self.meter.stopped:   # to certify a path far from a solution may take long
             return Candidate(found, record)
         found = replace(found, certificate=certificate.certify(problem, found))
-        if found.certificate and found.certificate.feasible:
+        if found.feasible:
             self.trace.found(found.objective, found.certified)
         if self.meter.best:
             self.meter.best.take(problem, found)

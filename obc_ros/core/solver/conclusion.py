@@ -168,9 +168,8 @@ def _explained(task: Task, found: Solution) -> Solution:
         return replace(found, message='; '.join(filter(None, (
             sentence, meter.trace.describe_effort(), advise_bounds(problem)))))
     if not reason.infeasible:
-        is_path = found.certificate is not None and found.certificate.feasible
         return replace(found, message='; '.join(
-            [reason.sentence, *([_uncertified(found)] if is_path else [])]))
+            [reason.sentence, *([_uncertified(found)] if found.feasible else [])]))
     return Solution(Status.INFEASIBLE, reason.sentence)
 
 

@@ -104,6 +104,8 @@ class DescentOptions:
     back_off: float = steer(
         1e-3, 'violation of bounds alone up to which a path is solved for within tighter ones',
         'relative', 'test_back_off.py')
+    back_off_error: float = steer(
+        1e-4, 'error of the cost of such a path', 'relative', 'test_back_off.py')
     digits: int = steer(8000, 'work after which a certified path is not refined', 'work')
 
 

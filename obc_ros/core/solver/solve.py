@@ -102,6 +102,7 @@ def solve(problem: Problem, *, method: str = '', time_limit: float = 60.0,
 
     """
     name, begun = get_method(method or problem.method), time.monotonic()
+    # Time for the certificate, and with state constraints for a path within them.
     kept = options.budget.certificate * time_limit
     if not problem.constrained:
         kept = min(kept, options.budget.least)

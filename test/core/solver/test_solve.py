@@ -414,12 +414,12 @@ def test_the_tail_of_an_optimal_path_is_optimal():
 
 @pytest.mark.slow
 def test_no_feasible_neighbour_is_cheaper():
-    """The Van der Pol solution against eight perturbed inputs, clipped to the bounds."""
+    """The Van der Pol solution against 20 perturbed inputs, clipped to the bounds."""
     from dataclasses import replace
     problem = problems.build('vanderpol_bounded')
     solution = solve(problem)
     chance = np.random.default_rng(0)
-    for _ in range(8):
+    for _ in range(20):
         wave = sum(chance.normal() * np.sin(k * solution.t) for k in range(1, 6))
         u = np.clip(solution.u + 0.05 * wave[:, None], -0.3, 1)
         cost, _ = replay(problem, replace(solution, u=u))

@@ -145,13 +145,13 @@ def explain_chattering(problem: Problem, other: Problem, mixed: Solution, found:
     step = np.diff(mixed.t)
     both = mixes[:-1] & mixes[1:] & (step > 0)
     # If a path of the problem itself costs the same, mixing two optimal inputs gains nothing.
-    least = _GAIN * abs(mixed.objective) if found.certificate and found.certificate.feasible else 0
+    least = _GAIN * abs(mixed.objective) if found.feasible else 0
     if gain <= least or float(step[both].sum()) < _LASTING * mixed.t[-1]:
         return ''
     k = int(np.flatnonzero(both)[both.sum() // 2])
     pairs = ' and between '.join(
         f'{problem.inputs[i]} = {u[k, i]:.4g} and {v[k, i]:.4g}' for i in np.flatnonzero(apart[k]))
     best = (f'; the best path found costs {found.objective:.6g}'
-            if found.certificate and found.certificate.feasible else '')
+            if found.feasible else '')
     return (f'the infimum {mixed.objective:.6g} is not attained: minimising sequences chatter, '
             f'at t = {mixed.t[k]:.3g} between {pairs} (relax or regularise the problem){best}')

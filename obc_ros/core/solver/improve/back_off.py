@@ -13,8 +13,6 @@ from dataclasses import replace
 from obc_ros.core.ocp.solution import Condition
 from obc_ros.core.solver.improve.improvement import State
 
-_ROUGH = 1e-4   # relative error of the cost: a path within the bounds is sought, not its optimum
-
 
 def violates_bounds_only(state: State) -> bool:
     """Return whether the last path violates its bounds, by little, and no other constraint."""
@@ -41,13 +39,14 @@ def solve_within_tighter_bounds(state: State) -> State | str:
     """
     bench, outcome = state.bench, state.outcome
     options = bench.options.descent
-    for _ in range(2):   # new intervals may bend more than those of the path before
-        bench, _ = bench.tighten(bench.course(outcome), options.back_off)
-        outcome = bench.collocate(outcome.mesh, outcome.path, near=True, warm=outcome,
-                                  sizes=outcome.scales, most=options.iterations, rough=_ROUGH)
-        if not outcome.converged:
-            return 'no path within tighter bounds was found'
-        found = bench.certify(outcome)
-        if found.feasible:
-            return replace(state, best=found)
-    return 'the path within tighter bounds exceeds the bounds'
+    bench, _ = bench.tighten(bench.course(outcome), options.back_off)
+    # A path within the bounds is sought, not its optimum.
+    outcome = bench.collocate(outcome.mesh, outcome.path, near=True, warm=outcome,
+                              sizes=outcome.scales, most=options.iterations,
+                              rough=options.back_off_error)
+    if not outcome.converged:
+        return 'no path within tighter bounds was found'
+    found = bench.certify(outcome)
+    if not found.feasible:
+        return 'the path within tighter bounds exceeds the bounds'
+    return replace(state, best=found)

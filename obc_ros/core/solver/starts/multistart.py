@@ -283,10 +283,7 @@ def better(best: Solution, other: Solution) -> Solution:
         both = one.certified and than.certified
         return is_below(one.objective, than.objective, CHEAPER if both else ANOTHER)
 
-    def feasible(one: Solution) -> bool:
-        return bool(one.certificate and one.certificate.feasible)
-
-    if feasible(other) and (cheaper(other, best) or not feasible(best)):
+    if other.feasible and (cheaper(other, best) or not best.feasible):
         return other
     first = other.certified and not best.certified and not cheaper(best, other)
     return other if first else best
