@@ -102,10 +102,8 @@ class DescentOptions:
     enough_bounded: float = steer(
         2e-6, 'the same with state constraints; below it a certificate is computed', 'relative')
     back_off: float = steer(
-        1e-3, 'violation of bounds alone up to which a path is solved for within tighter ones',
-        'relative', 'test_back_off.py')
-    back_off_error: float = steer(
-        1e-4, 'error of the cost of such a path', 'relative', 'test_back_off.py')
+        1e-3, 'violation of bounds alone up to which a path within tighter bounds is sought; '
+        'error of its cost', 'relative', 'test_back_off.py')
     digits: int = steer(8000, 'work after which a certified path is not refined', 'work')
 
 

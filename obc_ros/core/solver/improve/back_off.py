@@ -43,7 +43,7 @@ def solve_within_tighter_bounds(state: State) -> State | str:
     # A path within the bounds is sought, not its optimum.
     outcome = bench.collocate(outcome.mesh, outcome.path, near=True, warm=outcome,
                               sizes=outcome.scales, most=options.iterations,
-                              rough=options.back_off_error)
+                              rough=options.back_off)
     if not outcome.converged:
         return 'no path within tighter bounds was found'
     found = bench.certify(outcome)
