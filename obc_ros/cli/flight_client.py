@@ -2,7 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """A client of a closed loop: records its topics, calls its services, sets its parameters."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 import time
 from typing import Any
@@ -79,8 +80,8 @@ class Pilot:
         journal.subscribe(node, '/rosout', Log, self._on_log, qos=LATCHED)
         recorder.now = journal.now = lambda: self.states.stamp[-1] if self.states.stamp else 0
         self.publisher = node.create_publisher(Trajectory, 'reference', LATCHED)
+        self._paused = False
         self._pauser = node.create_client(SetBool, 'plant_simulator/pause')
-        self._stepper = node.create_client(Trigger, 'plant_simulator/step')
 
     def _on_design(self, data: bytes, published: int) -> None:
         self.designs.append(deserialize_message(data, LqrDesign))
@@ -149,9 +150,18 @@ class Pilot:
         """Return whether a topic has a publisher."""
         return bool(self.node.count_publishers(topic))
 
-    def pause(self, wanted: bool) -> float:
-        """Pause or resume the simulated time; return it [s]."""
-        return _time(self._ask(self._pauser, SetBool.Request(data=wanted)).message)
+    def pause(self, wanted: bool) -> None:
+        """Pause or resume the simulated time."""
+        self._ask(self._pauser, SetBool.Request(data=wanted))
+        self._paused = wanted
+
+    @contextmanager
+    def hold(self) -> Iterator[None]:
+        """Pause the simulated time, and resume it unless it was paused before."""
+        before = self._paused
+        self.pause(True)
+        yield
+        self.pause(before)
 
     def begin(self, real_time: bool) -> None:
         """Wait for the first command; the time runs in real time, and is paused in lockstep."""
@@ -175,34 +185,30 @@ class Pilot:
         self.wait(answered, 'the first command')
         self.node.destroy_client(resetter)
 
-    def reach(self, moment: float) -> None:
+    def reach(self, moment: float, timeout: float, progress: Callable[[], None]) -> None:
         """
-        Pause the simulated time of a plant in lockstep at `moment` [s], after its command.
+        Let a paused plant in lockstep go on until `moment` [s], and until its command has come.
 
-        A pause takes effect a little earlier or later each time: the plant is paused before
-        `moment` and stepped from there.
+        Raises
+        ------
+        ObcError
+            If the plant has passed `moment`, or does not reach it within `timeout` [s].
+
         """
-        now = self.pause(True)
-        while True:
-            due = round(now * 1e9)
-            self.wait(lambda due=due: self._has_all(due),  # type: ignore[misc]
-                      f'the command at {now:g} s')
-            if now >= moment - 1e-9:
-                return
-            now = self._step()
+        if self.now < moment - 1e-9:
+            done, reason = self.set_parameters('plant_simulator', {'pause_at': moment})
+            if not done:
+                raise ObcError(f'the plant does not pause at t = {moment:g} s: {reason}')
+            self.pause(False)
+            self._paused = True   # by the plant, at that time
+        due = self.states.stamp[0] + round(moment * 1e9)
+        self.wait(lambda: self._has_all(due), f'the command at t = {moment:g} s', timeout,
+                  progress)
 
     def _has_all(self, stamp: int) -> bool:
         """Return whether the messages of a state are recorded; some plants have no odometry."""
         return (self.states.stamp[-1] >= stamp and self.commands.stamp[-1:] >= [stamp]
                 and (not self.odometry.stamp or self.odometry.stamp[-1] >= stamp))
-
-    def _step(self, timeout: float = 20.0) -> float:
-        """Step the paused plant by one state, once it has its command; return its time [s]."""
-        deadline = time.monotonic() + timeout
-        while not (answer := self._ask(self._stepper, Trigger.Request())).success:
-            if time.monotonic() > deadline:
-                raise ObcError(f'the plant does not step: {answer.message}')
-        return _time(answer.message)
 
     def history(self) -> tuple[Array, Array, Array, Array]:
         """Return t [s] and x of all states, t [s] and u of all commands; t = 0: first state."""
@@ -226,11 +232,6 @@ class Pilot:
         first, last = min(answered), max(answered)
         return sum(first <= stamp <= last and stamp not in answered
                    for stamp in self.states.stamp)
-
-
-def _time(message: str) -> float:
-    """Return the simulated time [s] in a message of the plant: ... t = 1.5 s."""
-    return float(message.rpartition('t = ')[2].split()[0])
 
 
 def _arrays(samples: Samples, kind: Any, name: str, start: int) -> tuple[Array, Array]:

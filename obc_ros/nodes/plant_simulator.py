@@ -115,6 +115,8 @@ class Settings:
     command_timeout: float = declare_field(
         0.0, 'simulated time without a command until the input at rest acts; 0: never', 's',
         lower=0.0, used_when=(('lockstep', False),))
+    pause_at: float = declare_field(
+        0.0, 'simulated time at which the plant pauses, as by ~/pause; 0: never', 's', lower=0.0)
     seed: int = declare_field(0, 'seed of the noise', lower=0, used_when=(('noise.*',),))
     priority: int = declare_field(0, PRIORITY, lower=0, upper=99, read_only=True)
     hardware_id: str = declare_field('', HARDWARE)
@@ -162,7 +164,7 @@ def judge_plant_settings(settings: Settings) -> PlantCandidate:
     Simulator(system, x0, conditions)
     return PlantCandidate(system, x0, conditions, Pacing(
         steps, settings.speed, settings.lockstep, settings.simulated_stamps,
-        settings.command_timeout))
+        settings.command_timeout, settings.pause_at))
 
 
 class PlantSimulator(Node):
@@ -297,6 +299,7 @@ class PlantSimulator(Node):
     def _judge(self, settings: Settings) -> PlantCandidate:
         candidate = judge_plant_settings(settings)
         if hasattr(self, '_plant'):
+            self._plant.check_pause(candidate.pacing)
             before = self._plant.pacing
             if candidate.pacing.simulated_stamps != before.simulated_stamps:
                 candidate = replace(candidate, pacing=replace(

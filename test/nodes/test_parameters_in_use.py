@@ -78,7 +78,7 @@ PLANT: dict[str, tuple[Any, Values]] = {
     'x0': ([1.0] + 5 * [0.0], {}), 'speed': (2.0, {}), 'integrator': ('adaptive', {}),
     'tolerance': (1e-6, {'integrator': 'adaptive'}), 'actuator_lag': ([0.1, 0.1], {}),
     'input_delay': (0.1, {}), 'hardware_id': ('h1', {}), 'command_timeout': (0.5, {}),
-    'seed': (3, {'noise.px': 0.1}),
+    'pause_at': (3.0, {}), 'seed': (3, {'noise.px': 0.1}),
     **{f'noise.{name}': (0.1, {}) for name in STATES},
     **{f'disturbance.constant.{name}': (0.1, {}) for name in STATES},
     **{f'disturbance.gust.{name}': (0.1, {}) for name in STATES},

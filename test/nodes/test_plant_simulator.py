@@ -256,6 +256,20 @@ def test_command_timeout_restores_the_equilibrium_input(spawn, probe):
     assert states[-1].x[1] == states[-2].x[1] > 0, 'constant speed at zero input'
 
 
+def test_a_plant_pauses_at_a_time_given_while_it_runs(spawn, probe):
+    spawn('plant_simulator', {'system': 'double_integrator', 'publish_clock': True, **SLOW})
+    states = probe.listen(State, 'state')
+    probe.wait_for(lambda: states and states[-1].header.stamp.nanosec > 200_000_000)
+    refused = probe.set_parameters_atomically(NODE, pause_at=0.1)
+    assert not refused.successful and re.match(
+        r'pause_at = 0.1 s: the simulated time is already [0-9.]+ s', refused.reason)
+    moment = math.ceil(stamps(states)[-1] * 1e-9) + 2.0
+    assert probe.set_parameters_atomically(NODE, pause_at=moment).successful
+    probe.wait_for(lambda: stamps(states)[-1] >= moment * 1e9)
+    answer = probe.call(SetBool, f'{NODE}/pause', SetBool.Request(data=True))
+    assert answer.message == f'paused at t = {moment:.9g} s'
+
+
 BAD = {
     "unknown system 'aircarft' (did you mean 'aircraft'?)": {'system': 'aircarft'},
     'system_parameters.m = -1': {'system_parameters.m': -1.0},

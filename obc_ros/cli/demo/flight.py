@@ -17,8 +17,6 @@ from obc_ros.core.text.errors import ObcError
 
 BACKLOG = 1000  # depth of the queue of commands (default 1): the recorder may fall behind
 
-HEAD_START = 1.0  # [s] of simulated time until a request to pause has reached the plant
-
 
 @dataclass(frozen=True)
 class Event:
@@ -83,13 +81,11 @@ class FlightProgress:
         """Wait until a simulated time [s] and show the progress; in lockstep, pause there."""
         # A simulated second takes less than 5 s, even on a busy machine.
         timeout = 30.0 + 5.0 * self._duration
-        early = moment - HEAD_START if self._exact else moment
-        if self._exact and self._pilot.now < early:
-            self._pilot.pause(False)
-        self._pilot.wait(lambda: self._pilot.now >= early, f't = {moment:g} s', timeout,
-                         self._show if self._live else lambda: None)
+        show = self._show if self._live else lambda: None
         if self._exact:
-            self._pilot.reach(moment)
+            self._pilot.reach(moment, timeout, show)
+        else:
+            self._pilot.wait(lambda: self._pilot.now >= moment, f't = {moment:g} s', timeout, show)
 
     def _show(self) -> None:
         pilot = self._pilot

@@ -43,19 +43,17 @@ def run(out: Path, real_time: bool) -> int:
 
 def _plan(pilot: Pilot, planned: list[Trajectory]) -> str:
     """Plan from the predicted state of the vehicle, and publish the plan as the reference."""
-    # Simulated time passes faster than real time: it is paused while the server solves.
-    pilot.pause(True)
-    begin = pilot.states.stamp[-1] + int(AHEAD * 1e9)
-    px = float(pilot.x[0]) + SPEED * AHEAD
-    answer = pilot.call(PlanMotion, 'trajectory_server/plan', PlanMotion.Request(
-        system='vehicle', start=[px, -2.0, 0.0], goal=[px + 100.0, 2.0, 0.0], objective='effort',
-        final_time=10.0, input_bounds=[
-            NamedBounds(name='v', lower='8', upper='12'),
-            NamedBounds(name='phi', lower='-0.1', upper='0.1')]))
-    if not answer.success:
-        raise ObcError(f'no plan: {answer.message}')
-    planned.append(_publish(pilot, answer.trajectory, begin))
-    pilot.pause(False)
+    with pilot.hold():
+        begin = pilot.states.stamp[-1] + int(AHEAD * 1e9)
+        px = float(pilot.x[0]) + SPEED * AHEAD
+        answer = pilot.call(PlanMotion, 'trajectory_server/plan', PlanMotion.Request(
+            system='vehicle', start=[px, -2.0, 0.0], goal=[px + 100.0, 2.0, 0.0],
+            objective='effort', final_time=10.0, input_bounds=[
+                NamedBounds(name='v', lower='8', upper='12'),
+                NamedBounds(name='phi', lower='-0.1', upper='0.1')]))
+        if not answer.success:
+            raise ObcError(f'no plan: {answer.message}')
+        planned.append(_publish(pilot, answer.trajectory, begin))
     return answer.message
 
 
@@ -64,13 +62,12 @@ def _slalom(pilot: Pilot, course: list[Trajectory]) -> str:
     t = np.linspace(0.0, COURSE, int(COURSE * 500) + 1)
     x, phi = build_lateral_reference(*make_slalom(t, AMPLITUDE, FREQUENCY, end=COURSE), SPEED,
                                      LENGTH)
-    pilot.pause(True)
     trajectory = Trajectory(
         system='vehicle_lateral', state_names=['py', 'theta'], input_names=['phi'],
         t=array('d', t), x=array('d', x.ravel()), u=array('d', phi.ravel()),
         interpolation='linear')
-    course.append(_publish(pilot, trajectory, pilot.states.stamp[-1] + int(0.2e9)))
-    pilot.pause(False)
+    with pilot.hold():
+        course.append(_publish(pilot, trajectory, pilot.states.stamp[-1] + int(0.2e9)))
     return f'steering up to {np.abs(phi).max():.2f} rad'
 
 

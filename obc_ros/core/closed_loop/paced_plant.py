@@ -44,6 +44,8 @@ class Pacing:
         Whether stamps are simulated time instead of the caller's.
     command_timeout : float
         Simulated time [s] without a command after which the input at rest acts; 0: never.
+    pause_at : float
+        Simulated time [s] at which the plant pauses, with the first state from then on; 0: never.
 
     """
 
@@ -52,6 +54,7 @@ class Pacing:
     lockstep: bool = False
     simulated_stamps: bool = False
     command_timeout: float = 0.0
+    pause_at: float = 0.0
 
 
 def choose_step(dt: float, publish_rate: float) -> tuple[float, int]:
@@ -136,6 +139,7 @@ class PacedPlant:
         """Return to the initial state, or to another one; time and noise restart."""
         self.simulator.reset(x0)
         self.fault = ''
+        self._pauses = True   # whether the pause at a given time is still to come
         self._due = 0  # [steps] of the next state to be published
         self._last_command, self._last_stamp, self._resting = 0.0, 0, True
         self._anchor(now)
@@ -149,10 +153,17 @@ class PacedPlant:
         self._sent = now
 
     def adopt(self, pacing: Pacing, now: float) -> None:
-        """Use another speed or time-out from now on."""
+        """Use another speed, time-out or time of the pause from now on."""
         self._catch_up(now)
+        self._pauses |= pacing.pause_at != self.pacing.pause_at
         self.pacing = pacing
         self._anchor(now)
+
+    def check_pause(self, pacing: Pacing) -> None:
+        """Raise a StatementError if the time of the pause is a new one and has passed."""
+        if pacing.pause_at != self.pacing.pause_at and self._steps_to(pacing.pause_at) <= 0:
+            raise StatementError(f'pause_at = {pacing.pause_at:g} s: the simulated time is '
+                                 f'already {self.simulator.time:.9g} s')
 
     def step(self, now: float, wall: int) -> str:
         """Advance a paused plant to the next published state; return why not, or ''."""
@@ -320,6 +331,12 @@ class PacedPlant:
             self.fault = str(error)
         return not self.fault
 
+    def _steps_to(self, moment: float) -> float:
+        """Return the number of steps to a simulated time [s]; inf for 0, which is no time."""
+        if not moment:
+            return math.inf
+        return math.ceil(moment / self.simulator.conditions.dt - 1e-6) - self.simulator.steps
+
     def _publish(self, now: float, wall: int) -> None:
         self.unanswered += bool(self.accepted and not self.answered)
         self.sample: Array = self.simulator.measure()
@@ -328,3 +345,5 @@ class PacedPlant:
         self.published += 1
         self._due += self.pacing.steps
         self._sent = now
+        if self._pauses and self._steps_to(self.pacing.pause_at) <= 0:
+            self.paused, self._pauses = True, False   # once: it may be resumed

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The simulated plant paced by a clock that the test sets."""
 
+from dataclasses import replace
 import math
 
 from hypothesis import given
@@ -20,6 +21,7 @@ from obc_ros.core.closed_loop.paced_plant import (
 from obc_ros.core.closed_loop.simulation_settings import Conditions, Gust
 from obc_ros.core.closed_loop.simulator import Simulator
 from obc_ros.core.systems import registry
+from obc_ros.core.text.errors import StatementError
 import pytest
 
 START = 1000.0         # [s] of the steady clock
@@ -326,6 +328,46 @@ def test_a_paused_lockstep_plant_steps_after_a_command():
     assert not bench.poll()
     assert bench.plant.step(bench.now, bench.wall) == ''
     assert bench.plant.stamp == 5_000_000
+
+
+@pytest.mark.parametrize('lockstep', [False, True])
+@pytest.mark.parametrize('moment', [0.1, 0.101, 0.105 - 1e-12])
+def test_a_plant_pauses_with_the_first_state_from_a_moment_on(moment, lockstep):
+    bench = Bench(lockstep=lockstep, simulated_stamps=True, pause_at=moment)
+
+    def run():
+        for _ in range(200):
+            bench.now += PERIOD
+            if lockstep and not bench.plant.answered:
+                bench.plant.command(bench.plant.stamp, [1.0], bench.now)
+            bench.poll()
+
+    run()
+    expected = PERIOD * math.ceil(moment / PERIOD - 1e-6)
+    assert bench.plant.paused
+    assert bench.plant.simulator.time == pytest.approx(expected, abs=1e-12)
+    bench.plant.pause(False, bench.now)
+    run()  # the moment has passed: no second pause
+    assert not bench.plant.paused
+    assert bench.plant.simulator.time > expected + 100 * PERIOD
+
+
+def test_a_pause_at_a_past_moment_is_refused():
+    bench = Bench(pause_at=0.05)
+    bench.run(0.2)
+    bench.plant.pause(False, bench.now)
+    bench.run(0.2)
+    before = bench.plant.pacing
+    with pytest.raises(StatementError, match=r'pause_at = 0.1 s: the simulated time is already'):
+        bench.plant.check_pause(replace(before, pause_at=0.1))
+    bench.plant.check_pause(replace(before, speed=2.0))  # the moment is past, but not a new one
+    bench.plant.adopt(replace(before, pause_at=1.0), bench.now)
+    bench.run(2.0)
+    assert bench.plant.simulator.time == pytest.approx(1.0)
+    bench.plant.reset(bench.now, bench.wall)
+    bench.plant.pause(False, bench.now)
+    bench.run(2.0)
+    assert bench.plant.simulator.time == pytest.approx(1.0)
 
 
 def test_a_reset_restores_the_initial_state():
