@@ -19,9 +19,8 @@ import math
 import numpy as np
 from obc_ros.core.lqr.lqr import lqr
 from obc_ros.core.lqr.weights import Weights
-from obc_ros.core.numerics.arrays import Array
+from obc_ros.core.numerics.arrays import Array, linalg
 from obc_ros.core.text.errors import RefusedDesignError, StatementError
-from scipy.linalg import solve_continuous_lyapunov
 
 PlantAt = Callable[[float], tuple[Array, Array]]
 
@@ -118,7 +117,7 @@ def _knot(plant: PlantAt, weights: Weights, value: float) -> _Knot:
     A, B = plant(value)
     design = lqr(A, B, weights.Qx, weights.Qu, cross=weights.cross, stability=weights.stability)
     # Any positive weight is valid; the diagonal of P does not depend on the units of the states.
-    X = solve_continuous_lyapunov((A - B @ design.K).T, -np.diag(np.diag(design.P)))
+    X = linalg.solve_continuous_lyapunov((A - B @ design.K).T, -np.diag(np.diag(design.P)))
     # Any size is valid; with a unit determinant X changes little with the variable.
     X *= math.exp(-np.linalg.slogdet(X)[1] / len(X))
     return _Knot(value, design.K, 0.5 * (X + X.T))

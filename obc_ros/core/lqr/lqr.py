@@ -15,11 +15,10 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from obc_ros.core.lqr import stabilizability
-from obc_ros.core.numerics.arrays import Array
+from obc_ros.core.numerics.arrays import Array, lapack
 from obc_ros.core.numerics.rounding import EPS
 from obc_ros.core.riccati import care, checks, dare
 from obc_ros.core.text.errors import RefusedDesignError, StatementError
-from scipy.linalg import lapack
 
 _LARGEST_RESIDUAL = 1e-8
 _LEAST_ROBUSTNESS = 10.0

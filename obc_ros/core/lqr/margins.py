@@ -13,8 +13,7 @@ from dataclasses import dataclass
 import math
 
 import numpy as np
-from obc_ros.core.numerics.arrays import Array, Complex
-from scipy.linalg import expm, schur
+from obc_ros.core.numerics.arrays import Array, Complex, linalg
 
 _POINTS = 400  # frequencies of the sweep, besides those near each mode
 _SAMPLES = 1024  # samples of a step response
@@ -120,7 +119,8 @@ class _Transfer:
         self._is_modal = bool(np.linalg.cond(V) < 1e7)
         self._inner: Complex = modes
         if not self._is_modal:
-            self._inner, V = (np.asarray(each, dtype=complex) for each in schur(M, 'complex'))
+            self._inner, V = (
+                np.asarray(each, dtype=complex) for each in linalg.schur(M, 'complex'))
         self._left: Complex = K.astype(complex) @ V
         self._right = np.asarray(np.linalg.solve(V, B.astype(complex)), dtype=complex)
 
@@ -289,7 +289,7 @@ def _fall(M: Array, i: int, length: float, period: float) -> tuple[Array, Array]
         count = max(2, min(_SAMPLES * 16, math.ceil(length / period)))
     else:
         dt = length / _SAMPLES
-        step, count = expm(M * dt), _SAMPLES
+        step, count = linalg.expm(M * dt), _SAMPLES
     x = np.eye(len(M))[i:i + 1]
     while len(x) <= count:
         x = np.concatenate([x, x @ step.T])

@@ -16,11 +16,10 @@ import math
 import numpy as np
 from obc_ros.core.lqr.lqr import dlqr, LqrDesign
 from obc_ros.core.lqr.weights import Weights
-from obc_ros.core.numerics.arrays import Array
+from obc_ros.core.numerics.arrays import Array, linalg
 from obc_ros.core.numerics.rounding import EPS, norm
 from obc_ros.core.riccati import checks, dare
 from obc_ros.core.text.errors import RefusedDesignError, StatementError
-from scipy.linalg import expm
 
 MOST = 300            # periods of a delay; a design for this many takes a second
 _WHOLE = 1e-9         # of a period; a delay this near to a multiple of the period is rounded to it
@@ -154,7 +153,7 @@ def discretize_cost(A: Array, B: Array, weights: Weights, period: float
     size = n + m
     pencil = np.zeros((2 * size, 2 * size))
     pencil[:size, :size], pencil[:size, size:], pencil[size:, size:] = -motion.T, cost, motion
-    flow = expm(pencil * short)
+    flow = linalg.expm(pencil * short)
     plant = flow[size:, size:]
     total = plant.T @ flow[:size, size:]
     for _ in range(doublings):
@@ -186,7 +185,7 @@ def discretize_plant(A: Array, B: Array, time: float) -> tuple[Array, Array]:
     n, m = B.shape
     M = np.zeros((n + m, n + m))
     M[:n, :n], M[:n, n:] = A, B
-    flow = expm(M * time)
+    flow = linalg.expm(M * time)
     return flow[:n, :n], flow[:n, n:]
 
 

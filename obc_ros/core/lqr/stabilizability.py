@@ -6,10 +6,9 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
-from obc_ros.core.numerics.arrays import Array
+from obc_ros.core.numerics.arrays import Array, lapack
 from obc_ros.core.numerics.rounding import EPS, TINY
 from obc_ros.core.riccati.care import compute_balancing
-from scipy.linalg import lapack
 
 Modes = NDArray[np.complex128]
 

@@ -17,10 +17,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from obc_ros.core.numerics.arrays import Array
+from obc_ros.core.numerics.arrays import Array, lapack
 from obc_ros.core.numerics.rounding import COMFORTABLE, compute_mode_tolerance, EPS, norm, TINY
 from obc_ros.core.riccati import dare, propagation
-from scipy.linalg import lapack
 
 
 @dataclass(frozen=True, eq=False)

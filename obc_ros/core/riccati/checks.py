@@ -5,10 +5,9 @@
 from typing import Any
 
 import numpy as np
-from obc_ros.core.numerics.arrays import Array
+from obc_ros.core.numerics.arrays import Array, lapack
 from obc_ros.core.numerics.rounding import EPS
 from obc_ros.core.text.errors import RefusedDesignError, StatementError
-from scipy.linalg import lapack
 
 LARGEST = 400  # states or inputs; a much larger request would block its server for minutes
 LARGEST_NUMBER = 1e100  # a product of three such numbers is finite

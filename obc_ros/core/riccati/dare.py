@@ -10,10 +10,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from obc_ros.core.numerics.arrays import Array
+from obc_ros.core.numerics.arrays import Array, lapack
 from obc_ros.core.numerics.rounding import COMFORTABLE, compute_mode_tolerance, EPS, norm, TINY
 from obc_ros.core.riccati.propagation import double_horizon
-from scipy.linalg import lapack
 
 _LONGEST = 60  # doublings, which are 1e18 steps
 

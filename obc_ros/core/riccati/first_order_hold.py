@@ -20,11 +20,10 @@ import math
 from typing import TypeVar
 
 import numpy as np
-from obc_ros.core.numerics.arrays import Array, Index
+from obc_ros.core.numerics.arrays import Array, Index, linalg
 from obc_ros.core.numerics.rounding import norm, TINY
 from obc_ros.core.riccati import propagation
 from obc_ros.core.riccati.problem_matrices import LqForm
-from scipy.linalg import expm
 
 Of = TypeVar('Of')
 
@@ -216,7 +215,8 @@ class Feedback:
         rate[:n, n + 1:n + 1 + m] = form.B / scale[:, None]
         rate[n + 1:n + 1 + m, n + 1 + m:] = np.eye(m)
         return _doubled(self._flows, level, self.T, norm(rate),
-                        lambda step: np.asarray(expm(rate * step)), lambda half: half @ half)
+                        lambda step: np.asarray(linalg.expm(rate * step)),
+                        lambda half: half @ half)
 
 
 def _doubled(known: dict[int, Of], level: int, T: float, speed: float,

@@ -15,11 +15,10 @@ import math
 
 import numpy as np
 from numpy.typing import ArrayLike
-from obc_ros.core.numerics.arrays import Array
+from obc_ros.core.numerics.arrays import Array, lapack
 from obc_ros.core.riccati import checks, propagation
 from obc_ros.core.riccati.care import compute_balancing
 from obc_ros.core.text.errors import StatementError
-from scipy.linalg import lapack
 
 
 def solve_finite_horizon(A: ArrayLike, B: ArrayLike, Qx: ArrayLike, Qu: ArrayLike, P1: ArrayLike,

@@ -12,9 +12,8 @@ and I + G P are at least 1, however long the horizon and however unstable the pl
 """
 
 import numpy as np
-from obc_ros.core.numerics.arrays import Array
+from obc_ros.core.numerics.arrays import Array, linalg
 from obc_ros.core.numerics.rounding import EPS, norm
-from scipy.linalg import expm
 
 Stretch = tuple[Array, Array, Array]
 
@@ -47,7 +46,7 @@ def build_stretch(A: Array, G: Array, Q: Array, length: float) -> Stretch:
     H = np.empty((2 * n, 2 * n))
     H[:n, :n], H[:n, n:], H[n:, :n], H[n:, n:] = A, -G, -Q, -A.T
     doublings = max(0, int(np.ceil(np.log2(max(norm(H) * length, 1e-300) / _SHORT))))
-    flow = expm(H * (length * 0.5**doublings))
+    flow = linalg.expm(H * (length * 0.5**doublings))
     back = np.linalg.inv(flow[n:, n:])
     stretch = (back.T, _symmetric(-flow[:n, n:] @ back), _symmetric(-back @ flow[n:, :n]))
     identity = np.eye(n)

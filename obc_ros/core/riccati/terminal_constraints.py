@@ -18,7 +18,7 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
-from obc_ros.core.numerics.arrays import Array
+from obc_ros.core.numerics.arrays import Array, integrate, lapack, linalg
 from obc_ros.core.numerics.rounding import norm, TINY
 from obc_ros.core.ocp.solution import Optimality, Solution, Status
 from obc_ros.core.riccati import propagation
@@ -31,8 +31,6 @@ from obc_ros.core.riccati.first_order_hold import (
     follow_feedback,
 )
 from obc_ros.core.riccati.problem_matrices import LqForm
-from scipy.integrate import romb
-from scipy.linalg import expm, lapack
 
 Places = NDArray[np.intp]
 SampledPath = tuple[Array, Array, Array, Array, Array, float]
@@ -228,7 +226,8 @@ def _spent(form: LqForm, t: Array, x: Array, u: Array) -> float:
     the terminal constraints, it is a difference of terms that are larger by orders of magnitude.
     """
     L = evaluate_running_cost(form, x, u)
-    running = np.array([romb(*block) for block in zip(L, t[:, 1] - t[:, 0], strict=True)])
+    running = np.array([
+        integrate.romb(*block) for block in zip(L, t[:, 1] - t[:, 0], strict=True)])
     end = x[-1, -1]
     return float(running.sum() + 0.5 * end @ form.P1 @ end + form.p1 @ end + form.terminal_cost)
 
@@ -371,7 +370,7 @@ def _growth(A: Array, t: Array) -> Array:
     """Estimate the growth of solutions of dx/dt = A x until T: 1 to `_MOST_GROWTH`."""
     T = t[-1, -1]
     with np.errstate(all='ignore'):
-        step, power, sizes = expm(A * (T / 64)), np.eye(len(A)), [1.0]
+        step, power, sizes = linalg.expm(A * (T / 64)), np.eye(len(A)), [1.0]
         for _ in range(64):
             power = step @ power if sizes[-1] < _MOST_GROWTH else power
             size = float(np.abs(power).sum(axis=1).max())

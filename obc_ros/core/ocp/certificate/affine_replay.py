@@ -24,9 +24,8 @@ import math
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
-from obc_ros.core.numerics.arrays import Array
+from obc_ros.core.numerics.arrays import Array, linalg
 from obc_ros.core.ocp.problem import Problem
-from scipy.linalg import expm
 
 _SAME = 1e-9    # relative difference of interval lengths that are treated as equal
 _SHORT = 0.5    # norm of the rates times the time for which the exponential is computed
@@ -69,8 +68,9 @@ class Rates:
     def flow(self, h: float) -> IntervalFlow:
         """Return the matrices of a time h [s], short relative to the fastest rate."""
         n, d = self.C.shape
-        back = expm(h * np.block([[-self.Y[:n, :n].T, -self.C], [np.zeros((d, n)), self.Y]]))
-        cost = expm(h * np.block([[-self.Y.T, self.D], [np.zeros((d, d)), self.Y]]))
+        back = linalg.expm(
+            h * np.block([[-self.Y[:n, :n].T, -self.C], [np.zeros((d, n)), self.Y]]))
+        cost = linalg.expm(h * np.block([[-self.Y.T, self.D], [np.zeros((d, d)), self.Y]]))
         E, G, R = back[n:, n:], back[:n, :n], -back[:n, n:]
         return IntervalFlow(E, E[:n, :n].T @ R, G, R, E.T @ cost[:d, d:])
 

@@ -19,7 +19,7 @@ from functools import cached_property
 
 import casadi as ca
 import numpy as np
-from obc_ros.core.numerics.arrays import Array, Mask
+from obc_ros.core.numerics.arrays import Array, Mask, optimize
 from obc_ros.core.numerics.newton import take_damped_steps
 from obc_ros.core.ocp.solution import Certificate
 
@@ -246,8 +246,6 @@ def fit_multipliers(program: StaticProgram, x: Array) -> KktPoint:
         The point.
 
     """
-    from scipy.optimize import lsq_linear
-
     _, c, gradient, J = program.values(x)
     k = program.k
     vanishing = _vanishing(program, x, J)
@@ -271,7 +269,7 @@ def fit_multipliers(program: StaticProgram, x: Array) -> KktPoint:
             # Large multipliers must not fit what linearly dependent gradients do not span.
             left, values, right = np.linalg.svd(unit, full_matrices=False)
             unit = (left[:, :rank] * values[:rank]) @ right[:rank]
-            found = lsq_linear(unit, -gradient, (low, high), method='bvls').x
+            found = optimize.lsq_linear(unit, -gradient, (low, high), method='bvls').x
         every[rows] = (found / sizes)[:len(rows)]
         dependent = dependent or bool(rank < len(A))
     return KktPoint(x, every[:k], every[k:], dependent, _has_descent(program.hessian(x, every)))

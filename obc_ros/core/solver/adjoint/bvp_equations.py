@@ -18,7 +18,7 @@ import math
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
-from obc_ros.core.numerics.arrays import Array, Index
+from obc_ros.core.numerics.arrays import Array, Index, linalg
 from obc_ros.core.numerics.collocation import (
     build_collocation,
     compute_gauss_points,
@@ -32,7 +32,6 @@ from obc_ros.core.solver.adjoint.bvp_solution import BoundaryValues
 from obc_ros.core.solver.adjoint.costates import Extremal
 from obc_ros.core.solver.arcs.input_arcs import Arc
 from obc_ros.core.solver.transcription.program import ProblemScales
-from scipy.linalg import LinAlgError, solve_banded
 
 TOLERANCE = 1e-12      # scaled residual at which Newton's method ends
 _ENOUGH = 1e-8         # scaled residual that it must reach
@@ -203,7 +202,7 @@ class Equations:
             norm = _norm(left)
             good = norm < max(tolerance, _ENOUGH) and bool(np.all(now.theta[:len(self.arcs)] > 0))
             return self.result(now, norm) if good else None
-        except (LinAlgError, ValueError):
+        except (np.linalg.LinAlgError, ValueError):
             return None  # a singular matrix, as on singular arcs, or numbers that are not finite
 
     def defects(self, found: BoundaryValues) -> Array:
@@ -418,7 +417,7 @@ def _solved(matrix: Array, right: Array) -> Array:
     det = (matrix[:, 0, 0] if m == 1 else
            matrix[:, 0, 0] * matrix[:, 1, 1] - matrix[:, 0, 1] * matrix[:, 1, 0])
     if not det.all():
-        raise LinAlgError('Singular matrix')
+        raise np.linalg.LinAlgError('Singular matrix')
     if m == 2:
         turned = np.stack([matrix[:, 1, 1], -matrix[:, 0, 1], -matrix[:, 1, 0],
                            matrix[:, 0, 0]], axis=1).reshape(-1, 2, 2)
@@ -453,4 +452,4 @@ def _banded(over: Array, last_x: Array, right: Array) -> Array:
     end = N * two_n
     put(end + n + first[:, None], end + first, -last_x)
     put(end + n + first, end + n + first, 1.0)
-    return np.asarray(solve_banded((half, half), bands, right))
+    return np.asarray(linalg.solve_banded((half, half), bands, right))

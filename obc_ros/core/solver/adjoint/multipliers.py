@@ -19,7 +19,7 @@ from itertools import pairwise
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
-from obc_ros.core.numerics.arrays import Array, Mask
+from obc_ros.core.numerics.arrays import Array, Mask, optimize
 from obc_ros.core.numerics.samples import find_runs
 from obc_ros.core.numerics.vectorized import VectorizedFunction
 from obc_ros.core.ocp.problem import Problem
@@ -431,8 +431,6 @@ def _parted(runs: list[tuple[int, int]], outcome: TranscriptionOutcome,
 
 def _least_squares(A: Array, b: Array, signs: Array, free: int) -> Array:
     """Return the least squares solution whose entries after the first `free` have given signs."""
-    from scipy.optimize import lsq_linear  # 0.2 s to import, needed by few problems
-
     size = np.maximum(np.linalg.norm(A, axis=0), 1e-300)
     size = np.where(size > 1e-12 * size.max(), size, 1.0)
     extra = A.shape[1] - free - len(signs)
@@ -441,6 +439,7 @@ def _least_squares(A: Array, b: Array, signs: Array, free: int) -> Array:
     upper = np.concatenate([np.full(free, np.inf), np.where(signs > 0, np.inf, 0.0),
                             np.full(extra, np.inf)])
     ridge = _RIDGE * np.eye(A.shape[1])
-    result = lsq_linear(np.vstack([A / size, ridge]),
-                        np.concatenate([b, np.zeros(A.shape[1])]), (lower, upper), method='bvls')
+    result = optimize.lsq_linear(
+        np.vstack([A / size, ridge]), np.concatenate([b, np.zeros(A.shape[1])]), (lower, upper),
+        method='bvls')
     return np.asarray(result.x / size)

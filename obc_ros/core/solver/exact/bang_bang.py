@@ -22,7 +22,7 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from obc_ros.core.numerics.arrays import Array
+from obc_ros.core.numerics.arrays import Array, optimize
 from obc_ros.core.solver.exact.reachable_set import compute_exponential, Reach
 
 Integers = NDArray[np.int_]
@@ -261,8 +261,6 @@ def _signs_hold(nu: Array, s: Array, v: Array) -> bool:
 def _other_multiplier(reach: Reach, found: BangBang, unknown: Unknown, tau: Array,
                       s: Array) -> Array | None:
     """Return the nu that maximises the distance of the switching functions from 0 on the arcs."""
-    from scipy.optimize import linprog
-
     q, k = len(found.nu), len(found.tau)
     J = _equations(reach, found, unknown)[1][q:q + k + 1, k + 1:]
     weight = np.ones((len(tau), len(found.sign)))
@@ -270,7 +268,7 @@ def _other_multiplier(reach: Reach, found: BangBang, unknown: Unknown, tau: Arra
         weight[:, j] = np.minimum(weight[:, j], np.abs(tau - tau_i) / found.T)
     rows = s.transpose(0, 2, 1).reshape(-1, q)
     rows /= np.abs(rows).max()
-    best = linprog(
+    best = optimize.linprog(
         np.append(np.zeros(q), -1), np.column_stack((rows, weight.ravel())), np.zeros(len(rows)),
         np.column_stack((J, np.zeros(k + 1))), np.append(np.zeros(k), -1.0 if found.normal else 0),
         [(None, None) if found.normal else (-1, 1)] * q + [(None, None)], method='highs')

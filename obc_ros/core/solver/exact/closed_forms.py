@@ -14,9 +14,8 @@ from math import exp, inf, isfinite, isinf, nan, pi, sqrt
 
 import numpy as np
 from numpy.typing import ArrayLike
-from obc_ros.core.numerics.arrays import Array
+from obc_ros.core.numerics.arrays import Array, special
 from obc_ros.core.text.errors import StatementError
-from scipy.special import exprel
 
 _SKEW = 1e-12  # largest Y + Y' that counts as rounding, relative to Y
 
@@ -438,7 +437,7 @@ def solve_straight_line(x0: ArrayLike, xf: ArrayLike, t: ArrayLike) -> StraightP
 
 def _decayed(k: float, r: Array) -> Array:
     """Return the integral of e^(-2 k s) over s in [0, r]."""
-    return np.asarray(r * exprel(-2 * k * r))
+    return np.asarray(r * special.exprel(-2 * k * r))
 
 
 def _times(t: ArrayLike, t0: float, tf: float) -> Array:

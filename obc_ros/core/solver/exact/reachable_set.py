@@ -26,7 +26,7 @@ from math import ceil, log2, pi
 
 import numpy as np
 from numpy.typing import NDArray
-from obc_ros.core.numerics.arrays import Array
+from obc_ros.core.numerics.arrays import Array, csgraph, linalg, optimize
 
 # Cells of a grid: at least, at most, and for each period of the fastest mode.
 _CELLS, _MOST_CELLS, _CELLS_PER_PERIOD = 256, 8192, 24
@@ -163,8 +163,6 @@ class Reach:
         The multiple is at least 1 if T is long enough; eta is scaled such that eta' g(T) = 1. The
         multiple is inf, which proves nothing, if g(T) is 0 or a term overflows.
         """
-        from scipy.optimize import linprog
-
         n, m = self.B.shape
         table = self.table(self.times(T))
         columns = np.diff(table[:, :, n:n + m], axis=0).transpose(1, 0, 2).reshape(len(self.d), -1)
@@ -181,7 +179,7 @@ class Reach:
         size = np.linalg.norm(right)
         cost = np.zeros(left.shape[1] + 1)
         cost[-1] = -1
-        found = linprog(
+        found = optimize.linprog(
             cost, A_eq=np.column_stack((left, -right / size)), b_eq=np.zeros(len(right)),
             bounds=np.array([(-1, 1)] * left.shape[1] + [(0, np.inf)]), method='highs')
         eta = scale @ found.eqlin.marginals
@@ -206,13 +204,11 @@ def compute_exponential(matrix: Array) -> Array:
         nan if an entry is not finite.
 
     """
-    from scipy.linalg import expm
-
     sizes = np.abs(matrix).reshape(-1, *matrix.shape[-2:]).max(axis=0)
     if not np.isfinite(sizes).all():
         return np.full_like(matrix, np.nan)
     unit = _balance(sizes)
-    found = expm(matrix * unit / unit[:, None]) * unit[:, None] / unit
+    found = linalg.expm(matrix * unit / unit[:, None]) * unit[:, None] / unit
     # An entry (i, j) is exactly 0 if no chain of nonzero entries leads from i to j.
     linked = (sizes > 0) | np.eye(len(sizes), dtype=bool)
     for _ in range(len(sizes).bit_length()):
@@ -228,12 +224,9 @@ def _balance(sizes: Array) -> Array:
     strongly connected components lies on none and can be scaled to any size: here to at most the
     largest entry within a component, or 1.
     """
-    from scipy.linalg import matrix_balance
-    from scipy.sparse.csgraph import connected_components
-
-    unit = matrix_balance(sizes, permute=False, separate=True)[1][0]
+    unit = linalg.matrix_balance(sizes, permute=False, separate=True)[1][0]
     scaled = sizes * unit / unit[:, None]
-    count, part = connected_components(sizes > 0, directed=True, connection='strong')
+    count, part = csgraph.connected_components(sizes > 0, directed=True, connection='strong')
     inside = part[:, None] == part
     largest = max(float(scaled[inside].max(initial=0.0)), 1.0)
     rows, columns = np.nonzero((scaled > 0) & ~inside)

@@ -22,7 +22,7 @@ from math import ceil, isfinite, pi
 
 import casadi as ca
 import numpy as np
-from obc_ros.core.numerics.arrays import Array
+from obc_ros.core.numerics.arrays import Array, optimize
 from obc_ros.core.ocp.least_time_form import find_target, Target
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.ocp.solution import Optimality, Solution, Status
@@ -190,9 +190,7 @@ def _costate(path: CarPath, L: float, M: float) -> Array:
 
 def _most_inside(A: Array, b: Array, G: Array) -> Array | None:
     """Return z with A z = b and G z <= -d for the largest d <= 1; None if rounding leaves none."""
-    from scipy.optimize import linprog
-
-    found = linprog(
+    found = optimize.linprog(
         [0, 0, 0, -1], np.column_stack((G, np.ones(len(G)))), np.zeros(len(G)),
         np.column_stack((A, np.zeros(len(A)))), b, [(None, None)] * 3 + [(-1, 1)])
     return None if found.x is None else np.asarray(found.x[:3], dtype=float)

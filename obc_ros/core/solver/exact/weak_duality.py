@@ -24,7 +24,7 @@ import time
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
-from obc_ros.core.numerics.arrays import Array
+from obc_ros.core.numerics.arrays import Array, optimize
 from obc_ros.core.ocp.least_time_form import find_affine_dynamics
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.solver.exact.reachable_set import compute_exponential, Reach
@@ -198,8 +198,6 @@ def _excluded(reach: Reach, T: float, demands: _Demands, deadline: float) -> boo
 
     `deadline`: on the monotonic clock [s]; the linear programme takes nearly all of the time.
     """
-    from scipy.optimize import linprog
-
     n, m = reach.B.shape
     N = _NODES * _CELLS
     step = compute_exponential(reach.Z * (T / N))
@@ -219,9 +217,10 @@ def _excluded(reach: Reach, T: float, demands: _Demands, deadline: float) -> boo
         return False
     cost = np.zeros(N * m + 1)
     cost[-1] = 1.0
-    found = linprog(cost, A_ub=np.column_stack([left, -np.ones(len(left))]), b_ub=right,
-                    bounds=[*[(-1, 1)] * (N * m), (None, None)], method='highs',
-                    options={'time_limit': max(deadline - time.monotonic(), 0.0)})
+    found = optimize.linprog(
+        cost, A_ub=np.column_stack([left, -np.ones(len(left))]), b_ub=right,
+        bounds=[*[(-1, 1)] * (N * m), (None, None)], method='highs',
+        options={'time_limit': max(deadline - time.monotonic(), 0.0)})
     if found.status != 0 or found.x[-1] <= 0:
         return False
     y = np.maximum(-found.ineqlin.marginals, 0.0) * unit

@@ -28,9 +28,8 @@ from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
-from obc_ros.core.numerics.arrays import Array, Index
+from obc_ros.core.numerics.arrays import Array, Index, lapack
 from obc_ros.core.solver.options import DEFAULTS
-from scipy.linalg.lapack import dgbtrf, dgbtrs, dgetrf, dgetrs, dpbtrf, dpbtrs
 
 PROXIMAL = 1e-10      # subtracted from the diagonal of rows: redundant ones are not singular then
 _CURVATURE = 1e-9     # least curvature along an accepted step
@@ -155,7 +154,7 @@ class Pattern:
         flat = self._summed(place, entries, diagonal)
         band = flat[:self.height * self.inner].reshape(self.inner, self.height).T
         edge: Array = flat[self.height * self.inner:-1].reshape(self.border, self.size).T
-        lu, pivots, info = dgbtrf(band, self.width, self.width, overwrite_ab=1)
+        lu, pivots, info = lapack.dgbtrf(band, self.width, self.width, overwrite_ab=1)
         factor = None if info else Factor(self, lu, pivots, edge)
         return None if factor is None or factor.singular else factor
 
@@ -163,12 +162,12 @@ class Pattern:
         """Return whether the matrix with a diagonal added (see `factor`) is positive definite."""
         flat = self._summed(place, entries, diagonal)
         band = flat[:self.height * self.inner].reshape(self.inner, self.height).T
-        lower, info = dpbtrf(band[self._above:], lower=1, overwrite_ab=1)
+        lower, info = lapack.dpbtrf(band[self._above:], lower=1, overwrite_ab=1)
         if info or not self.border:
             return not info
         edge = flat[self.height * self.inner:-1].reshape(self.border, self.size).T
         upper = edge[:self.inner]
-        corner = edge[self.inner:] - upper.T @ dpbtrs(lower, upper, lower=1)[0]
+        corner = edge[self.inner:] - upper.T @ lapack.dpbtrs(lower, upper, lower=1)[0]
         return bool(np.all(np.linalg.eigvalsh(corner) > 0))
 
 
@@ -181,7 +180,8 @@ class Factor:
         self.singular = False
         if pattern.border:
             self._response = self._banded(self._upper)
-            *self._corner, info = dgetrf(edge[pattern.inner:] - self._upper.T @ self._response)
+            *self._corner, info = lapack.dgetrf(
+                edge[pattern.inner:] - self._upper.T @ self._response)
             self.singular = info != 0
 
     def odd(self) -> bool:
@@ -194,7 +194,7 @@ class Factor:
 
     def _banded(self, right: Array) -> Array:
         width = self._pattern.width
-        return np.asarray(dgbtrs(self._lu, width, width, right, self._pivots)[0])
+        return np.asarray(lapack.dgbtrs(self._lu, width, width, right, self._pivots)[0])
 
     def solve(self, right: Array) -> Array:
         """Return the solution for a right-hand side."""
@@ -202,7 +202,7 @@ class Factor:
         if not self._pattern.border:
             return self._banded(right)
         first = self._banded(right[:inner])
-        last = dgetrs(*self._corner, right[inner:] - self._upper.T @ first)[0]
+        last = lapack.dgetrs(*self._corner, right[inner:] - self._upper.T @ first)[0]
         return np.concatenate([first - self._response @ last, last])
 
 

@@ -18,7 +18,7 @@ from fractions import Fraction
 
 import casadi as ca
 import numpy as np
-from obc_ros.core.numerics.arrays import Array, Mask
+from obc_ros.core.numerics.arrays import Array, Mask, optimize
 from obc_ros.core.numerics.instructions import find_dependence
 from obc_ros.core.numerics.interval_arithmetic import (
     add_intervals,
@@ -195,14 +195,12 @@ def _together_against_bounds(problem: Problem, end: End) -> Iterator[str]:
     finite = np.isfinite(problem.x_lower) | np.isfinite(problem.x_upper)
     if len(end.rows) < 2 or not finite.any() or np.any(problem.x_lower >= problem.x_upper):
         return
-    # Imported here because it is slow to load and rarely needed.
-    from scipy.optimize import lsq_linear
     n, rows = problem.n, list(end.rows)
     A = np.array([[float(end.rows[row].get(k, 0)) for k in range(n)] for row in rows])
     b = np.array([float(end.rows[row].get(n, 0)) for row in rows])
     unit = 1 / np.maximum(np.abs(A).max(axis=1), 1e-300)
-    nearest = lsq_linear(A * unit[:, None], -b * unit, (problem.x_lower, problem.x_upper),
-                         tol=1e-12)
+    nearest = optimize.lsq_linear(
+        A * unit[:, None], -b * unit, (problem.x_lower, problem.x_upper), tol=1e-12)
     y = unit * (A * unit[:, None] @ nearest.x + b * unit)
     kept = nearest.active_mask != 0
     free = [k for k in range(n) if not kept[k] and not np.isfinite(

@@ -20,7 +20,7 @@ from itertools import combinations_with_replacement
 
 import casadi as ca
 import numpy as np
-from obc_ros.core.numerics.arrays import Array
+from obc_ros.core.numerics.arrays import Array, linalg
 from obc_ros.core.numerics.rational_polynomials import (
     Algebra,
     convert_to_rational,
@@ -226,8 +226,7 @@ def _readable(constants: Array, size: Array) -> Array:
     """Return combinations with one leading monomial each, so that they have few terms."""
     if not len(constants):
         return constants
-    from scipy.linalg import qr
-    lead = np.asarray(qr(constants * size, mode='r', pivoting=True)[1])[:len(constants)]
+    lead = np.asarray(linalg.qr(constants * size, mode='r', pivoting=True)[1])[:len(constants)]
     found = np.linalg.solve(constants[:, lead], constants)
     parts = np.abs(found * size)
     return np.where(parts > _NOISE * parts.max(axis=1, keepdims=True), found, 0.0)

@@ -13,13 +13,13 @@ from collections.abc import Iterable
 from dataclasses import replace
 
 import numpy as np
+from obc_ros.core.numerics.arrays import optimize
 from obc_ros.core.ocp.convexity import is_convex_problem
 from obc_ros.core.ocp.least_time_form import find_affine_dynamics, find_target
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.ocp.solution import Certificate, MOST_MINIMA, Optimality, Solution
 from obc_ros.core.solver.proofs.existence import find_constant_cost
 from obc_ros.core.solver.transcription.local_minima import ANOTHER
-from scipy.optimize import lsq_linear
 
 _KEPT = 1e-9    # relative rate at which a system that stays at its target may leave it
 _NORMAL = 0.1   # of L: residuals of H = L + lam'f below which the extremal is normal
@@ -114,7 +114,7 @@ def _least_time(problem: Problem, found: Solution, certificate: Certificate) -> 
     low, high = problem.u_lower, problem.u_upper
     if not (low < high).all():
         return False
-    hold = lsq_linear(moved, -drift, (low, high)).x
+    hold = optimize.lsq_linear(moved, -drift, (low, high)).x
     terms = np.abs(M.T) @ np.abs(aim.d) + np.abs(aim.C) @ np.abs(plant.c) + (
         np.abs(moved) @ np.maximum(np.abs(low), np.abs(high)))
     if (np.abs(drift + moved @ hold) > _KEPT * terms).any():

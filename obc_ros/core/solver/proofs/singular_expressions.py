@@ -14,7 +14,7 @@ from itertools import chain
 
 import casadi as ca
 import numpy as np
-from obc_ros.core.numerics.arrays import Array
+from obc_ros.core.numerics.arrays import Array, integrate
 from obc_ros.core.numerics.instructions import apply_to_expressions, Instructions
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.ocp.wording import format_number
@@ -228,7 +228,6 @@ def explain_escape(problem: Problem, T: float) -> str:
         '' if the states stay below 1e6 times 1 + |x(0)| for an input.
 
     """
-    from scipy.integrate import solve_ivp
     f = ca.Function('f', [problem.x, problem.u, problem.p], [problem.f])
     low = np.where(np.isfinite(problem.u_lower), problem.u_lower, np.minimum(-1, problem.u_upper))
     high = np.where(np.isfinite(problem.u_upper), problem.u_upper, np.maximum(1, low))
@@ -246,8 +245,8 @@ def explain_escape(problem: Problem, T: float) -> str:
 
         try:
             with np.errstate(all='ignore'):
-                course = solve_ivp(rate, (0.0, T), problem.x0, events=far, rtol=1e-4,
-                                   max_step=T / 20)
+                course = integrate.solve_ivp(
+                    rate, (0.0, T), problem.x0, events=far, rtol=1e-4, max_step=T / 20)
         except StopIteration:
             return ''
         if course.status != 1:

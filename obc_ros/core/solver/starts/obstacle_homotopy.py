@@ -15,7 +15,7 @@ from itertools import product
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
-from obc_ros.core.numerics.arrays import Array, Mask
+from obc_ros.core.numerics.arrays import Array, Mask, optimize
 from obc_ros.core.numerics.samples import interpolate_columns
 from obc_ros.core.numerics.vectorized import VectorizedFunction
 from obc_ros.core.ocp.problem import Problem
@@ -25,7 +25,6 @@ from obc_ros.core.solver.starts.initial_guess import estimate_scales
 from obc_ros.core.solver.starts.start import Known, Proposal
 from obc_ros.core.solver.starts.start_pool import StartPool
 from obc_ros.core.solver.transcription.mesh import Path
-from scipy.optimize import least_squares
 
 _SEEN = 81            # points of the line at which constraints are evaluated
 _ASIDE = 201          # points across the line, up to its length, at which an obstacle is sought
@@ -201,7 +200,7 @@ class Follower:
                                 (self._rest / self._u_size).ravel()])
         with np.errstate(all='ignore'):
             try:
-                z = least_squares(
+                z = optimize.least_squares(
                     self._misses, np.clip(first, lower, upper), self._slopes,
                     (lower, np.maximum(upper, lower + _ROOM)),
                     max_nfev=self._trials, args=(way,)).x
