@@ -21,8 +21,8 @@ from obc_ros.core.lqr.weights import WEIGHT_KINDS
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.solver.motion_planning import find_registered
 from obc_ros.core.systems.file import FOR_PEOPLE
-from obc_ros.core.text.errors import StatementError
-from obc_ros.core.text.expressions import describe_type, parse_number, suggest_name
+from obc_ros.core.text.errors import describe_type, StatementError, suggest_name
+from obc_ros.core.text.expressions import parse_number
 from obc_ros.core.text.fields import check_keys
 
 PLANT = ('A', 'B')

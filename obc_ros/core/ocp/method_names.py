@@ -2,8 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Names of the methods that solve a problem; `solve` contains the methods."""
 
-from obc_ros.core.text.errors import quote, StatementError
-from obc_ros.core.text.expressions import describe_type, suggest_name
+from obc_ros.core.text.errors import describe_type, quote, StatementError, suggest_name
 
 AUTO = 'auto'
 NAMES = (AUTO, 'riccati', 'time_optimal', 'reeds_shepp', 'transcription', 'arcs', 'indirect')

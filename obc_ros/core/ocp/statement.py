@@ -25,8 +25,8 @@ from obc_ros.core.ocp.problem import FinalTime, Problem
 from obc_ros.core.systems import registry
 from obc_ros.core.systems.file import FOR_PEOPLE, OF_A_PLANT
 from obc_ros.core.text import expressions
-from obc_ros.core.text.errors import ObcError, quote, StatementError
-from obc_ros.core.text.expressions import check_name, describe_type, parse_number, suggest_name
+from obc_ros.core.text.errors import describe_type, ObcError, quote, StatementError, suggest_name
+from obc_ros.core.text.expressions import check_name, parse_number
 from obc_ros.core.text.fields import (
     check_keys,
     evaluate_limits,

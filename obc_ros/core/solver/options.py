@@ -16,8 +16,7 @@ from dataclasses import dataclass, field, fields, replace
 import math
 from typing import Any
 
-from obc_ros.core.text.errors import quote, StatementError
-from obc_ros.core.text.expressions import suggest_name
+from obc_ros.core.text.errors import quote, StatementError, suggest_name
 
 # Ranges of values by unit: sizes divide, and parts are parts. Others are not negative.
 _AT_LEAST_1 = (1, math.inf)

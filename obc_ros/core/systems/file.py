@@ -17,8 +17,8 @@ from typing import Any
 import casadi as ca
 from obc_ros.core.systems.system import define, Parameter, Signal, System
 from obc_ros.core.text import expressions
-from obc_ros.core.text.errors import ObcError, quote, StatementError
-from obc_ros.core.text.expressions import check_name, describe_type, parse_number, suggest_name
+from obc_ros.core.text.errors import describe_type, ObcError, quote, StatementError, suggest_name
+from obc_ros.core.text.expressions import check_name, parse_number
 from obc_ros.core.text.fields import (
     check_keys,
     check_unique,

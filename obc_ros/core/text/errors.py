@@ -1,12 +1,15 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Errors of the package.
+Errors of the package, and the words of their messages.
 
 A malformed request raises one of these errors. A problem without a solution is a result, not an
 error. The text of an error is written for the user: it names the item, the value found and the
 values accepted.
 """
+
+from collections.abc import Collection, Mapping
+import difflib
 
 
 class ObcError(ValueError):
@@ -55,3 +58,51 @@ def quote(text: str, longest: int | None = 60) -> str:
     if text.isprintable():
         return text
     return ''.join(each if each.isprintable() else ascii(each)[1:-1] for each in text)
+
+
+def suggest_name(name: str, known: Collection[str]) -> str:
+    """
+    Return a suggestion for a misspelt name, to be appended to a message.
+
+    Parameters
+    ----------
+    name : str
+        The name that was given.
+    known : collection of str
+        The names that exist.
+
+    Returns
+    -------
+    str
+        `` (did you mean 'x'?)`` for the most similar known name; empty if none is similar.
+
+    """
+    matches = difflib.get_close_matches(name[:64], known, n=1)
+    return f" (did you mean '{matches[0]}'?)" if matches else ''
+
+
+def describe_type(value: object) -> str:
+    """
+    Return a description of a value for a message about its type.
+
+    Parameters
+    ----------
+    value : object
+        The value, of any type.
+
+    Returns
+    -------
+    str
+        Such as ``a mapping``, ``a list of 3`` or ``str 'abc'``.
+
+    """
+    if value is None:
+        return 'nothing'
+    if isinstance(value, Mapping):
+        return 'a mapping'
+    if isinstance(value, (list, tuple)):
+        return f'a list of {len(value)}' if value else 'an empty list'
+    if isinstance(value, (bool, int, float, str)):
+        words = ' '.join(str(value).split())
+        return f"{type(value).__name__} '{quote(words, 40)}'"
+    return f'a {type(value).__name__}'

@@ -12,7 +12,6 @@ The module is long because the grammar, its checks and its messages follow the s
 
 import ast
 from collections.abc import Callable, Collection, Mapping
-import difflib
 import keyword
 import math
 import operator
@@ -20,7 +19,7 @@ import re
 from typing import Any, NamedTuple
 
 import casadi as ca
-from obc_ros.core.text.errors import quote, StatementError
+from obc_ros.core.text.errors import describe_type, quote, StatementError, suggest_name
 
 MAX_LENGTH = 20_000   # characters
 MAX_SYMBOLS = 4_000   # numbers, names, operators and brackets
@@ -196,54 +195,6 @@ def check_name(name: object, where: str) -> str:
     if keyword.iskeyword(name) or name in FUNCTIONS or name in CONSTANTS:
         raise StatementError(f"{where}: the name '{name}' is reserved")
     return name
-
-
-def suggest_name(name: str, known: Collection[str]) -> str:
-    """
-    Return a suggestion for a misspelt name, to be appended to a message.
-
-    Parameters
-    ----------
-    name : str
-        The name that was given.
-    known : collection of str
-        The names that exist.
-
-    Returns
-    -------
-    str
-        `` (did you mean 'x'?)`` for the most similar known name; empty if none is similar.
-
-    """
-    matches = difflib.get_close_matches(name[:64], known, n=1)
-    return f" (did you mean '{matches[0]}'?)" if matches else ''
-
-
-def describe_type(value: object) -> str:
-    """
-    Return a description of a value for a message about its type.
-
-    Parameters
-    ----------
-    value : object
-        The value, of any type.
-
-    Returns
-    -------
-    str
-        Such as ``a mapping``, ``a list of 3`` or ``str 'abc'``.
-
-    """
-    if value is None:
-        return 'nothing'
-    if isinstance(value, Mapping):
-        return 'a mapping'
-    if isinstance(value, (list, tuple)):
-        return f'a list of {len(value)}' if value else 'an empty list'
-    if isinstance(value, (bool, int, float, str)):
-        words = ' '.join(str(value).split())
-        return f"{type(value).__name__} '{_short(words)}'"
-    return f'a {type(value).__name__}'
 
 
 def _short(text: str) -> str:

@@ -10,8 +10,8 @@ from collections.abc import Mapping, Sequence
 import math
 from typing import Any
 
-from obc_ros.core.text.errors import quote, StatementError
-from obc_ros.core.text.expressions import check_name, describe_type, parse_number, suggest_name
+from obc_ros.core.text.errors import describe_type, quote, StatementError, suggest_name
+from obc_ros.core.text.expressions import check_name, parse_number
 
 MAX_COUNT = 1_000  # entries of a list or mapping
 

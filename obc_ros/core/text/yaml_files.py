@@ -6,8 +6,7 @@ from collections.abc import Hashable
 from pathlib import Path
 from typing import Any
 
-from obc_ros.core.text.errors import quote, StatementError
-from obc_ros.core.text.expressions import describe_type
+from obc_ros.core.text.errors import describe_type, quote, StatementError
 import yaml
 
 MAX_BYTES = 250_000

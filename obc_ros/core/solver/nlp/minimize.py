@@ -24,8 +24,8 @@ from obc_ros.core.ocp.certificate import kkt
 from obc_ros.core.ocp.certificate.kkt import KktCondition
 from obc_ros.core.ocp.solution import Certificate, Report, Status
 from obc_ros.core.solver.nlp.ipopt import build_ipopt, run_ipopt
-from obc_ros.core.text.errors import quote, StatementError
-from obc_ros.core.text.expressions import check_name, parse_expression, parse_number, suggest_name
+from obc_ros.core.text.errors import quote, StatementError, suggest_name
+from obc_ros.core.text.expressions import check_name, parse_expression, parse_number
 from obc_ros.core.text.fields import (
     check_keys,
     Given,
