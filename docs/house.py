@@ -33,6 +33,7 @@ SHARED_NAMES = {
     'add_arguments': ('cli',),   # of a subcommand
     'run': ('cli',),             # of a subcommand
     'main': ('cli', 'nodes', 'workers'),   # of an executable
+    'answer': ('workers',),      # of a module that a pool's workers import
     'Settings': ('nodes',),      # the parameters of a node; docs/sources.py reads them
     'system': ('core.systems',),   # of a module with one registered system
 }

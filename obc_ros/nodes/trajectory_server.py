@@ -35,7 +35,16 @@ from obc_ros.ros.service_qos import be_patient, BURST
 from obc_ros.ros.state_sources import SOURCES, STATE_SOURCE
 from obc_ros.ros.throttled_log import ThrottledLog
 from obc_ros.srv import DesignLqr, Minimize, PlanMotion, SolveOptimalControl
-from obc_ros.workers.pool import Job, LONGEST_LIMIT, Pool, RequestAnswer, RequestOutcome, SHORTEST
+from obc_ros.workers.pool import (
+    Job,
+    LONGEST_LIMIT,
+    Pool,
+    RequestAnswer,
+    RequestOutcome,
+    SHORTEST,
+    TIME_LIMIT,
+)
+from obc_ros.workers.responses import compute_affinity, respond
 from obc_ros.workers.wire import Packet
 from rclpy.action import ActionServer, CancelResponse
 from rclpy.callback_groups import ReentrantCallbackGroup
@@ -51,8 +60,6 @@ START, LOOK = 10.0, 0.02  # [s] maximum wait of the services for the workers, an
 RESULT_TIMEOUT = 30  # [s] time for which the result of an action is kept
 LEAD = 500_000_000   # [ns] until an executed plan begins: the follower first computes gains
 QUICK = 2_500        # numbers in A up to which a design has a worker of its own
-STATUS = {RequestOutcome.REFUSED: 'cancelled', RequestOutcome.TIMED_OUT: 'timed_out',
-          RequestOutcome.CANCELLED: 'cancelled', RequestOutcome.DIED: 'not_converged'}
 
 Progress = Callable[[str, int, float, float], None]
 
@@ -63,7 +70,7 @@ class Settings:
 
     workers: int = declare_field(2, 'number of solver processes', lower=1, upper=64)
     time_limit: float = declare_field(
-        60.0, 'maximum time from a request to its response', 's', lower=SHORTEST,
+        TIME_LIMIT, 'maximum time from a request to its response', 's', lower=SHORTEST,
         upper=LONGEST_LIMIT)
     max_intervals: int = declare_field(
         MAX_INTERVALS, 'maximum number of mesh intervals of a solution', lower=10, upper=100_000)
@@ -233,7 +240,7 @@ class TrajectoryServer(Node):
         job = Job(
             kind=kind, request=packet, time_limit=limit,
             done=lambda answer: self._deliver(future, answer), progress=progress,
-            affinity=messages.compute_affinity(packet))
+            affinity=compute_affinity(packet))
         quick = kind == 'design_lqr' and len(request.a) <= QUICK
         (self._designers if quick else self._solvers).submit(job)
         if goal:
@@ -246,19 +253,13 @@ class TrajectoryServer(Node):
         self._asked -= 1
         if goal:
             del self._jobs[key]
-        if answer.outcome is RequestOutcome.ANSWERED:
-            if answer.packet.plain['status'] in ('malformed', 'refused'):
-                self._log_refusal(kind, answer.packet.plain['message'])
-            return self._count(answer.packet)
-        if answer.outcome is RequestOutcome.REFUSED:
-            self._log_refusal(kind, answer.message)
+        response = respond(answer)
         if answer.outcome is RequestOutcome.DIED:
             self.get_logger().error(answer.message)
-        kept = answer.packet
-        message = '; the best path so far: '.join(
-            filter(None, (answer.message, kept.plain.get('message'))))
-        return self._count(Packet(
-            {**kept.plain, 'status': STATUS[answer.outcome], 'message': message}, kept.arrays))
+        elif answer.outcome is RequestOutcome.REFUSED or (
+                response.plain['status'] in ('malformed', 'refused')):
+            self._log_refusal(kind, response.plain['message'])
+        return self._count(response)
 
     def _limit(self, time_limit: float) -> float:
         """Return the time limit of a request, at most that of the server [s]."""

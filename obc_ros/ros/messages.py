@@ -12,7 +12,6 @@ The module is long because every message of the package is read and filled here,
 from array import array
 from collections.abc import Iterable, Mapping
 import json
-import re
 from typing import Any
 
 import numpy as np
@@ -349,28 +348,6 @@ def _arrays(message: Any, *names: str) -> dict[str, Any]:
     return {name: np.array(getattr(message, name), np.float64) for name in names}
 
 
-def compute_affinity(request: Packet) -> str:
-    """
-    Return a text that is equal for statements which differ in numbers only.
-
-    Parameters
-    ----------
-    request : Packet
-        As `read_request` returns it.
-
-    Returns
-    -------
-    str
-        For `pool.Job.affinity`.
-
-    """
-    given = request.plain.get('statement', {})
-    shape = [given.get(key) for key in ('system', 'states', 'inputs', 'dynamics', 'running_cost',
-                                        'terminal_cost', 'terminal_constraints')]
-    names = [sorted(given.get(key, ())) for key in ('parameters', 'input_bounds', 'state_bounds')]
-    return re.sub(r'[\d.]+', '0', json.dumps([shape, names, given.get('path_constraints')]))
-
-
 def fill_answer(response: Any, packet: Packet) -> None:
     """
     Fill a response or a result with the answer to a problem.
@@ -380,7 +357,7 @@ def fill_answer(response: Any, packet: Packet) -> None:
     response : SolveOptimalControl.Response, SolveOptimalControl.Result or PlanMotion.Response
         Filled in place.
     packet : Packet
-        As `requests.pack_solution` returns it, or with a status and a message only.
+        As `solutions.pack_solution` returns it, or with a status and a message only.
 
     """
     plain = dict(packet.plain)

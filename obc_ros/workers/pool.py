@@ -27,6 +27,7 @@ from obc_ros.workers.wire import Channel, Packet
 
 SHORTEST = 0.01    # [s] shortest time limit of a request
 LONGEST_LIMIT = 86_400.0
+TIME_LIMIT = 60.0  # [s] unless the user wants another one
 TICK = 0.02        # [s] until the thread of a busy worker sees a cancellation
 HEAD_START = 0.1   # [s] by which the time limit of a solver is shorter
 GRACE = 0.05       # [s] that a solver has to answer after it was asked to stop

@@ -56,17 +56,27 @@ class Reporter:
 
 
 def end_with_parent(parent: int) -> None:
-    """Have the kernel end this process with its parent, however the parent ends."""
-    ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
+    """
+    Have the kernel end this process with its parent, however the parent ends.
+
+    On other systems than Linux it ends when it next reports, or waits for a request.
+    """
+    if sys.platform == 'linux':
+        ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
     if os.getppid() != parent:  # it has ended already
         os._exit(1)
 
 
 def keep_within(memory: int) -> None:
-    """Limit the memory of this process, and make it the first to be ended if memory runs out."""
-    resource.setrlimit(resource.RLIMIT_DATA, (memory, memory))
+    """
+    Limit the memory of this process, and make it the first to be ended if memory runs out.
+
+    On other systems than Linux the memory is not limited.
+    """
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-    Path('/proc/self/oom_score_adj').write_text('900', encoding='ascii')
+    if sys.platform == 'linux':
+        resource.setrlimit(resource.RLIMIT_DATA, (memory, memory))
+        Path('/proc/self/oom_score_adj').write_text('900', encoding='ascii')
 
 
 def give_way(niceness: int) -> None:
@@ -74,6 +84,8 @@ def give_way(niceness: int) -> None:
     if not niceness:
         return
     os.nice(niceness)
+    if sys.platform != 'linux':
+        return
     # Where Linux groups processes by session, niceness counts within a session only, and a worker
     # has a session of its own: the group needs the niceness, too.
     for _ in range(TRIES):

@@ -20,7 +20,7 @@ from obc_ros.core.text.errors import StatementError
 from obc_ros.msg import NamedBounds, NamedExpression, NamedValues, OptimalControlProblem
 from obc_ros.ros import messages
 from obc_ros.srv import DesignLqr, Minimize, PlanMotion, SolveOptimalControl
-from obc_ros.workers import requests
+from obc_ros.workers import solutions
 from obc_ros.workers.wire import pack, Packet, unpack
 import problems
 import pytest
@@ -105,16 +105,6 @@ def test_an_oversized_request_is_refused(kind, request_):
         messages.read_request(kind, request_)
 
 
-def test_affinity_depends_on_the_structure_not_on_the_numbers():
-    def affinity(**changes):
-        return messages.compute_affinity(Packet({'statement': {**EVERYTHING, **changes}}))
-    same = affinity()
-    assert affinity(parameters={'a': 0.2, 'b': 3, 'c': -1}, terminal_constraints=['x - 21.5', 'v'],
-                    initial_state={'x': 7, 'v': 8}) == same
-    assert affinity(running_cost='u**2 + v**2') != same
-    assert affinity(state_bounds={}) != same
-
-
 def made_up_solution(problem, **changes):
     """Return a solution of the right shapes with made-up numbers."""
     N, (n, m, q) = 5, (problem.n, problem.m, problem.q)
@@ -136,7 +126,7 @@ def fill_response(response, **changes):
     """Return the made-up solution, and the response that carries it after serialisation."""
     problem = build_problem(EVERYTHING)
     solution = made_up_solution(problem, **changes)
-    packet = unpack(pack(requests.pack_solution(problem, solution, 'aircraft')))
+    packet = unpack(pack(solutions.pack_solution(problem, solution, 'aircraft')))
     messages.fill_answer(response, packet)
     return solution, serialized_and_back(response)
 

@@ -26,10 +26,14 @@ class DeferredModule:
         self._name = name
         self._module: Any = None
 
-    def __getattr__(self, attribute: str) -> Any:
+    def load(self) -> Any:
+        """Import the module, unless it has been imported, and return it."""
         if self._module is None:
             self._module = import_module(self._name)
-        return getattr(self._module, attribute)
+        return self._module
+
+    def __getattr__(self, attribute: str) -> Any:
+        return getattr(self.load(), attribute)
 
 
 csgraph = DeferredModule('scipy.sparse.csgraph')

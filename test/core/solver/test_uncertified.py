@@ -10,7 +10,7 @@ from obc_ros.core.solver.solve import solve
 from obc_ros.core.solver.trace import GUESS
 from obc_ros.ros import messages
 from obc_ros.srv import PlanMotion, SolveOptimalControl
-from obc_ros.workers.requests import pack_solution
+from obc_ros.workers.solutions import pack_solution
 import problems
 import pytest
 
