@@ -18,7 +18,7 @@ import sys
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = 'obc_ros'
 # From the top. A room imports from the rows below it and from the other rooms of its row.
-ROWS = (('cli', 'nodes'), ('ros',), ('workers',), ('core.solver',),
+ROWS = (('cli', 'nodes'), ('ros',), ('workers',), ('core.library',), ('core.solver',),
         ('core.closed_loop', 'core.lqr', 'core.riccati', 'core.ocp'),
         ('core.systems',), ('core.numerics',), ('core.text',))
 ROOMS = tuple(room for row in ROWS for room in row)

@@ -12,11 +12,11 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 import json
-import math
 from pathlib import Path
 import re
 from typing import Any, TypeVar
 
+from obc_ros.core.library.json_values import convert_to_json
 from obc_ros.core.text.errors import DynamicsError, ObcError, quote, StatementError
 from obc_ros.core.text.yaml_files import read_entries
 
@@ -180,26 +180,21 @@ def _entries(file: Path) -> list[tuple[str, FileEntry]]:
         return [(str(file), error)]
 
 
-def convert_to_json(value: Any) -> Any:
+def save_figure(figure: Any, path: Path, dpi: int = 150) -> None:
     """
-    Return a value with None in place of all numbers that are not finite, for JSON.
+    Write a figure of matplotlib into a file.
 
-    Parameters
-    ----------
-    value : mapping, sequence, str, bool, number or None
-        Sequences are lists and tuples.
-
-    Returns
-    -------
-    dict, list, str, bool, number or None
-        Nested in the same way; tuples become lists.
+    Raises
+    ------
+    ObcError
+        If the file cannot be written.
 
     """
-    if isinstance(value, Mapping):
-        return {key: convert_to_json(each) for key, each in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [convert_to_json(each) for each in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        figure.savefig(path, dpi=dpi)
+    except OSError as error:
+        raise ObcError(f'{path} cannot be written: {error.strerror}') from error
 
 
 def write(folder: Path, name: str, result: Mapping[str, Any]) -> None:

@@ -442,15 +442,46 @@ def build_certificate_message(conditions: Mapping[str, Mapping[str, float]] | No
     if conditions is None:
         return Certificate(sentence='there is no solution to certify')
     verdict = solution.Certificate(**conditions)
-    worst = verdict.worst
-    residual, tolerance = verdict.residuals[worst], verdict.tolerances[worst]
     return Certificate(
         holds=verdict.holds, conditions=list(verdict.tolerances),
         residuals=[verdict.residuals[name] for name in verdict.tolerances],
-        tolerances=list(verdict.tolerances.values()),
-        sentence=f'all {len(verdict.tolerances)} conditions hold; nearest to its tolerance: '
-                 f'{worst}, {residual:.2g} of {tolerance:.2g}' if verdict.holds else
-                 f'{worst} does not hold: its residual is {residual:.2g}, over {tolerance:.2g}')
+        tolerances=list(verdict.tolerances.values()), sentence=verdict.sentence)
+
+
+def read_solution(result: Any) -> solution.Solution:
+    """
+    Return the solution that a response or a result contains.
+
+    Parameters
+    ----------
+    result : SolveOptimalControl.Response or SolveOptimalControl.Result
+        As `fill_answer` fills it. It has no multipliers of state bounds and path constraints.
+
+    Returns
+    -------
+    Solution
+        With the arrays of the trajectory.
+
+    """
+    path, certificate, known = result.trajectory, result.certificate, result.optimality
+    shape = len(path.t), -1
+    arrays = {name: np.array(getattr(path, name)).reshape(shape if getattr(path, name) else (0, 0))
+              for name in ('x', 'u', 'lam')}
+    return solution.Solution(
+        status=solution.Status(result.status), message=result.message, objective=result.objective,
+        **arrays, t=np.array(path.t), hamiltonian=np.array(path.hamiltonian),
+        nu=np.array(result.nu), interpolation=path.interpolation or 'linear',
+        switching_times=np.array(path.switching_times), method=result.method,
+        iterations=result.iterations, build_time=result.build_time, solve_time=result.solve_time,
+        certificate=solution.Certificate(*(
+            dict(zip(certificate.conditions, values, strict=True))
+            for values in (certificate.residuals, certificate.tolerances)))
+        if certificate.conditions else None,
+        optimality=solution.Optimality(known.kind, known.reason, known.starts,
+                                       tuple(known.minima)) if known.kind else None,
+        attempts=tuple(solution.Attempt(**{
+            name: getattr(each, name) for name in each.get_fields_and_field_types()
+        } | {'verdict': solution.Verdict(each.verdict)}) for each in result.attempts))
 
 
 def flatten_doubles(values: Any) -> 'array[float]':

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Conversion of problems and solutions to ROS messages and back, without loss."""
 
+import dataclasses
 import math
 import subprocess
 import sys
@@ -156,6 +157,28 @@ def test_a_solution_is_unchanged_by_pipe_and_message():
     assert (first.begun, first.work, first.cost, first.verdict) == (20, 30, 1.5, 'certified')
     assert math.isnan(first.loss)
     assert (second.parent, second.loss, second.verdict, second.why) == (1, 1e-9, 'rejected', 'why')
+
+
+def test_a_solution_is_read_back_from_its_message():
+    solution, response = fill_response(SolveOptimalControl.Response())
+    found = messages.read_solution(response)
+    for field in dataclasses.fields(Solution):
+        expected, value = getattr(solution, field.name), getattr(found, field.name)
+        if isinstance(expected, np.ndarray):
+            np.testing.assert_array_equal(value, expected, field.name)
+        elif field.name == 'iterations':
+            assert value == expected
+        else:   # a loss that was not measured is nan
+            assert repr(value) == repr(expected)
+
+
+def test_a_message_without_a_path_is_read_as_a_solution_without_one():
+    response = SolveOptimalControl.Response()
+    messages.fill_answer(response, Packet({'status': 'malformed', 'message': 'why'}))
+    found = messages.read_solution(response)
+    assert (found.status, found.message, found.certificate, found.optimality) == (
+        Status.MALFORMED, 'why', None, None)
+    assert not found.t.size
 
 
 def test_a_plan_response_has_the_proof_of_optimality():

@@ -7,7 +7,9 @@ import math
 from typing import Any
 
 from obc_ros.cli.results import Asked
+from obc_ros.core.library.answer import Answer
 from obc_ros.core.ocp.problem import Problem
+from obc_ros.core.ocp.solution import Solution, Status
 from obc_ros.core.ocp.statement import build_problem
 
 
@@ -30,43 +32,18 @@ class Question(Asked):
         self.mapping = entry
         self.problem = build_problem(entry)
 
+    @property
+    def answer(self) -> Answer:
+        """Return what the server answered; without an answer, status and message only."""
+        title = str(self.mapping.get('title') or '')
+        if self.result is None:
+            nothing = Solution(Status(self.status), self.message)
+            return Answer(self.name, (), (), nothing, self.problem, title)
+        from obc_ros.ros.messages import read_solution  # imported already by who has a result
+        path = self.result.trajectory
+        return Answer(self.name, tuple(path.state_names), tuple(path.input_names),
+                      read_solution(self.result), self.problem, title)
+
     def as_json(self) -> dict[str, Any]:
         """Return the contents of ``NAME.json``; fields without a result are null, empty or 0."""
-        found: dict[str, Any] = {
-            'name': self.name, 'status': self.status, 'message': self.message, 'objective': None,
-            't': [], 'x': {}, 'u': {}, 'lam': {}, 'interpolation': 'linear', 'switching_times': [],
-            'certificate': {'holds': False, 'residuals': {}, 'tolerances': {}},
-            'optimality': {'kind': '', 'reason': '', 'starts': 0, 'minima': []},
-            'attempts': [], 'solve_time': None, 'build_time': None, 'iterations': 0}
-        return found | (_answer(self.result) if self.result else {})
-
-
-def _answer(result: Any) -> dict[str, Any]:
-    """Return the fields of ``NAME.json`` that the result fills."""
-    path, certificate, known = result.trajectory, result.certificate, result.optimality
-    answer = {
-        'certificate': {
-            'holds': certificate.holds,
-            'residuals': dict(zip(certificate.conditions, certificate.residuals, strict=True)),
-            'tolerances': dict(zip(certificate.conditions, certificate.tolerances, strict=True))},
-        'optimality': {'kind': known.kind, 'reason': known.reason, 'starts': known.starts,
-                       'minima': known.minima.tolist()},
-        'attempts': [{name: getattr(attempt, name)
-                      for name in attempt.get_fields_and_field_types()}
-                     for attempt in result.attempts],
-        'solve_time': result.solve_time, 'build_time': result.build_time,
-        'iterations': result.iterations}
-    if path.t:
-        n, m = len(path.state_names), len(path.input_names)
-        answer |= {
-            'objective': result.objective, 't': path.t.tolist(),
-            'x': _columns(path.state_names, path.x, n), 'u': _columns(path.input_names, path.u, m),
-            'lam': _columns(path.state_names, path.lam, n) if path.lam else {},
-            'interpolation': path.interpolation,
-            'switching_times': path.switching_times.tolist()}
-    return answer
-
-
-def _columns(names: list[str], values: Any, width: int) -> dict[str, list[float]]:
-    """Return the columns of row-major values by name."""
-    return {name: values[index::width].tolist() for index, name in enumerate(names)}
+        return self.answer.as_json()

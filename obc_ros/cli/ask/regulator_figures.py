@@ -11,7 +11,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 import numpy as np
 from obc_ros.cli.ask.regulator_requests import Case
-from obc_ros.cli.figures import FEW, LINE_COLOURS, save_figure, STYLE, THIN, typeset_symbol
+from obc_ros.cli.results import save_figure
+from obc_ros.core.library.figures import FEW, LINE_COLOURS, STYLE, THIN, typeset_symbol
 from obc_ros.core.lqr.design.report import read_matrices
 from obc_ros.core.lqr.lqr import lqr
 from obc_ros.core.lqr.sampled import discretize_plant, sampled_lqr

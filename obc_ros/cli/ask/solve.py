@@ -6,11 +6,12 @@ import argparse
 from collections.abc import Sequence
 import math
 from pathlib import Path
+import shutil
+import sys
 from typing import Any
 
 from obc_ros.cli import results, terminal
 from obc_ros.cli.ask.problem_requests import Question
-from obc_ros.cli.ask.search_tree import print_trees
 from obc_ros.core.ocp.method_names import get_method, NAMES
 from obc_ros.core.solver.options import list_options, read_options
 from obc_ros.core.text.errors import ObcError, quote, StatementError
@@ -19,6 +20,8 @@ from obc_ros.workers.pool import LONGEST_LIMIT, SHORTEST
 HEADER = ('problem', 'status', 'cost', 'certificate', 'optimum', 'method', 'time')
 STATUS_COLOURS = dict.fromkeys(('solved', 'holds'), 'green') | dict.fromkeys(
     ('infeasible', 'not_converged', 'timed_out', 'cancelled', 'malformed'), 'red')
+
+NARROW = 80   # characters: least width of a line of a tree
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -48,7 +51,7 @@ def run(args: argparse.Namespace) -> int:
     try:
         _show(asked)
         if args.trace:
-            print_trees(asked)
+            _print_trees(asked)
     finally:  # also if the reader of a pipe has closed it
         results.save_answers(asked, args, _draw)
     return results.get_exit_status(
@@ -127,11 +130,20 @@ def _end(asked: list[Question], status: str, message: str) -> None:
 
 
 def _draw(path: Path, question: Question) -> None:
-    if question.result and question.result.trajectory.t:
-        from obc_ros.cli import figures  # matplotlib takes a second
-        figures.draw_solution(path, question)
-        if figures.has_search(question.result):
-            figures.draw_search(path.with_suffix('.search.png'), question)
+    answer = question.answer
+    if answer.has_path:
+        results.save_figure(answer.plot(), path)
+        if answer.trace.costs > 1:
+            results.save_figure(answer.plot_search(), path.with_suffix('.search.png'))
+
+
+def _print_trees(asked: Sequence[Question]) -> None:
+    """Print what was tried for each problem that a server has worked on."""
+    width = (max(NARROW, shutil.get_terminal_size().columns) if sys.stdout.isatty() else None)
+    for question in asked:
+        if question.result is not None:
+            print(f'\n{question.label}: what was tried')
+            print(question.answer.trace.format(width))
 
 
 def _show(asked: list[Question]) -> None:

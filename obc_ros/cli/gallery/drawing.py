@@ -7,12 +7,12 @@ from typing import Any
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 import numpy as np
-from obc_ros.cli import figures
+from obc_ros.core.library.figures import STYLE
 
 WIDTH = 8.4  # [in]
 HEIGHT = 3.1  # [in] of one row
 # Fonts of a printed page; legends are nearly opaque.
-AXES_STYLE = {**figures.STYLE, 'font.family': 'STIXGeneral', 'mathtext.fontset': 'stix',
+AXES_STYLE = {**STYLE, 'font.family': 'STIXGeneral', 'mathtext.fontset': 'stix',
               'font.size': 10, 'axes.titlesize': 11, 'axes.labelsize': 10.5,
               'legend.fontsize': 9.5,
               'legend.frameon': True, 'legend.framealpha': 0.85, 'legend.edgecolor': 'none',

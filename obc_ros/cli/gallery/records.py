@@ -10,15 +10,16 @@ import sys
 import time
 from typing import Any
 
-from obc_ros.cli import figures, terminal
+from obc_ros.cli import terminal
 from obc_ros.cli.client import serve_client, ServerLostError
 from obc_ros.cli.gallery import drawing
 from obc_ros.cli.gallery.entry import GalleryEntry
 from obc_ros.cli.gallery.page import render_page, strip_markup
 from obc_ros.cli.gallery.runner import Desk
 from obc_ros.cli.processes import Children, InterruptedByUserError, isolate, reserve_domain
-from obc_ros.cli.results import convert_to_json
+from obc_ros.cli.results import save_figure
 from obc_ros.cli.results import write as write_json
+from obc_ros.core.library.json_values import convert_to_json
 from obc_ros.core.text.errors import ObcError
 
 HEADER = ('entry', '', 'numbers', 'largest error: result', 'reference', 'error', 'time')
@@ -71,7 +72,7 @@ def work(entry: GalleryEntry, desk: Desk, out: Path) -> dict[str, Any]:
     try:
         with matplotlib.rc_context(drawing.AXES_STYLE):
             answer = entry.run(desk)
-            figures.save_figure(answer.figure, out / f'{entry.name}.png', drawing.DPI)
+            save_figure(answer.figure, out / f'{entry.name}.png', drawing.DPI)
     except (InterruptedByUserError, ServerLostError):
         raise
     except ObcError as error:

@@ -13,6 +13,7 @@ from enum import Enum
 
 import numpy as np
 from obc_ros.core.numerics.arrays import Array
+from obc_ros.core.text.tables import format_table
 
 MOST_MINIMA = 8       # costs of local minima in a solution, at most
 MOST_ATTEMPTS = 300   # attempts in a solution, at most
@@ -91,6 +92,26 @@ class Certificate:
     def faults(self) -> tuple[str, ...]:
         """Return the conditions for being a path of the problem that fail."""
         return tuple(key for key in _FEASIBLE if not self.residuals[key] <= self.tolerances[key])
+
+    @property
+    def sentence(self) -> str:
+        """Return the verdict in words, with the condition that is nearest to its tolerance."""
+        worst = self.worst
+        residual, tolerance = self.residuals[worst], self.tolerances[worst]
+        if self.holds:
+            return (f'all {len(self.tolerances)} conditions hold; nearest to its tolerance: '
+                    f'{worst}, {residual:.2g} of {tolerance:.2g}')
+        return f'{worst} does not hold: its residual is {residual:.2g}, over {tolerance:.2g}'
+
+    def rows(self) -> list[tuple[str, str, str, str]]:
+        """Return condition, residual, tolerance and verdict of each condition, as text."""
+        return [(str(key), f'{self.residuals[key]:.2g}', f'{tolerance:.2g}',
+                 'holds' if self.residuals[key] <= tolerance else 'does not hold')
+                for key, tolerance in self.tolerances.items()]
+
+    def __str__(self) -> str:
+        """Return a table of the conditions."""
+        return format_table(('condition', 'residual', 'tolerance', 'verdict'), self.rows())
 
     def _size(self, key: str) -> float:
         return self.residuals[key] / self.tolerances[key]

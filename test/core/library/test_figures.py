@@ -2,11 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Figures of solutions: switching functions, panels and files."""
 
-from types import SimpleNamespace
-
 import numpy as np
-from obc_ros.cli.ask.problem_requests import Question
-from obc_ros.cli.figures import _alike, _slopes, draw_solution
+from obc_ros.core.library.figures import _alike, _slopes, draw_path
+from obc_ros.core.ocp.solution import Solution, Status
 from obc_ros.core.ocp.statement import build_problem
 import pytest
 
@@ -35,15 +33,13 @@ def test_lines_of_similar_scale_share_a_panel():
 
 
 @pytest.mark.slow
-def test_a_figure_is_drawn_with_and_without_costates(tmp_path):
-    for lam in (LAM, np.zeros((0, 3))):
-        path = SimpleNamespace(
-            t=T, x=X.ravel(), u=U.ravel(), lam=lam.ravel(), hamiltonian=0.0 * T,
-            interpolation='linear', switching_times=[0.5])
-        result = SimpleNamespace(
-            trajectory=path, objective=1.0, success=True, status='solved',
-            certificate=SimpleNamespace(sentence=''))
-        question = Question('scaled', 'scaled.yaml', 'scaled', mapping=MAPPING, problem=PROBLEM,
-                            result=result)
-        draw_solution(tmp_path / 'deep' / 'scaled.png', question)
-        assert (tmp_path / 'deep' / 'scaled.png').read_bytes().startswith(b'\x89PNG')
+@pytest.mark.parametrize('lam, panels', [(LAM, 8), (np.zeros((0, 3)), 4)], ids=['costates', ''])
+def test_a_figure_is_drawn_with_and_without_costates(lam, panels, tmp_path):
+    """X and the others differ in magnitude, and so do lam_x and lam_v."""
+    figure = draw_path(PROBLEM, Solution(
+        Status.SOLVED, '', 1.0, T, X, U, lam, 0.0 * T, switching_times=np.array([0.5])), 'scaled')
+    assert figure.get_suptitle() == 'scaled'
+    assert len(figure.axes) == panels - 1
+    figure.savefig(tmp_path / 'scaled.png')
+    assert (tmp_path / 'scaled.png').read_bytes().startswith(b'\x89PNG')
+    assert figure._repr_png_().startswith(b'\x89PNG')

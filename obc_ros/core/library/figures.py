@@ -1,21 +1,26 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""The figure of a solution: states, inputs, costates, switching function, Hamiltonian."""
+"""
+Figures of an answer: its path and conditions, and the costs that its search has found.
 
-from collections.abc import Sequence
-from pathlib import Path
+matplotlib is imported when a figure is drawn.
+"""
+
+from collections.abc import Callable, Sequence
+from functools import cache
+import io
 import re
-from typing import Any
+from typing import Any, TYPE_CHECKING
 
 import casadi as ca
-import matplotlib
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 import numpy as np
-from obc_ros.cli.ask.problem_requests import Question
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.ocp.problem import Problem
-from obc_ros.core.text.errors import ObcError
+from obc_ros.core.ocp.solution import Attempt, Solution, Verdict
+
+if TYPE_CHECKING:   # half a second
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 # Okabe and Ito's colours, distinct with any colour vision; after them, dashes differ.
 LINE_COLOURS = ('#0072B2', '#D55E00', '#009E73', '#CC79A7', '#E69F00', '#56B4E9', '#000000')
@@ -23,76 +28,111 @@ DASHES = ('-', '--', ':', '-.')
 STYLE = {'font.size': 9, 'axes.grid': True, 'grid.alpha': 0.3, 'axes.spines.top': False,
          'axes.spines.right': False, 'lines.linewidth': 1.5, 'legend.frameon': False,
          'axes.axisbelow': True}
-THIN = {'color': 'grey', 'linewidth': 0.8, 'linestyle': (0, (4, 3)), 'zorder': 1.5}
+THIN: dict[str, Any] = {'color': 'grey', 'linewidth': 0.8, 'linestyle': (0, (4, 3)), 'zorder': 1.5}
 GREEK = ('alpha', 'beta', 'gamma', 'delta', 'epsilon', 'zeta', 'eta', 'theta', 'kappa', 'lambda',
          'mu', 'nu', 'xi', 'rho', 'sigma', 'tau', 'phi', 'chi', 'psi', 'omega')
 FEW = 12  # largest number of names in a legend
-SEARCHED = ('converged', 'certified', 'accepted', 'not certified')   # verdicts with a cost
-SEARCH_MARKS = (('initial guess, coarse mesh', 'o', LINE_COLOURS[0]),
-                ('finer mesh', '.', LINE_COLOURS[1]), ('certified', 'D', LINE_COLOURS[2]))
-CONTRAST = 50.0  # ratio of magnitudes above which lines get panels of their own
+_SEARCH_MARKS = (('initial guess, coarse mesh', 'o', LINE_COLOURS[0]),
+                 ('finer mesh', '.', LINE_COLOURS[1]), ('certified', 'D', LINE_COLOURS[2]))
+_CONTRAST = 50.0  # ratio of magnitudes above which lines get panels of their own
 
 
-def draw_solution(path: Path, question: Question) -> None:
+def draw_path(problem: Problem, solution: Solution, title: str) -> 'Figure':
     """
-    Draw the solution of a problem into the file `path`.
+    Draw states, inputs, costates, the switching function and the Hamiltonian of a solution.
 
-    Raises
-    ------
-    ObcError
-        If the file cannot be written.
+    Parameters
+    ----------
+    problem : Problem
+        The problem, with its bounds.
+    solution : Solution
+        With a path; costates may be missing.
+    title : str
+        Above the figure.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        A notebook shows it; ``savefig`` writes it into a file.
 
     """
-    assert question.problem is not None
-    problem, result = question.problem, question.result
+    import matplotlib
     with matplotlib.rc_context(STYLE):
-        figure = _figure(problem, result)
-        figure.suptitle(_title(question))
-        save_figure(figure, path)
+        figure = _draw_panels(problem, solution)
+        figure.suptitle(title)
+    return figure
 
 
-def has_search(result: Any) -> bool:
-    """Return whether the attempts of a result found at least two costs."""
-    return len({attempt.cost for attempt in result.attempts
-                if attempt.verdict in SEARCHED}) > 1
-
-
-def draw_search(path: Path, question: Question) -> None:
+def draw_search(solution: Solution, title: str) -> 'Figure':
     """
-    Draw the costs that a search has found against its work into the file `path`.
+    Draw the costs that a search has found against its work.
 
-    Raises
-    ------
-    ObcError
-        If the file cannot be written.
+    Parameters
+    ----------
+    solution : Solution
+        With its attempts.
+    title : str
+        Above the figure.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        A notebook shows it; ``savefig`` writes it into a file.
 
     """
+    import matplotlib
     with matplotlib.rc_context(STYLE):
-        figure = Figure(figsize=(7.5, 3.8), layout='constrained')
-        _draw_costs(figure.subplots(), question.result)
-        figure.suptitle(f'{question.mapping.get("title") or question.name}\n'
-                        'costs that the search has found')
-        save_figure(figure, path)
+        figure = new_figure(7.5, 3.8)
+        _draw_costs(figure.subplots(), solution)
+        figure.suptitle(f'{title}\ncosts that the search has found')
+    return figure
 
 
-def _draw_costs(axes: Axes, result: Any) -> None:
+def new_figure(width: float, height: float) -> 'Figure':
+    """Return an empty figure of a size [inch] in `STYLE`, which a notebook shows."""
+    return _figure_class()(figsize=(width, height), layout='constrained')
+
+
+@cache
+def _figure_class() -> type['Figure']:
+    """Return a class of figures that keep `STYLE` and need no pyplot to be shown."""
+    import matplotlib
+    from matplotlib.backend_bases import RendererBase
+    from matplotlib.figure import Figure
+
+    class StyledFigure(Figure):
+        def draw(self, renderer: RendererBase) -> None:
+            with matplotlib.rc_context(STYLE):   # ticks are made when they are drawn
+                super().draw(renderer)
+
+        def _repr_png_(self) -> bytes:
+            stream = io.BytesIO()
+            self.savefig(stream, format='png', dpi=100)
+            return stream.getvalue()
+
+    return StyledFigure
+
+
+def _draw_costs(axes: 'Axes', solution: Solution) -> None:
     """Draw costs of initial guesses, meshes and certified solutions, and the local minima."""
+    minima = solution.optimality.minima if solution.optimality else ()
+    choices: tuple[Callable[[Attempt], bool], ...] = (
+        lambda each: each.method == 'initial guess' and each.verdict is Verdict.CONVERGED,
+        lambda each: each.method == 'mesh' and each.verdict is not Verdict.CERTIFIED,
+        lambda each: each.verdict is Verdict.CERTIFIED)
     costs = []
-    for (label, marker, colour), chosen in zip(SEARCH_MARKS, (
-            lambda each: each.method == 'initial guess' and each.verdict == 'converged',
-            lambda each: each.method == 'mesh' and each.verdict != 'certified',
-            lambda each: each.verdict == 'certified'), strict=True):
-        points = np.array([(each.begun + each.work, each.cost) for each in result.attempts
+    for (label, marker, colour), chosen in zip(_SEARCH_MARKS, choices, strict=True):
+        points = np.array([(each.begun + each.work, each.cost) for each in solution.attempts
                            if chosen(each) and np.isfinite(each.cost)]).reshape(-1, 2)
         costs.append(points[:, 1])
         if len(points):
             axes.plot(*points.T, linestyle='none', marker=marker, markersize=6, color=colour,
                       markerfacecolor='none' if marker == 'o' else colour, label=label)
-    for number, cost in enumerate(result.optimality.minima):
+    for number, cost in enumerate(minima):
         axes.axhline(cost, **THIN, label=None if number else 'local minima')
-    if np.isfinite(result.objective):
-        axes.axhline(result.objective, color=LINE_COLOURS[2], linewidth=0.8, zorder=1.4)
-    every = np.concatenate([*costs, result.optimality.minima])
+    if np.isfinite(solution.objective):
+        axes.axhline(solution.objective, color=LINE_COLOURS[2], linewidth=0.8, zorder=1.4)
+    every = np.concatenate([*costs, minima])
     if every.size:   # a poor guess must not flatten the rest
         low, high = every.min(), np.quantile(every, 0.9)
         room = 0.08 * max(high - low, 1e-6 * max(abs(low), 1e-12))
@@ -100,23 +140,6 @@ def _draw_costs(axes: Axes, result: Any) -> None:
     axes.set_xlabel('work [iterations x intervals]')
     axes.set_ylabel('cost')
     axes.legend(loc='upper left', bbox_to_anchor=(1.0, 1.0))
-
-
-def save_figure(figure: Figure, path: Path, dpi: int = 150) -> None:
-    """
-    Write a figure into a file.
-
-    Raises
-    ------
-    ObcError
-        If the file cannot be written.
-
-    """
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        figure.savefig(path, dpi=dpi)
-    except OSError as error:
-        raise ObcError(f'{path} cannot be written: {error.strerror}') from error
 
 
 def _slopes(problem: Problem, x: Array, u: Array, lam: Array) -> tuple[Array, Array]:
@@ -136,14 +159,12 @@ def _slopes(problem: Problem, x: Array, u: Array, lam: Array) -> tuple[Array, Ar
     return values.full().T, sizes.full().T
 
 
-def _figure(problem: Problem, result: Any) -> Figure:
-    path = result.trajectory
-    t = np.array(path.t)
-    x, u, lam = (np.array(values).reshape(len(t), -1) for values in (path.x, path.u, path.lam))
+def _draw_panels(problem: Problem, path: Solution) -> 'Figure':
+    t, x, u, lam = path.t, path.x, path.u, path.lam
     states, inputs = _alike(x), _alike(u)
     costates = _alike(lam) if lam.size else []
     panels = len(states) + len(inputs) + len(costates) + 2 * bool(lam.size)
-    figure = Figure(figsize=(7.5, 1.0 + 1.75 * panels), layout='constrained')
+    figure = new_figure(7.5, 1.0 + 1.75 * panels)
     axes = figure.subplots(panels, 1, sharex=True)
     waiting = iter(axes)
     for group in states:
@@ -158,8 +179,7 @@ def _figure(problem: Problem, result: Any) -> Figure:
     for group in costates:
         _lines(next(waiting), 'costates', t, lam, r'\lambda_{{{}}}', problem.states, group)
     if lam.size:
-        _conditions(next(waiting), next(waiting), problem, (t, x, u, lam),
-                    np.array(path.hamiltonian))
+        _conditions(next(waiting), next(waiting), problem, (t, x, u, lam), path.hamiltonian)
     for panel in axes:
         for time in path.switching_times:
             panel.axvline(time, **THIN)
@@ -169,7 +189,7 @@ def _figure(problem: Problem, result: Any) -> Figure:
     return figure
 
 
-def _conditions(above: Axes, below: Axes, problem: Problem, path: tuple[Array, ...],
+def _conditions(above: 'Axes', below: 'Axes', problem: Problem, path: tuple[Array, ...],
                 hamiltonian: Array) -> None:
     """Draw the switching function and the Hamiltonian."""
     t, x, u, lam = path
@@ -190,21 +210,13 @@ def _alike(values: Array) -> list[list[int]]:
     sizes[sizes == 0.0] = sizes.max()
     groups: list[list[int]] = []
     for index in np.argsort(-sizes, kind='stable').tolist():
-        if not groups or sizes[index] * CONTRAST < sizes[groups[-1][0]]:
+        if not groups or sizes[index] * _CONTRAST < sizes[groups[-1][0]]:
             groups.append([])
         groups[-1].append(index)
     return sorted(sorted(group) for group in groups)
 
 
-def _title(question: Question) -> str:
-    result = question.result
-    heading = str(question.mapping.get('title') or question.name)
-    verdict = ('certified' if result.success else
-               f'{result.status}: {result.certificate.sentence}')
-    return f'{heading}\nJ = {result.objective:.8g}, T = {result.trajectory.t[-1]:.8g} s, {verdict}'
-
-
-def _lines(axes: Axes, label: str, t: Array, values: Array, template: str,
+def _lines(axes: 'Axes', label: str, t: Array, values: Array, template: str,
            names: Sequence[str], group: Sequence[int] | None = None, **style: Any) -> None:
     """Draw the columns of a group, or all; a name has the same colour in every panel."""
     shown = range(len(names)) if group is None else group
@@ -232,13 +244,13 @@ def typeset_symbol(name: str) -> str:
         Without dollar signs: ``\theta``, ``x_{1}``, ``\mathrm{speed}``.
 
     """
-    word, index = re.fullmatch(r'(.*?)_?(\d*)', name).groups()
+    word, index = re.findall(r'^(.*?)_?(\d*)\Z', name)[0]
     letter = (f'\\{word}' if word in GREEK else word if len(word) == 1 else
               rf'\mathrm{{{word}}}'.replace('_', r'\_'))
     return f'{letter}_{{{index}}}' if index else letter
 
 
-def _bounds(axes: Axes, values: Array, lower: Array, upper: Array) -> None:
+def _bounds(axes: 'Axes', values: Array, lower: Array, upper: Array) -> None:
     """Draw the bounds that are at most a tenth of the range of the values outside it."""
     for bound in np.unique(np.concatenate([lower, upper])):
         low, high = values.min(), values.max()
@@ -246,7 +258,7 @@ def _bounds(axes: Axes, values: Array, lower: Array, upper: Array) -> None:
             axes.axhline(bound, **THIN)
 
 
-def _widen(axes: Axes, values: Array, size: float) -> None:
+def _widen(axes: 'Axes', values: Array, size: float) -> None:
     """Widen the limits of an axis: variations far below `size` are rounding errors."""
     middle, half = (values.max() + values.min()) / 2, (values.max() - values.min()) / 2
     half = max(half * 1.1, 0.05 * max(size, abs(middle)) or 0.05)

@@ -1,0 +1,217 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""The answer to an optimal control problem."""
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from functools import cached_property
+from typing import Any, TYPE_CHECKING
+
+from obc_ros.core.library.figures import draw_path, draw_search
+from obc_ros.core.library.json_values import convert_to_json
+from obc_ros.core.library.search_tree import SearchTree
+from obc_ros.core.numerics.arrays import Array
+from obc_ros.core.ocp.problem import Problem
+from obc_ros.core.ocp.solution import Certificate, Optimality, Solution
+from obc_ros.core.text.errors import ObcError, quote
+from obc_ros.core.text.tables import format_html_table
+
+if TYPE_CHECKING:   # half a second
+    from matplotlib.figure import Figure
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Answer:
+    """
+    The answer to an optimal control problem: a path with its certificate, or why there is none.
+
+    Attributes
+    ----------
+    name : str
+        Name of the problem.
+    states, inputs : tuple of str
+        Names, in the order of the columns of the solution.
+    solution : Solution
+        Arrays with all states and inputs, status, certificate and attempts.
+    problem : Problem or None
+        The problem, which `plot` and `at` need.
+    title : str
+        Heading of figures; empty: the name.
+
+    """
+
+    name: str
+    states: tuple[str, ...]
+    inputs: tuple[str, ...]
+    solution: Solution
+    problem: Problem | None = None
+    title: str = ''
+
+    @property
+    def status(self) -> str:
+        """Return 'solved', 'infeasible', 'not_converged', 'timed_out', 'cancelled', ..."""
+        return self.solution.status.value
+
+    @property
+    def message(self) -> str:
+        """Return the result in a sentence; without a solution, the reason."""
+        return self.solution.message
+
+    @property
+    def objective(self) -> float:
+        """Return the cost J; nan without a path."""
+        return self.solution.objective
+
+    @property
+    def has_path(self) -> bool:
+        """Return whether there is a path, certified or not."""
+        return self.solution.t.size > 0
+
+    @property
+    def t(self) -> Array:
+        """Return the times [s], shape (N,); at a jump a time appears twice."""
+        return self.solution.t
+
+    @cached_property
+    def x(self) -> Mapping[str, Array]:
+        """Return each state at the times `t`, shape (N,), by its name."""
+        return self._columns(self.states, self.solution.x)
+
+    @cached_property
+    def u(self) -> Mapping[str, Array]:
+        """Return each input at the times `t`, shape (N,), by its name."""
+        return self._columns(self.inputs, self.solution.u)
+
+    @cached_property
+    def costates(self) -> Mapping[str, Array]:
+        """Return the costate of each state, shape (N,); empty if the path has none."""
+        return self._columns(self.states, self.solution.lam)
+
+    @property
+    def hamiltonian(self) -> Array:
+        """Return H = L + lam' f at the times `t`, shape (N,)."""
+        return self.solution.hamiltonian
+
+    @property
+    def switching_times(self) -> Array:
+        """Return the times at which an input jumps or changes its arc [s]."""
+        return self.solution.switching_times
+
+    @property
+    def certificate(self) -> Certificate | None:
+        """Return the residual of each necessary condition; None without a path."""
+        return self.solution.certificate
+
+    @property
+    def optimality(self) -> Optimality | None:
+        """Return whether the optimum is global or local; None if it is not certified."""
+        return self.solution.optimality
+
+    @cached_property
+    def trace(self) -> SearchTree:
+        """Return what was tried; as text it is a tree."""
+        return SearchTree(self.solution.attempts)
+
+    def plot(self) -> 'Figure':
+        """
+        Draw states, inputs, costates, the switching function and the Hamiltonian.
+
+        Returns
+        -------
+        matplotlib.figure.Figure
+            A notebook shows it; ``savefig`` writes it into a file.
+
+        Raises
+        ------
+        ObcError
+            If there is no path, or if the answer does not have its problem.
+
+        """
+        verdict = ('certified' if self.solution.certified else f'{self.status}: '
+                   f'{self.certificate.sentence if self.certificate else self.message}')
+        problem = self._require_problem()
+        return draw_path(problem, self.solution, f'{self._heading}\nJ = {self.objective:.8g}, '
+                         f'T = {self.t[-1]:.8g} s, {verdict}')
+
+    def plot_search(self) -> 'Figure':
+        """
+        Draw the costs that the search has found against its work.
+
+        Returns
+        -------
+        matplotlib.figure.Figure
+            A notebook shows it; ``savefig`` writes it into a file.
+
+        """
+        return draw_search(self.solution, self._heading)
+
+    def as_json(self) -> dict[str, Any]:
+        """
+        Return the contents of the file ``NAME.json`` of `obc solve`.
+
+        Returns
+        -------
+        dict
+            Of texts, numbers, lists and dicts. Numbers that are not finite are None. Without a
+            path, lists are empty; without a search, the times are None.
+
+        """
+        solution, optimality = self.solution, self.optimality or Optimality('', '')
+        worked = bool(solution.method)
+        certificate = solution.certificate or Certificate({}, {})
+        entries = {
+            'name': self.name, 'status': self.status, 'message': self.message,
+            'objective': self.objective if self.has_path else None, 't': self.t.tolist(),
+            'x': _lists(self.x), 'u': _lists(self.u), 'lam': _lists(self.costates),
+            'interpolation': solution.interpolation,
+            'switching_times': self.switching_times.tolist(),
+            'certificate': {
+                'holds': solution.certified,
+                'residuals': {str(key): float(certificate.residuals[key])
+                              for key in certificate.tolerances},
+                'tolerances': {str(key): float(value)
+                               for key, value in certificate.tolerances.items()}},
+            'optimality': asdict(optimality),
+            'attempts': [asdict(each) | {'verdict': str(each.verdict)}
+                         for each in solution.attempts],
+            'solve_time': solution.solve_time if worked else None,
+            'build_time': solution.build_time if worked else None,
+            'iterations': solution.iterations}
+        plain: dict[str, Any] = convert_to_json(entries)
+        return plain
+
+    def __repr__(self) -> str:
+        """Return name, status and cost, or the reason why there is no solution."""
+        cost = f', J = {self.objective:.10g}' if self.has_path else ''
+        message = '' if self.solution.certified else f': {quote(self.message, None)}'
+        return f'<Answer {quote(self.name)}: {self.status}{cost}{message}>'
+
+    def _repr_html_(self) -> str:
+        """Return a table of status, cost and the conditions of the certificate."""
+        rows = [('status', self.status, ''), ('message', self.message, '')]
+        if self.has_path:
+            rows.append(('cost J', f'{self.objective:.10g}', ''))
+        if self.optimality:
+            rows.append(('optimum', f'{self.optimality.kind} ({self.optimality.reason})', ''))
+        if self.certificate:
+            rows += [(name, f'{residual} of {tolerance}', verdict)
+                     for name, residual, tolerance, verdict in self.certificate.rows()]
+        return format_html_table(('', 'value', 'verdict'), rows, self._heading)
+
+    @property
+    def _heading(self) -> str:
+        return self.title or self.name
+
+    def _columns(self, names: tuple[str, ...], values: Array) -> Mapping[str, Array]:
+        return {name: values[:, k] for k, name in enumerate(names)} if values.size else {}
+
+    def _require_problem(self) -> Problem:
+        if not self.has_path:
+            raise ObcError(f'there is no path: {self.message}')
+        if self.problem is None:
+            raise ObcError('the answer does not have its problem; give it as Answer(..., problem)')
+        return self.problem
+
+
+def _lists(columns: Mapping[str, Array]) -> dict[str, list[float]]:
+    return {name: values.tolist() for name, values in columns.items()}

@@ -1,0 +1,63 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""Tables as plain text and as HTML."""
+
+from collections.abc import Iterable, Sequence
+from html import escape
+
+from obc_ros.core.text.errors import quote
+
+
+def format_table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """
+    Return a table as lines of text.
+
+    Parameters
+    ----------
+    header : sequence of str
+        Names of the columns.
+    rows : iterable of sequence of str
+        Cells; their characters that are not printable are escaped.
+
+    Returns
+    -------
+    str
+        Aligned columns, without a newline at the end.
+
+    """
+    cells = [[quote(cell, None) for cell in row] for row in (header, *rows)]
+    widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
+    cells.insert(1, ['-' * width for width in widths])
+    return '\n'.join('  '.join(cell.ljust(width) for cell, width in zip(
+        row, widths, strict=True)).rstrip() for row in cells)
+
+
+def format_html_table(header: Sequence[str], rows: Iterable[Sequence[str]],
+                      caption: str = '') -> str:
+    """
+    Return a table as HTML; all texts are escaped.
+
+    Parameters
+    ----------
+    header : sequence of str
+        Names of the columns.
+    rows : iterable of sequence of str
+        Cells.
+    caption : str, optional
+        A sentence above the table.
+
+    Returns
+    -------
+    str
+        A ``<table>`` element.
+
+    """
+    head = ''.join(f'<th>{_clean(name)}</th>' for name in header)
+    body = ''.join('<tr>' + ''.join(f'<td>{_clean(cell)}</td>' for cell in row) + '</tr>'
+                   for row in rows)
+    title = f'<caption>{_clean(caption)}</caption>' if caption else ''
+    return f'<table>{title}<thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>'
+
+
+def _clean(text: str) -> str:
+    return escape(quote(text, None))
