@@ -2,22 +2,39 @@
 # SPDX-License-Identifier: Apache-2.0
 """The answer to an optimal control problem."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import cached_property
 from typing import Any, TYPE_CHECKING
 
+import numpy as np
 from obc_ros.core.library.figures import draw_path, draw_search
+from obc_ros.core.library.interpolation import interpolate
 from obc_ros.core.library.json_values import convert_to_json
 from obc_ros.core.library.search_tree import SearchTree
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.ocp.solution import Certificate, Optimality, Solution
-from obc_ros.core.text.errors import ObcError, quote
+from obc_ros.core.text.errors import describe_type, ObcError, quote
 from obc_ros.core.text.tables import format_html_table
 
 if TYPE_CHECKING:   # half a second
     from matplotlib.figure import Figure
+
+
+@dataclass(frozen=True)
+class PathPoint:
+    """
+    Values of an answer at one time or at several.
+
+    `t` is a time [s] or an array (M,); `x`, `u` and `costates` have a number or an array (M,) for
+    each name.
+    """
+
+    t: float | Array
+    x: Mapping[str, Any]
+    u: Mapping[str, Any]
+    costates: Mapping[str, Any]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -111,6 +128,70 @@ class Answer:
     def trace(self) -> SearchTree:
         """Return what was tried; as text it is a tree."""
         return SearchTree(self.solution.attempts)
+
+    def at(self, t: float | Sequence[float] | Array) -> PathPoint:
+        """
+        Return states, inputs and costates at a time, or at several.
+
+        States and costates between samples are integrated from the sample before, under the
+        returned input, as the certificate does.
+
+        Parameters
+        ----------
+        t : float or array_like, shape (M,)
+            From 0 to T [s]. At a jump the value after it is returned.
+
+        Returns
+        -------
+        PathPoint
+            With ``x['p']``, ``u['a']`` and ``costates['p']``: numbers, or arrays (M,).
+
+        Raises
+        ------
+        ObcError
+            If there is no path, the answer does not have its problem, or a time is not on the
+            path.
+
+        """
+        problem = self._require_problem()
+        try:
+            times = np.asarray(t, dtype=np.float64)
+        except (TypeError, ValueError):
+            raise ObcError(f'at: wanted a time or a list of times, found {describe_type(t)}'
+                           ) from None
+        found = interpolate(problem, self.solution, times.ravel())
+
+        def select(names: tuple[str, ...], values: Array) -> dict[str, Any]:
+            return {name: values[:, k].reshape(times.shape)[()] for k, name in enumerate(names)
+                    if values.size or not times.size}
+
+        return PathPoint(times[()], select(self.states, found.x), select(self.inputs, found.u),
+                         select(self.states, found.lam))
+
+    def to_dataframe(self) -> Any:
+        """
+        Return the path as a table of pandas.
+
+        Returns
+        -------
+        pandas.DataFrame
+            A row for each time; the columns are pairs such as ``('x', 'p')``, ``('u', 'a')`` and
+            ``('costates', 'p')``.
+
+        Raises
+        ------
+        ObcError
+            If pandas is not installed.
+
+        """
+        try:
+            import pandas
+        except ImportError:
+            raise ObcError('to_dataframe needs pandas, which is not installed: '
+                           'pip install pandas') from None
+        columns = {(kind, name): values for kind in ('x', 'u', 'costates')
+                   for name, values in getattr(self, kind).items()}
+        return pandas.DataFrame(columns, index=pandas.Index(self.t, name='t'))
 
     def plot(self) -> 'Figure':
         """

@@ -1,0 +1,129 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+Values of a solution between its samples, as the certificate computes them.
+
+States and costates are integrated from the sample before a time, under the input that the
+solution returns (`ocp/certificate/replay.py`). Where the costates then miss the next sample,
+because their equation is unstable in this direction, they are integrated from there.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from obc_ros.core.numerics.arrays import Array, Index
+from obc_ros.core.ocp.certificate.certificate import REPLAY_ERROR
+from obc_ros.core.ocp.certificate.replay import Intervals, ReplayIntegrator
+from obc_ros.core.ocp.problem import Problem
+from obc_ros.core.ocp.solution import Solution
+from obc_ros.core.text.errors import ObcError
+
+_MISSED = 1e-6    # relative to the largest costate: a sample that costates miss
+_AT_ONCE = 4096   # times, so that the memory of an integration stays below some 100 MB
+
+
+@dataclass(frozen=True, eq=False)
+class PathValues:
+    """Values at some times: `t` (M,), `x` (M, n), `u` (M, m), `lam` (M, n) or (M, 0)."""
+
+    t: Array
+    x: Array
+    u: Array
+    lam: Array
+
+
+def interpolate(problem: Problem, solution: Solution, times: Array) -> PathValues:
+    """
+    Return states, inputs and costates of a solution at given times.
+
+    Parameters
+    ----------
+    problem : Problem
+        The problem that was solved.
+    solution : Solution
+        With a path.
+    times : ndarray, shape (M,)
+        Within the times of the path [s]. At a jump the value after it is returned.
+
+    Returns
+    -------
+    PathValues
+        At a sample its values. Between samples, those of the integration from the sample before.
+
+    Raises
+    ------
+    ObcError
+        If a time is outside of the path or not a number.
+
+    """
+    t = solution.t
+    inside = (t[0] <= times) & (times <= t[-1])
+    if not inside.all():
+        raise ObcError(f'at: {times[~inside][0]:g} s is not a time of the path; wanted times from '
+                       f'{t[0]:g} s to {t[-1]:g} s')
+    k = np.searchsorted(t, times, side='right') - 1
+    x, u = solution.x[k], solution.u[k]
+    lam = solution.lam[k] if solution.lam.size else np.zeros((len(k), 0))
+    between = np.flatnonzero(times > t[k])   # the last sample has no interval
+    integrator = ReplayIntegrator(problem) if between.size else None
+    for part in np.array_split(between, -(-len(between) // _AT_ONCE) or 1):
+        if integrator is not None:
+            x[part], u[part], found = _integrate(integrator, problem, solution, times[part],
+                                                 k[part])
+            lam[part] = found[:, :lam.shape[1]]
+    return PathValues(times, x, u, lam)
+
+
+def _integrate(integrator: ReplayIntegrator, problem: Problem, solution: Solution, times: Array,
+               k: Index) -> tuple[Array, Array, Array]:
+    """Return x, u and lam within the intervals that begin at the samples `k`."""
+    whole = _intervals(problem, solution, k)
+    part = ((times - solution.t[k]) / whole.h)[:, None]
+    ahead, rest = _split(whole, part)
+    scale = np.maximum(np.abs(np.hstack([solution.x, _costates(solution)])).max(axis=0), 1e-300)
+    run = problem.p_value, scale, REPLAY_ERROR / len(solution.t)
+    end, middle = integrator.replay(whole, *run), integrator.replay(ahead, *run)
+    x, u, lam = middle.x[:, -1], middle.u[:, -1], middle.lam[:, -1]
+    missed = end.lam[:, -1] - _costates(solution)[k + 1]
+    with np.errstate(invalid='ignore'):
+        bad = np.flatnonzero(~(np.abs(missed) <= _MISSED * scale[problem.n:]).all(axis=1))
+    # As in the certificate, costates pass through their samples.
+    lam = lam - part * missed
+    if bad.size:
+        rest = rest.some(bad)
+        rest = Intervals(**{**vars(rest), 'x': x[bad]})
+        lam[bad] = _from_the_end(integrator, rest, _costates(solution)[k[bad] + 1], run)
+    return x, u, lam
+
+
+def _from_the_end(integrator: ReplayIntegrator, rest: Intervals, lam_end: Array,
+                  run: tuple[Array, Array, float]) -> Array:
+    """Return the costates at the start of intervals, integrated from those at the ends."""
+    course = integrator.replay(rest, *run)
+    _, defect = integrator.there_and_back(course, rest, lam_end, *run, back=True)
+    return np.asarray(rest.lam - defect)
+
+
+def _intervals(problem: Problem, solution: Solution, k: Index) -> Intervals:
+    ends = k if solution.interpolation == 'zoh' else k + 1
+    none = np.zeros((len(solution.t), problem.path.numel()))
+    s, m = solution.state_multipliers, solution.path_multipliers
+    s, m = np.zeros_like(solution.x) if s is None else s, none if m is None else m
+    return Intervals(
+        h=solution.t[k + 1] - solution.t[k], x=solution.x[k], lam=_costates(solution)[k],
+        ua=solution.u[k], ub=solution.u[ends], sa=s[k], sb=s[k + 1], ma=m[k], mb=m[k + 1])
+
+
+def _split(whole: Intervals, part: Array) -> tuple[Intervals, Intervals]:
+    """Return the intervals before and after a part of each, (K, 1); x and lam are the first."""
+    middle = {name: (1 - part) * getattr(whole, f'{name}a') + part * getattr(whole, f'{name}b')
+              for name in 'usm'}
+    h = whole.h
+    ahead = Intervals(**{**vars(whole), 'h': part[:, 0] * h,
+                         **{f'{name}b': value for name, value in middle.items()}})
+    return ahead, Intervals(**{**vars(whole), 'h': (1 - part[:, 0]) * h,
+                               **{f'{name}a': value for name, value in middle.items()}})
+
+
+def _costates(solution: Solution) -> Array:
+    return solution.lam if solution.lam.size else np.zeros_like(solution.x)
