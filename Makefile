@@ -25,9 +25,10 @@ TESTS := $(BIN)/pytest -n 3 --dist load --maxschedchunk 1
 PIP := $(BIN)/python -m pip --disable-pip-version-check
 # What takes minutes shows what it does, and for how long.
 SHOWN := $(BIN)/python requirements/progress.py
-REQUIRED := requirements/$(DISTRO).txt requirements/run.txt requirements/test.txt
+REQUIRED := $(addprefix requirements/,$(DISTRO).txt ros.txt run.txt test.txt)
 # Python files are no prerequisite: the installation is editable, a change is seen at once.
-SOURCES := setup.py pyproject.toml package.xml CMakeLists.txt cmake resource \
+SOURCES := setup.py pyproject.toml package.xml CMakeLists.txt requirements/build_backend.py \
+	cmake resource \
 	$(wildcard cmake/* resource/*) $(foreach folder,msg srv action config launch,\
 	$(wildcard $(folder) $(folder)/*))
 
@@ -35,7 +36,7 @@ SOURCES := setup.py pyproject.toml package.xml CMakeLists.txt cmake resource \
 unexport AMENT_PREFIX_PATH CMAKE_PREFIX_PATH COLCON_PREFIX_PATH LD_LIBRARY_PATH PYTHONPATH
 unexport ROS_DISTRO ROS_VERSION ROS_PYTHON_VERSION _ROS_WHEELS_BOOTSTRAP_COMPLETE VIRTUAL_ENV
 
-.PHONY: help setup develop demo check test smoke kernel lint house bench gallery docs clean
+.PHONY: help setup develop demo check test smoke pure kernel lint house bench gallery docs clean
 .DELETE_ON_ERROR:
 
 help: ## say what there is to make
@@ -58,6 +59,12 @@ test: setup ## the set-up and every test, three at a time
 smoke: setup ## the three nodes, for another distribution (DISTRO=kilted)
 	$(TESTS) $(ARGS) $(SMOKE)
 
+pure: .venv-pure/.requirements ## the wheel without ROS 2 in .venv-pure, and the quick tests that need none
+	@echo 'obc_ros: the pure wheel into .venv-pure'
+	@OBC_ROS_PURE=1 .venv-pure/bin/python -m pip --disable-pip-version-check install -qq \
+		--no-deps --no-build-isolation --force-reinstall .
+	.venv-pure/bin/pytest -n 2 --dist load --maxschedchunk 1 -m check $(ARGS)
+
 kernel: setup ## the solver's tests with another kernel of OpenBLAS (KERNEL=Haswell|Nehalem|...)
 	OPENBLAS_CORETYPE=$(KERNEL) $(BIN)/pytest -n 2 --dist load --maxschedchunk 1 -m 'not nodes' $(ARGS) $(SOLVER)
 
@@ -79,7 +86,7 @@ docs: .venv-docs/.requirements ## the documentation, in out/docs
 	@echo 'obc_ros: out/docs/index.html'
 
 clean: ## remove what was built and installed
-	rm -rf .venv .venv-docs .venv-kilted build install log *.egg-info .hypothesis .mypy_cache \
+	rm -rf .venv .venv-docs .venv-kilted .venv-pure build install log *.egg-info .hypothesis .mypy_cache \
 		.pytest_cache .ruff_cache
 
 $(BIN)/python:
@@ -89,6 +96,13 @@ $(BIN)/python:
 $(VENV)/.requirements: $(REQUIRED) | $(BIN)/python
 	@$(SHOWN) 'ROS 2 $(DISTRO) and pinned packages into $(VENV) (a minute or two)' \
 		$(PIP) install --progress-bar off $(addprefix -r ,$(REQUIRED))
+	@touch $@
+
+.venv-pure/.requirements: requirements/run.txt requirements/test.txt
+	@$(PYTHON) -m venv .venv-pure
+	@$(PYTHON) requirements/progress.py 'pinned packages into .venv-pure (a minute or two)' \
+		.venv-pure/bin/python -m pip --disable-pip-version-check install --progress-bar off \
+		$(addprefix -r ,$^)
 	@touch $@
 
 .venv-docs/.requirements: requirements/docs.txt

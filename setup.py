@@ -1,11 +1,12 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Build a wheel of obc_ros with the CMakeLists.txt that colcon uses.
+Build a wheel of obc_ros: with ROS 2, by the CMakeLists.txt that colcon uses, or in pure Python.
 
-The CMake project is built and installed into a staging folder. Its Python part becomes the
-package; ``lib``, ``share`` and ``include`` go to the prefix as data files. An editable wheel
-leaves the modules out: its package looks for them in the source tree.
+With ROS 2, the CMake project is built and installed into a staging folder. Its Python part becomes
+the package; ``lib``, ``share`` and ``include`` go to the prefix as data files. An editable wheel
+leaves the modules out: its package looks for them in the source tree. Without ROS 2, setuptools
+packs the modules; requirements/build_backend.py chooses.
 """
 
 import hashlib
@@ -16,9 +17,11 @@ import shutil
 import subprocess
 import sys
 import tempfile
+from typing import Any
 from xml.etree import ElementTree
 
-from setuptools import Command, Distribution, setup
+from build_backend import list_dependencies, wants_ros
+from setuptools import Command, Distribution, find_namespace_packages, setup
 from setuptools.command.build_py import build_py
 
 ROOT = Path(__file__).resolve().parent
@@ -129,9 +132,28 @@ class BinaryDistribution(Distribution):
         return True
 
 
+class BuildPure(build_py):
+    """Pack the modules; setuptools would keep those of an earlier build."""
+
+    def run(self) -> None:
+        """Remove an earlier build first."""
+        shutil.rmtree(Path(self.build_lib) / 'obc_ros', ignore_errors=True)
+        super().run()
+
+
+def describe() -> dict[str, Any]:
+    """Return the arguments of `setup` that depend on whether there is ROS 2."""
+    if wants_ros():
+        return {'packages': ['obc_ros'], 'distclass': BinaryDistribution,
+                'cmdclass': {'build_py': BuildInterfaces, 'editable_wheel': EditableWheel}}
+    return {'packages': find_namespace_packages(include=['obc_ros', 'obc_ros.*']),
+            'data_files': [('share/obc_ros/benchmarks',
+                            sorted(map(str, Path('benchmarks').glob('*.py'))))],
+            'cmdclass': {'build_py': BuildPure}}
+
+
 setup(
     version=ElementTree.parse(ROOT / 'package.xml').findtext('version'),
-    packages=['obc_ros'],
-    distclass=BinaryDistribution,
-    cmdclass={'build_py': BuildInterfaces, 'editable_wheel': EditableWheel},
+    install_requires=list_dependencies(),
+    **describe(),
 )

@@ -14,7 +14,9 @@ import subprocess
 import sys
 from xml.etree import ElementTree
 
+import build_backend  # of requirements/
 import pytest
+from selection import imports_ros, list_imports
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -26,6 +28,8 @@ PROJECT = tomllib.loads((ROOT / 'pyproject.toml').read_text(encoding='utf-8'))
 PACKAGE = ElementTree.parse(ROOT / 'package.xml').getroot()
 FOLDERS = ('.ci', '.github', 'benchmarks', 'cmake', 'config', 'docs', 'launch', 'obc_ros',
            'requirements', 'test')
+REQUIRED = (*build_backend.DEPENDENCIES, *build_backend.ROS_DEPENDENCIES,
+            *build_backend.ROS_WHEELS)
 HEADER = ('# Copyright 2026 The obc_ros developers\n', '# SPDX-License-Identifier: Apache-2.0\n')
 INTERFACES = [file for kind in ('msg', 'srv', 'action') for file in sorted(ROOT.glob(f'{kind}/*'))]
 # The name in package.xml of an imported module, where the two names differ.
@@ -56,6 +60,11 @@ def files(*suffixes: str) -> list[Path]:
     for folder in FOLDERS:
         found += [path for path in (ROOT / folder).rglob('*') if path.is_file()]
     return sorted(path for path in found if path.name.endswith(suffixes))
+
+
+def distribution(requirement: str) -> str:
+    """Return the name in a requirement."""
+    return re.split(r'[\[<>=~; ]', requirement)[0]
 
 
 def prefixes() -> list[str]:
@@ -127,6 +136,7 @@ def test_the_version_is_the_same_everywhere():
         assert metadata.version('obc-ros') == version
 
 
+@pytest.mark.ros
 @pytest.mark.parametrize('file', INTERFACES, ids=name)
 def test_an_interface_is_installed(file):
     module = importlib.import_module(f'obc_ros.{file.parent.name}')
@@ -136,6 +146,7 @@ def test_an_interface_is_installed(file):
     assert installed(f'include/obc_ros/obc_ros/{file.parent.name}/{snake}.hpp').is_file()
 
 
+@pytest.mark.ros
 def test_data_files_are_installed():
     data = [*(ROOT / 'config').iterdir(), *(ROOT / 'launch').glob('*.py'), ROOT / 'package.xml']
     for file in data:
@@ -168,6 +179,7 @@ int main()
 """
 
 
+@pytest.mark.ros
 @pytest.mark.slow
 def test_a_cpp_program_builds_with_the_interfaces(tmp_path):
     (tmp_path / 'CMakeLists.txt').write_text(CPP_PROJECT)
@@ -186,6 +198,7 @@ def test_a_cpp_program_builds_with_the_interfaces(tmp_path):
     assert completed.stdout == '2p'
 
 
+@pytest.mark.ros
 def test_packages_that_depend_on_this_one_get_the_runtime():
     file = installed('share/obc_ros/cmake/ament_cmake_export_dependencies-extras.cmake')
     exported = re.search('_exported_dependencies "(.*)"', file.read_text(encoding='utf-8'))
@@ -203,6 +216,7 @@ def test_every_field_has_a_comment(file):
         previous = line.strip()
 
 
+@pytest.mark.ros
 @pytest.mark.parametrize(('executable', 'entry'), PROJECT['project']['scripts'].items())
 def test_an_executable_is_installed_by_pip_and_colcon(executable, entry):
     module, function = entry.split(':')
@@ -229,7 +243,7 @@ def test_nodes_do_not_import_the_command_line():
 @pytest.mark.slow
 def test_every_import_is_a_declared_dependency():
     declared = {element.text for element in PACKAGE if element.tag.endswith('depend')}
-    required = {re.split(r'[\[<>=~; ]', line)[0] for line in PROJECT['project']['dependencies']}
+    required = set(map(distribution, REQUIRED))
     for path in [path for path in PYTHON if path.is_relative_to(ROOT / 'obc_ros')]:
         for module in {module.split('.')[0] for module in imports(path)}:
             if module in sys.stdlib_module_names or module == 'obc_ros':
@@ -254,25 +268,27 @@ def test_every_dependency_is_used():
     declared = {element.text for element in PACKAGE if element.tag in ('depend', 'exec_depend')}
     assert declared <= keys, f'package.xml: {sorted(declared - keys)}'
     wheels = used | {f'ros-{each.replace("_", "-")}' for each in used} | {'PyYAML'}
-    required = {re.split(r'[\[<>=~; ]', line)[0] for line in PROJECT['project']['dependencies']}
-    assert required <= wheels, f'pyproject.toml: {sorted(required - wheels)}'
+    required = set(map(distribution, REQUIRED))
+    assert required <= wheels, f'build_backend.py: {sorted(required - wheels)}'
 
 
-@pytest.mark.parametrize('distribution', ['jazzy', 'kilted'])
-def test_every_wheel_is_pinned(distribution):
-    for part in (distribution, 'run', 'test', 'develop', 'docs'):
+def test_modules_without_ros_import_what_the_pure_wheel_requires():
+    """An import of ROS 2 in a function does not count."""
+    wheels = {'PyYAML': 'yaml'}
+    required = {wheels.get(each, each) for each in map(distribution, build_backend.DEPENDENCIES)}
+    paths = [path for path in PYTHON if path.is_relative_to(ROOT / 'obc_ros')
+             and not imports_ros(path)]
+    assert set(CORE) < set(paths)
+    for path in paths:
+        for module in {module.split('.')[0] for module in list_imports(path)}:
+            assert module in {*sys.stdlib_module_names, 'obc_ros', *required}, name(path)
+
+
+@pytest.mark.parametrize('distro', ['jazzy', 'kilted'])
+def test_every_wheel_is_pinned(distro):
+    for part in (distro, 'ros', 'run', 'test', 'develop', 'docs'):
         for line in (ROOT / 'requirements' / f'{part}.txt').read_text().splitlines():
             assert not line or line.startswith('#') or re.match(r'[\w.\[\]-]+==[\w.]+', line), line
-
-
-def test_pip_and_make_setup_use_the_same_wheels():
-    pins = set((ROOT / 'requirements' / 'jazzy.txt').read_text().splitlines())
-    built = [line for line in PROJECT['build-system']['requires'] if line.startswith('ros-')]
-    assert set(built) <= pins
-    run = [line for line in PROJECT['project']['dependencies'] if line.startswith('ros-')]
-    for line in run:
-        assert line.endswith('.*'), line
-        assert any(pin.startswith(line[:-1]) for pin in pins), line
 
 
 def test_every_source_file_has_the_license_header():
