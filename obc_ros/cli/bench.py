@@ -4,6 +4,7 @@
 `obc bench`: run the benchmarks, each in a process of its own.
 
 A benchmark is a script that prints a table; its exit status is 0 if all its requirements hold.
+Without ROS 2 those that need it are left out.
 """
 
 import argparse
@@ -14,8 +15,10 @@ import sys
 
 from obc_ros.cli.share_folders import share_directory
 from obc_ros.core.text.errors import ObcError
+from obc_ros.ros.installation import explain_missing_ros
 
 HELPERS = ('baseline', 'timing')  # no benchmarks: a comparison of two versions, and shared code
+NODES = ('fuzz', 'hosts', 'latency', 'real_time', 'scale', 'server', 'soak')  # these need ROS 2
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -27,7 +30,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Run benchmarks; return 0 if all requirements hold, 1 if not, 2 for an unknown name."""
+    """
+    Run benchmarks; return 0 if all requirements hold, 1 if not, 2 for an unknown name.
+
+    Raises
+    ------
+    ObcError
+        If a benchmark needs ROS 2 and there is none.
+
+    """
     try:
         scripts = find_benchmarks()
     except ObcError as error:
@@ -38,6 +49,11 @@ def run(args: argparse.Namespace) -> int:
         print(f"obc bench: no benchmark '{unknown[0]}'; there are {', '.join(scripts)}",
               file=sys.stderr)
         return 2
+    if missing := explain_missing_ros():
+        wanted = [name for name in args.names if name in NODES]
+        if wanted:
+            raise ObcError(f'{wanted[0]} {missing}')
+        scripts = {name: script for name, script in scripts.items() if name not in NODES}
     if args.list:
         print('\n'.join(scripts))
         return 0

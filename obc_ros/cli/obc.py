@@ -20,6 +20,7 @@ import sys
 from obc_ros.cli import leave
 from obc_ros.cli.terminal import open_streams
 from obc_ros.core.text.errors import ObcError
+from obc_ros.ros.installation import explain_missing_ros
 
 SUBCOMMANDS = {
     'demo': 'run a demonstration over DDS: table, figures, recording',
@@ -43,6 +44,8 @@ ROS2 = {
     'run': 'one node: obc run obc_ros lqr_node --ros-args -p system:=aircraft',
     'launch': 'a loop or a fleet: obc launch obc_ros loop.launch.py scenario:=vehicle',
 }
+# The commands that do not work without ROS 2.
+NEED_ROS = ('demo', 'gallery', *ROS2)
 
 
 class Version(argparse.Action):
@@ -69,31 +72,40 @@ def parse(arguments: Sequence[str]) -> argparse.Namespace:
     """
     Parse a command line; the result has `run` of the subcommand.
 
-    Only the module of this subcommand is imported.
+    Only the module of this subcommand is imported. A subcommand that needs ROS 2, where there is
+    none, raises ObcError.
     """
+    missing = explain_missing_ros()
+    unlisted = NEED_ROS if missing else ROS2   # the epilog lists these
     parser = argparse.ArgumentParser(
         prog='obc', description='Optimal control: LQR and certified trajectories.',
-        epilog=_epilog(), formatter_class=argparse.RawDescriptionHelpFormatter)
+        epilog=_epilog(bool(missing)), formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument(
         '--version', action=Version, nargs=0, help='print the version and exit')
     commands = parser.add_subparsers(title='commands', metavar='COMMAND', required=True)
     used = next((word for word in arguments if not word.startswith('-')), None)
     for name, text in find_subcommands().items():
-        listed = {} if name in ROS2 else {'help': text}  # the epilog lists the others
+        listed = {} if name in unlisted else {'help': text}
         command = commands.add_parser(
             name, description=f'{text[:1].upper()}{text[1:]}.', **listed)
         if name == used:
+            if missing and name in NEED_ROS:
+                raise ObcError(f'{name} {missing}')
             module = import_module(_module(name))
             module.add_arguments(command)
             command.set_defaults(run=module.run, command=name)
     return parser.parse_args(arguments)
 
 
-def _epilog() -> str:
-    """Return the end of the help: the commands of ros2, and the exit status."""
-    rows = ''.join(f'    {name:20}{text}\n' for name, text in ROS2.items())
-    return ('the commands of ros2, with the same arguments, if ros2 is not installed:\n'
-            f'{rows}\nexit status: 0 success, 1 failure or no certified solution '
+def _epilog(pure: bool) -> str:
+    """Return the end of the help: the commands of ros2 or those without ROS 2, the exit status."""
+    if pure:
+        more = f'commands that need ROS 2, which is not installed: {", ".join(NEED_ROS)}\n'
+    else:
+        rows = ''.join(f'    {name:20}{text}\n' for name, text in ROS2.items())
+        more = ('the commands of ros2, with the same arguments, if ros2 is not installed:\n'
+                f'{rows}')
+    return (f'{more}\nexit status: 0 success, 1 failure or no certified solution '
             '(the reason is printed), 2 invalid input')
 
 
@@ -111,10 +123,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _run(arguments: Sequence[str]) -> int:
     """Run the subcommand; print errors of the package and of the system in one sentence."""
-    command = ''
+    command = 'obc'
     try:
         args = parse(arguments)   # may print, as the version
-        command = args.command
+        command = f'obc {args.command}'
         status: int = args.run(args)
         sys.stdout.flush()
     except BrokenPipeError:
@@ -122,7 +134,7 @@ def _run(arguments: Sequence[str]) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
     except (ObcError, OSError) as error:  # a folder that cannot be written, a full disk
-        print(f'obc {command}: {error}', file=sys.stderr)
+        print(f'{command}: {error}', file=sys.stderr)
         return 1
     return status
 

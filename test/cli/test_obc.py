@@ -3,12 +3,15 @@
 """The command `obc`: subcommands, imports, exit status, closed streams."""
 
 from importlib import metadata
+import re
 import subprocess
 import sys
 from types import SimpleNamespace
 
-from obc_ros.cli import obc
+from obc_ros.cli import bench, obc
+from obc_ros.ros import installation
 import pytest
+from selection import imports_ros
 
 
 @pytest.fixture
@@ -66,7 +69,76 @@ def test_help_lists_all_subcommands_without_heavy_imports():
         [sys.executable, '-c', program], capture_output=True, text=True, check=True).stdout
     assert answer.endswith('[]\n')
     for name in obc.find_subcommands():
-        assert f'\n    {name}' in answer
+        assert re.search(rf'\n    {name} |[:,] {name}\b', answer), name
+
+
+# A process in which ROS 2 is not installed, wherever the test runs.
+PURE = 'import sys; sys.modules["obc_ros.msg"] = None; sys.argv[0] = {program!r}; {run}'
+
+
+@pytest.fixture
+def pure(monkeypatch):
+    """Have the commands find no ROS 2."""
+    monkeypatch.setitem(sys.modules, 'obc_ros.msg', None)
+
+
+@pytest.mark.parametrize('name', obc.NEED_ROS)
+def test_a_command_without_ros_says_what_it_needs(name, pure, capsys):
+    assert obc.main([name]) == 1
+    told = capsys.readouterr()
+    assert told.err.startswith(f'obc: {name} needs ROS 2, and obc_ros is installed without it')
+    assert told.err.count('\n') == 1
+    assert told.out == ''
+
+
+def test_the_help_without_ros_lists_apart_what_does_not_work(pure, capsys):
+    with pytest.raises(SystemExit):
+        obc.main(['--help'])
+    listed, _, apart = capsys.readouterr().out.partition('commands that need ROS 2')
+    assert '\n    solve' in listed
+    for name in obc.NEED_ROS:
+        assert f'\n    {name}' not in listed
+        assert re.search(rf'[:,] {name}\b', apart)
+
+
+@pytest.mark.slow
+def test_benchmarks_that_need_ros_are_known():
+    scripts = bench.find_benchmarks()
+    assert set(bench.NODES) == {name for name, script in scripts.items() if imports_ros(script)
+                                or '_fuzz' in script.read_text(encoding='utf-8')}
+
+
+def test_benchmarks_without_ros_leave_out_the_others(pure, capsys):
+    assert obc.main(['bench', '--list']) == 0
+    listed = capsys.readouterr().out.split()
+    assert 'lqr' in listed
+    assert not set(bench.NODES) & set(listed)
+    assert obc.main(['bench', 'latency']) == 1
+    assert capsys.readouterr().err.startswith('obc bench: latency needs ROS 2, and obc_ros is')
+
+
+@pytest.mark.parametrize('node', ['lqr_node', 'plant_simulator', 'trajectory_server'])
+def test_a_node_without_ros_says_what_it_needs(node):
+    done = subprocess.run(
+        [sys.executable, '-c', PURE.format(program=node, run=f'import obc_ros.nodes.{node}')],
+        capture_output=True, text=True, check=False)
+    assert done.returncode == 1
+    assert done.stderr.startswith(f'{node} needs ROS 2, and obc_ros is installed without it')
+    assert done.stderr.count('\n') == 1
+
+
+@pytest.mark.parametrize('platform, words', [
+    ('linux-x86_64', 'OBC_ROS_PURE=1, or a pure wheel): `pip install .` in its sources, without'),
+    ('macosx-14.0-arm64', 'Linux on x86-64 only, and this is macosx-14.0-arm64. Where ROS 2')])
+def test_the_way_to_ros_depends_on_the_platform(platform, words, pure, monkeypatch):
+    monkeypatch.setattr(installation.sysconfig, 'get_platform', lambda: platform)
+    assert words in installation.explain_missing_ros()
+
+
+def test_messages_without_rclpy_are_another_case(monkeypatch):
+    monkeypatch.setitem(sys.modules, 'obc_ros.msg', installation)
+    monkeypatch.setitem(sys.modules, 'rclpy', None)
+    assert 'finds no rclpy: source the setup file' in installation.explain_missing_ros()
 
 
 def test_a_closed_pipe_causes_no_traceback():
