@@ -13,6 +13,8 @@ end together.
 
 A test carries ``check`` unless it carries ``nodes`` or ``slow``; `make check` runs these tests.
 Such a test fails if it takes twice `QUICK`, including the processes that it has waited for.
+
+Without ROS 2 the tests that need it are left out: see `selection`.
 """
 
 from collections.abc import Iterator
@@ -20,11 +22,14 @@ import fcntl
 import os
 from pathlib import Path
 import signal
+from typing import Any
 
 from hypothesis import settings
 from obc_ros.cli.processes import reserve_domain
+from obc_ros.ros.installation import explain_missing_ros
 from obc_ros.ros.middleware import choose_profile
 import pytest
+from selection import MARKERS, needs_ros
 import support
 from words import Terminal, WORDS
 
@@ -49,6 +54,18 @@ _DOOR, _ROOM = (os.open(path, os.O_RDONLY) for path in (__file__, Path(__file__)
 QUICK = 0.5  # [s] of processor time that a test may take without the marker `slow`
 
 _SPAWNER = pytest.StashKey[support.Spawner]()
+_PURE = bool(explain_missing_ros())
+
+
+def pytest_report_header() -> str:
+    """Say which tests are left out."""
+    return 'without ROS 2: the tests that need it are left out' * _PURE
+
+
+def pytest_ignore_collect(collection_path: Path) -> bool | None:
+    """Leave out a file that needs ROS 2 where there is none."""
+    is_test = collection_path.name.startswith('test_')
+    return True if _PURE and is_test and needs_ros(collection_path) else None
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
@@ -61,6 +78,10 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
             item.add_marker('alone')
         if not any(map(item.get_closest_marker, ('nodes', 'slow'))):
             item.add_marker('check')
+    if _PURE:
+        left_out = {item for item in items if any(map(item.get_closest_marker, MARKERS))}
+        config.hook.pytest_deselected(items=list(left_out))
+        items[:] = [item for item in items if item not in left_out]
     if hasattr(config, 'workerinput'):  # set by pytest-xdist; a single process needs no order
         items[:] = _put_in_order(items)
 
@@ -149,9 +170,10 @@ def spawn(
 
 
 @pytest.fixture
-def probe(domain: int) -> Iterator[support.Probe]:
+def probe(domain: int) -> Iterator[Any]:
     """Return a probe node in the domain of the test."""
-    probe = support.Probe(domain)
+    from probes import Probe  # tests without nodes run without ROS 2, too
+    probe = Probe(domain)
     yield probe
     probe.close()
 

@@ -9,6 +9,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 import numpy as np
 from numpy.typing import NDArray
 from obc_ros.msg import Command, LqrDesign, State, Trajectory
+from probes import Probe
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from scipy.linalg import solve_continuous_are
 import support
@@ -23,7 +24,7 @@ HOVER = np.array([0.0, 4 * 9.8])
 class Bench:
     """The node in a process of its own, with publishers and subscriptions around it."""
 
-    def __init__(self, spawn: support.Spawner, probe: support.Probe, qos: Any = 10,
+    def __init__(self, spawn: support.Spawner, probe: Probe, qos: Any = 10,
                  message: type = State, topic: str = 'state', sink: type = Command,
                  commands: str = 'command', **parameters: Any) -> None:
         self.probe = probe
@@ -106,7 +107,7 @@ class Heard:
     that falls behind still loses states and commands alike.
     """
 
-    def __init__(self, probe: support.Probe, namespace: str = '') -> None:
+    def __init__(self, probe: Probe, namespace: str = '') -> None:
         """Listen to the topics of a namespace, such as ``/vehicle1``."""
         self.clear()
         topics = f'{namespace}/state' if namespace else 'state', (

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from obc_ros.cli.demo.report import measure_step
 from obc_ros.cli.obc import main
+from probes import Probe
 import pytest
 from rosbags.highlevel import AnyReader
 from scipy.optimize import brentq
@@ -83,7 +84,7 @@ def test_a_demo_in_real_time_ends_with_ctrl_c(tmp_path: Path, domain: int) -> No
         line = re.search(r'ROS_DOMAIN_ID=\d+ \S+/obc param get /lqr_node Qx', demo.output())[0]
         read = subprocess.run(['env', *line.split()], capture_output=True, text=True, timeout=60)
         assert read.stdout.startswith('Double values are: [1.0, '), read
-        probe = support.Probe(domain)
+        probe = Probe(domain)
         assert probe.get_parameters('/plant_simulator', 'speed', 'lockstep') == {
             'speed': 1.0, 'lockstep': False}
         probe.close()

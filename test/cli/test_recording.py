@@ -10,14 +10,14 @@ import numpy as np
 from obc_ros.cli.recording import get_definition, LATCHED, LIVE, Recorder
 from obc_ros.core.text.errors import ObcError
 from obc_ros.msg import State, Trajectory
+from probes import Probe
 import pytest
 from rosbags.highlevel import AnyReader
-import support
 
 pytestmark = pytest.mark.nodes
 
 
-def test_a_recording_has_all_published_messages(probe: support.Probe, tmp_path: Path) -> None:
+def test_a_recording_has_all_published_messages(probe: Probe, tmp_path: Path) -> None:
     """Messages of several types keep their values, types and times."""
     with Recorder(tmp_path / 'flight') as recorder:
         recorder.now = iter(range(1000, 2000)).__next__

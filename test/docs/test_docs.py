@@ -49,6 +49,7 @@ def sources():
     return module
 
 
+@pytest.mark.ros
 @pytest.mark.parametrize('node', ['lqr_node', 'plant_simulator', 'trajectory_server'])
 def test_the_reference_lists_the_parameters_of_the_node(node, sources):
     module = sources.TABLES[node]
@@ -65,6 +66,7 @@ def test_the_reference_lists_the_parameters_of_the_node(node, sources):
     assert all(name.partition('.')[0] in groups for name in rows)
 
 
+@pytest.mark.ros
 @pytest.mark.parametrize('kind', ['msg', 'srv', 'action'])
 def test_the_reference_lists_the_interfaces_of_the_package(kind, sources):
     for file in sorted((ROOT / kind).iterdir()):

@@ -54,6 +54,7 @@ from obc_ros.srv import (
     SuggestWeights,
     TryDesign,
 )
+from probes import build_parameters, Probe
 import pytest
 from rcl_interfaces.msg import Parameter
 from rcl_interfaces.srv import (
@@ -105,7 +106,7 @@ class Victims:
         self.processes = {name: self.spawner(name, parameters)
                           for name, parameters in NODES.items()}
         self.odometer = self.spawner('lqr_node', {'state_source': 'odom'}, name='odometer')
-        self.probe = support.Probe(domain)
+        self.probe = Probe(domain)
         self._read = dict.fromkeys(self.processes, 0)
         self._clients: dict[str, Any] = {}
         self._publishers: dict[str, Any] = {}
@@ -370,7 +371,7 @@ def test_the_same_processes_still_work_after_all_tests(victims):
     hover = DesignLqr.Request(system='aircraft')
     hover.weights.qx, hover.weights.qu = array('d', [1.0] * 6), array('d', [1.0] * 2)
     victims.ask('/trajectory_server/set_parameters', SetParameters, SetParameters.Request(
-        parameters=support._messages({'time_limit': 20.0})))
+        parameters=build_parameters({'time_limit': 20.0})))
     answer = victims.ask('/trajectory_server/design_lqr', DesignLqr, hover)
     assert answer.success, answer.message
     probe.call(Trigger, '/plant_simulator/reset')

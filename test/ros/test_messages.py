@@ -17,6 +17,7 @@ from obc_ros.core.ocp.solution import (
     Verdict,
 )
 from obc_ros.core.ocp.statement import build_problem
+from obc_ros.core.solver.solve import solve
 from obc_ros.core.text.errors import StatementError
 from obc_ros.msg import NamedBounds, NamedExpression, NamedValues, OptimalControlProblem
 from obc_ros.ros import messages
@@ -224,3 +225,20 @@ def test_the_server_node_does_not_import_casadi():
     program = ('import sys, obc_ros.nodes.trajectory_server\n'
                'print(sorted({"casadi", "scipy", "control", "matplotlib"} & set(sys.modules)))')
     assert subprocess.check_output([sys.executable, '-c', program], text=True) == '[]\n'
+
+
+def test_a_response_contains_an_uncertified_path_but_no_success():
+    problem = problems.build('vanderpol_bounded')
+    found = solve(problem, max_intervals=10)
+    for response in (SolveOptimalControl.Response(), PlanMotion.Response()):
+        messages.fill_answer(response, solutions.pack_solution(problem, found, ''))
+        assert not response.success
+        assert not response.certificate.holds
+        assert response.status == 'not_converged'
+        assert response.objective == found.objective
+        assert len(response.trajectory.t) == len(found.t)
+        assert len(response.trajectory.lam) == found.lam.size
+        assert dict(zip(response.certificate.conditions, response.certificate.residuals,
+                        strict=True)) == found.certificate.residuals
+        assert response.message == found.message
+        assert response.optimality.kind == ''

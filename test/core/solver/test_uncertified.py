@@ -8,9 +8,6 @@ import re
 from obc_ros.core.ocp.solution import Status
 from obc_ros.core.solver.solve import solve
 from obc_ros.core.solver.trace import GUESS
-from obc_ros.ros import messages
-from obc_ros.srv import PlanMotion, SolveOptimalControl
-from obc_ros.workers.solutions import pack_solution
 import problems
 import pytest
 
@@ -80,19 +77,3 @@ def test_a_path_is_returned_at_the_time_limit(monkeypatch):
     assert ': residual ' in found.message
     assert '1 initial guess was tried, ' in found.message
     assert found.message.endswith('; the time was up during coarse mesh, initial guess')
-
-
-def test_a_response_contains_the_path_but_no_success(coarse):
-    problem, found = coarse
-    for response in (SolveOptimalControl.Response(), PlanMotion.Response()):
-        messages.fill_answer(response, pack_solution(problem, found, ''))
-        assert not response.success
-        assert not response.certificate.holds
-        assert response.status == 'not_converged'
-        assert response.objective == found.objective
-        assert len(response.trajectory.t) == len(found.t)
-        assert len(response.trajectory.lam) == found.lam.size
-        assert dict(zip(response.certificate.conditions, response.certificate.residuals,
-                        strict=True)) == found.certificate.residuals
-        assert response.message == found.message
-        assert response.optimality.kind == ''

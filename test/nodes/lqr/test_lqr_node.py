@@ -14,9 +14,11 @@ import numpy as np
 from obc_ros.core.closed_loop.simulator import Simulator
 from obc_ros.core.systems import registry
 from obc_ros.msg import LqrDesign, State
+from probes import Probe
 import pytest
+from rcl_interfaces.srv import SetParameters
+from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
-import support
 
 pytestmark = pytest.mark.nodes
 
@@ -237,7 +239,7 @@ def test_the_design_is_latched_and_sigint_commands_rest(spawn: Any, probe: Any) 
     bench = Bench(spawn, probe)
     assert bench.set(Qx=[2.0] * 6).successful
     bench.design(2)
-    later = support.Probe(spawn.domain, name='later')
+    later = Probe(spawn.domain, name='later')
     try:
         designs = later.listen(LqrDesign, '/lqr_node/design', LATCHED)
         later.wait_for(lambda: designs)
@@ -337,9 +339,9 @@ def test_ten_thousand_refusals_leave_gain_and_memory(spawn: Any, probe: Any) -> 
 
     def refuse(count: int) -> None:
         values = [[1.0, 1.0 + k, -1.0 - k] for k in range(count)]
-        requests = support.SetParameters.Request(parameters=[
-            support.Parameter('Qu', value=value[1:]).to_parameter_msg() for value in values])
-        results = probe.call(support.SetParameters, '/lqr_node/set_parameters', requests).results
+        requests = SetParameters.Request(parameters=[
+            Parameter('Qu', value=value[1:]).to_parameter_msg() for value in values])
+        results = probe.call(SetParameters, '/lqr_node/set_parameters', requests).results
         assert len(results) == count
         assert not any(each.successful for each in results)
 
