@@ -5,10 +5,13 @@ The optimal control problem of section 2.2.
 
 Minimise J = integral of L(x, u) over [0, T] + V(x(T))
 subject to dx/dt = f(x, u), x(0) = x0, psi(x(T)) = 0, u in a box,
-and, beyond the book: x in a box, path constraints, T given or free.
+and, beyond the book: x in a box, path constraints, T given or free, x(0) in a box.
+
+The time, parameters to be found and conditions on x(0) are stated with additional states, which
+are the last ones (`augmentation`).
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import casadi as ca
 import numpy as np
@@ -40,6 +43,25 @@ class FinalTime:
 
 
 @dataclass(frozen=True, eq=False)
+class FreeStart:
+    """
+    Where x(0) may be, if it is not given.
+
+    Attributes
+    ----------
+    lower, upper : ndarray, shape (n,)
+        Bounds of x(0); equal for a state whose x(0) is given, -inf and inf for none.
+    linked : tuple of (int, int)
+        Pairs (i, j) of states that are equal at t = 0. No j is in two of them.
+
+    """
+
+    lower: Array
+    upper: Array
+    linked: tuple[tuple[int, int], ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
 class Problem:
     """
     A valid optimal control problem: symbols, expressions in them, and numbers.
@@ -58,7 +80,7 @@ class Problem:
     path : casadi.SX
         Path constraints c(x, u), shape (l, 1), path_lower <= c <= path_upper.
     p_value, x0 : ndarray
-        Values of p (k,) and of x(0) (n,).
+        Values of p (k,) and of x(0) (n,); where x(0) is not given, an initial guess of it.
     x_lower, x_upper, u_lower, u_upper, path_lower, path_upper : ndarray
         Bounds; -inf and inf for none.
     final_time : FinalTime
@@ -71,6 +93,15 @@ class Problem:
         Equal for two problems that differ only in numbers.
     method : str
         Method to solve it with, one of `method_names.NAMES`.
+    start : FreeStart or None
+        None if x(0) = x0.
+    added : int
+        Number of the states, the last ones, that the statement does not have: the time, free
+        parameters, initial values. See `augmentation`.
+    free_parameters : tuple of str
+        Names of those of the added states that are parameters to be found.
+    has_clock : bool
+        Whether the first of the added states is the time.
 
     """
 
@@ -99,11 +130,20 @@ class Problem:
     angles: tuple[bool, ...] = ()
     structure: str = ''
     method: str = 'auto'
+    start: FreeStart | None = None
+    added: int = 0
+    free_parameters: tuple[str, ...] = ()
+    has_clock: bool = False
 
     @property
     def n(self) -> int:
         """Return the number of states."""
         return len(self.states)
+
+    @property
+    def stated(self) -> int:
+        """Return the number of states of the statement, the first ones."""
+        return self.n - self.added
 
     @property
     def m(self) -> int:
@@ -124,3 +164,28 @@ class Problem:
     def constrained(self) -> bool:
         """Return whether there are state bounds or path constraints."""
         return bool(self.path.numel() or np.isfinite([self.x_lower, self.x_upper]).any())
+
+    @property
+    def start_box(self) -> tuple[Array, Array]:
+        """Return the bounds of x(0), (n,) each."""
+        return (self.x0, self.x0) if self.start is None else (self.start.lower, self.start.upper)
+
+    @property
+    def given_at_start(self) -> Mask:
+        """Return for which states x(0) is given, shape (n,)."""
+        lower, upper = self.start_box
+        return np.asarray(lower == upper)
+
+    def pin_start(self, x: Array) -> 'Problem':
+        """
+        Return the problem whose x(0) is given: that of a path where it is free.
+
+        Parameters
+        ----------
+        x : ndarray, shape (n,)
+            Initial state of the path.
+
+        """
+        if self.start is None:
+            return self
+        return replace(self, start=None, x0=np.where(self.given_at_start, self.x0, x))

@@ -9,8 +9,8 @@ valid statement of a problem without a solution is accepted.
 The module is long because each key of a statement has its own check and message.
 """
 
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from collections.abc import Collection, Iterable, Mapping
+from dataclasses import dataclass, replace
 import hashlib
 import math
 from pathlib import Path
@@ -19,9 +19,10 @@ from typing import Any
 import casadi as ca
 import numpy as np
 from obc_ros.core.numerics.arrays import Array
+from obc_ros.core.ocp.augmentation import Augmentation
 from obc_ros.core.ocp.guess import Guess
 from obc_ros.core.ocp.method_names import get_method
-from obc_ros.core.ocp.problem import FinalTime, Problem
+from obc_ros.core.ocp.problem import FinalTime, FreeStart, Problem
 from obc_ros.core.systems import registry
 from obc_ros.core.systems.file import FOR_PEOPLE, OF_A_PLANT
 from obc_ros.core.text import expressions
@@ -39,9 +40,12 @@ from obc_ros.core.text.fields import (
 from obc_ros.core.text.yaml_files import read_entries
 
 FOR_THE_SOLVER = (
-    'name', 'system', 'states', 'inputs', 'parameters', 'dynamics', 'running_cost',
-    'terminal_cost', 'initial_state', 'terminal_constraints', 'input_bounds', 'state_bounds',
-    'path_constraints', 'final_time', 'initial_guess', 'method')
+    'name', 'system', 'states', 'inputs', 'parameters', 'free_parameters', 'dynamics',
+    'running_cost', 'terminal_cost', 'initial_cost', 'initial_state', 'initial_constraints',
+    'terminal_constraints', 'periodic', 'input_bounds', 'state_bounds', 'path_constraints',
+    'final_time', 'initial_guess', 'method')
+
+TIME = 't'   # name of the time in expressions, unless the statement gives it another meaning
 
 MAX_TEXT = 200_000     # characters of all expressions together
 MAX_VALUES = 10_000    # values of a guess
@@ -61,6 +65,14 @@ class _Plant:
     f: ca.SX
     u_lower: Array
     u_upper: Array
+    free: dict[str, ca.SX]
+    time: ca.SX | None
+
+    @property
+    def known(self) -> dict[str, ca.SX]:
+        """Return the symbols of the names in expressions."""
+        return self.x | self.u | self.p | self.free | (
+            {} if self.time is None else {TIME: self.time})
 
 
 def build_problem(mapping: object) -> Problem:
@@ -90,30 +102,37 @@ def build_problem(mapping: object) -> Problem:
     check_keys(given, FOR_THE_SOLVER, OF_A_PLANT + FOR_PEOPLE)
     _bounded_text(given)
     plant = _registered_plant(given) if given.get('system') is not None else _own_plant(given)
-    names = plant.x | plant.u | plant.p
-    L = expressions.parse_expression(_or_zero(given, 'running_cost'), names, 'running_cost')
-    V = expressions.parse_expression(_or_zero(given, 'terminal_cost'), names, 'terminal_cost')
-    _states_only(V, plant, 'terminal_cost')
-    psi, literals = _terminal_constraints(given, plant)
+    L = expressions.parse_expression(_or_zero(given, 'running_cost'), plant.known, 'running_cost')
+    V = _cost_at_an_end(given, plant, 'terminal_cost')
+    psi, literals = _end_constraints(given, plant, 'terminal_constraints')
     path, path_lower, path_upper = _path_constraints(given, plant)
     x_lower, x_upper = _bounds(given, 'state_bounds', plant.states, plant.values)
     u_lower, u_upper = _bounds(given, 'input_bounds', plant.inputs, plant.values,
                                plant.u_lower, plant.u_upper)
     final_time = _final_time(given, plant.values)
-    symbols = {'x': _column(plant.x.values()), 'u': _column(plant.u.values()),
+    guess, more = _guess(given, plant, final_time), _Start(given, plant)
+    time = plant.time if plant.time is not None and ca.depends_on(
+        ca.vertcat(plant.f, L, V, path, *psi), plant.time) else None
+    added = more.augment(time, guess)
+    V, psi, literals = V + more.cost, [*psi, *more.rows], [*literals, *more.literals]
+    unlimited = np.full(added.count, np.inf)
+    symbols = {'x': _column(added.x.values()), 'u': _column(plant.u.values()),
                'p': _column([*plant.p.values(), *(symbol for symbol, _ in literals)])}
-    bounds = (x_lower, x_upper, u_lower, u_upper, path_lower, path_upper)
-    functions = ca.Function('problem', list(symbols.values()), [plant.f, L, path, V, psi])
+    f, ends = ca.vertcat(plant.f, added.rates), _column(psi)
+    functions = ca.Function('problem', list(symbols.values()), [f, L, path, V, ends])
+    bounds = (np.append(x_lower, -unlimited), np.append(x_upper, unlimited), u_lower, u_upper,
+              path_lower, path_upper)
     problem = Problem(
-        name=_name(given), states=plant.states, inputs=plant.inputs,
+        name=_name(given), states=tuple(added.x), inputs=plant.inputs,
         parameters=(*plant.p, *(symbol.name() for symbol, _ in literals)),
-        **symbols, f=plant.f, L=L, V=V, psi=psi, path=path,
+        **symbols, f=f, L=L, V=V, psi=ends, path=path, x_lower=bounds[0], x_upper=bounds[1],
+        u_lower=u_lower, u_upper=u_upper, path_lower=path_lower, path_upper=path_upper,
         p_value=np.array([*plant.values.values(), *(value for _, value in literals)]),
-        x0=_initial_state(given, plant), x_lower=x_lower, x_upper=x_upper, u_lower=u_lower,
-        u_upper=u_upper, path_lower=path_lower, path_upper=path_upper, final_time=final_time,
-        guess=_guess(given, plant, final_time), angles=plant.angles,
+        x0=np.array(added.x0), start=added.start, added=added.count,
+        free_parameters=tuple(plant.free), has_clock=time is not None, final_time=final_time,
+        guess=guess, angles=plant.angles + (False,) * added.count,
         method=get_method(given.get('method')),
-        structure=_structure(functions, bounds, final_time))
+        structure=_structure(functions, bounds, final_time, added.start))
     _defined_at_start(problem, functions)
     return problem
 
@@ -170,7 +189,8 @@ def _name(given: Mapping[Any, Any]) -> str:
 def _bounded_text(given: Mapping[Any, Any]) -> None:
     """Raise an error if the expressions are too long in total, before any of them is parsed."""
     total = 0
-    for key in ('dynamics', 'parameters', 'terminal_constraints', 'path_constraints'):
+    for key in ('dynamics', 'parameters', 'terminal_constraints', 'initial_constraints',
+                'path_constraints'):
         value = given.get(key)
         parts = value.values() if isinstance(value, Mapping) else (
             value if isinstance(value, (list, tuple)) else ())
@@ -202,6 +222,9 @@ def _own_plant(given: Mapping[Any, Any]) -> _Plant:
         values[_parameter(name, states, inputs)] = parse_number(value, values,
                                                                 f'parameters.{name}')
     p = {name: ca.SX.sym(name) for name in values}
+    free = {name: ca.SX.sym(name) for name in _free_names(given, (*states, *inputs), p)}
+    time = _time((*states, *inputs, *p))
+    known = x | u | p | free | ({} if time is None else {TIME: time})
     if given.get('dynamics') is None:
         raise StatementError('dynamics: missing; wanted an equation for each state')
     equations = read_mapping(given['dynamics'], 'dynamics')
@@ -211,12 +234,12 @@ def _own_plant(given: Mapping[Any, Any]) -> _Plant:
     for name in states:
         if name not in equations:
             raise StatementError(f"dynamics: no equation for the state '{name}'")
-    f = _column([expressions.parse_expression(equations[name], x | u | p, f'dynamics.{name}')
+    f = _column([expressions.parse_expression(equations[name], known, f'dynamics.{name}')
                  for name in states])
     unlimited = np.full(len(inputs), np.inf)
     return _Plant(
         states=states, inputs=inputs, angles=(False,) * len(states), x=x, u=u, p=p,
-        values=values, f=f, u_lower=-unlimited, u_upper=unlimited)
+        values=values, f=f, u_lower=-unlimited, u_upper=unlimited, free=free, time=time)
 
 
 def _parameter(name: object, states: tuple[str, ...], inputs: tuple[str, ...]) -> str:
@@ -225,6 +248,30 @@ def _parameter(name: object, states: tuple[str, ...], inputs: tuple[str, ...]) -
         raise StatementError(f"parameters: '{name}' is both a parameter and "
                              f"{'a state' if name in states else 'an input'}")
     return name
+
+
+def _time(names: Collection[str]) -> ca.SX | None:
+    """Return the symbol of the time, None if a statement gives its name another meaning."""
+    return None if TIME in names else ca.SX.sym(TIME)
+
+
+def _free_names(given: Mapping[Any, Any], signals: Collection[str],
+                parameters: Collection[str]) -> list[str]:
+    """Return the names of the free parameters."""
+    names = []
+    for name in read_section(given, 'free_parameters'):
+        name = check_name(name, 'free_parameters')
+        if name == TIME:
+            raise StatementError(f"free_parameters: '{TIME}' is the time; choose another name")
+        if name in signals:
+            raise StatementError(f"free_parameters: '{name}' is a state or an input; to find the "
+                                 'initial value of a state, write null or [lower, upper] in '
+                                 'initial_state')
+        if name in parameters:
+            raise StatementError(f"free_parameters: '{name}' has a value in parameters; give one "
+                                 'of the two')
+        names.append(name)
+    return names
 
 
 def _registered_plant(given: Mapping[Any, Any]) -> _Plant:
@@ -237,6 +284,7 @@ def _registered_plant(given: Mapping[Any, Any]) -> _Plant:
     if not isinstance(name, str):
         raise StatementError(f'system: wanted a name, found {describe_type(name)}')
     section = read_section(given, 'parameters')
+    free = read_section(given, 'free_parameters')
     try:
         options = {key: _option(section[key], f'parameters.{key}')
                    for key in registry.get_options(name) if key in section}
@@ -258,11 +306,18 @@ def _registered_plant(given: Mapping[Any, Any]) -> _Plant:
         raise StatementError(f'parameters: {error}') from None
     p = dict(zip(own, ca.vertsplit(system.p), strict=True))
     p |= {key: ca.SX.sym(key) for key in values if key not in p}
+    # A free parameter of the system replaces its value.
+    replaced = {key: p.pop(key) for key in own if key in free and key not in section}
+    values = {key: values[key] for key in p}
+    signals = (*system.state_names, *system.input_names)
+    found = {key: replaced[key] if key in replaced else ca.SX.sym(key)
+             for key in _free_names(given, signals, p)}
     return _Plant(
         states=system.state_names, inputs=system.input_names, angles=system.angles,
         x=dict(zip(system.state_names, ca.vertsplit(system.x), strict=True)),
         u=dict(zip(system.input_names, ca.vertsplit(system.u), strict=True)), p=p, values=values,
-        f=system.xdot, u_lower=system.u_min, u_upper=system.u_max)
+        f=system.xdot, u_lower=system.u_min, u_upper=system.u_max, free=found,
+        time=_time((*signals, *p)))
 
 
 def _option(value: object, where: str) -> object:
@@ -280,22 +335,29 @@ def _states_only(expression: ca.SX, plant: _Plant, where: str) -> None:
                                  'appear in terminal costs and constraints')
 
 
-def _terminal_constraints(given: Mapping[Any, Any],
-                          plant: _Plant) -> tuple[ca.SX, list[tuple[ca.SX, float]]]:
-    """Return psi with its numbers replaced by symbols, and these symbols with their values."""
-    value = given.get('terminal_constraints')
+def _cost_at_an_end(given: Mapping[Any, Any], plant: _Plant, key: str) -> ca.SX:
+    """Return the cost at an end of the path."""
+    cost = expressions.parse_expression(_or_zero(given, key), plant.known, key)
+    _states_only(cost, plant, key)
+    return cost
+
+
+def _end_constraints(given: Mapping[Any, Any], plant: _Plant,
+                     key: str) -> tuple[list[ca.SX], list[tuple[ca.SX, float]]]:
+    """Return constraints with their numbers replaced by symbols, and these with their values."""
+    value = given.get(key)
     rows: list[ca.SX] = []
     literals: list[tuple[ca.SX, float]] = []
-    for index, text in enumerate([] if value is None else list_of(value, 'terminal_constraints')):
-        where = f'terminal_constraints[{index}]'
-        row = expressions.parse_expression(text, plant.x | plant.u | plant.p, where)
+    for index, text in enumerate([] if value is None else list_of(value, key)):
+        where = f'{key}[{index}]'
+        row = expressions.parse_expression(text, plant.known, where)
         _states_only(row, plant, where)
-        if not any(ca.depends_on(row, symbol) for symbol in plant.x.values()):
+        if not any(ca.depends_on(row, symbol) for symbol in (plant.x | plant.free).values()):
             raise StatementError(f"{where}: '{_short(text)}' does not depend on any state")
-        row, found = expressions.parse_lifted(text, plant.x | plant.p, where)
+        row, found = expressions.parse_lifted(text, plant.known, where)
         rows.append(row)
         literals.extend(found)
-    return _column(rows), literals
+    return rows, literals
 
 
 def _bounds(given: Mapping[Any, Any], key: str, names: tuple[str, ...],
@@ -317,14 +379,14 @@ def _bounds(given: Mapping[Any, Any], key: str, names: tuple[str, ...],
 def _path_constraints(given: Mapping[Any, Any], plant: _Plant) -> tuple[ca.SX, Array, Array]:
     value = given.get('path_constraints')
     rows, lower, upper = [], [], []
-    names = plant.x | plant.u
+    names = plant.x | plant.u | plant.free
     for index, entry in enumerate([] if value is None else list_of(value, 'path_constraints')):
         where = f'path_constraints[{index}]'
         entry = read_mapping(entry, where)
         check_keys(entry, ('expr', 'lower', 'upper'), where=where)
         if entry.get('expr') is None:
             raise StatementError(f'{where}: expr is missing')
-        row = expressions.parse_expression(entry['expr'], names | plant.p, f'{where}.expr')
+        row = expressions.parse_expression(entry['expr'], plant.known, f'{where}.expr')
         if not any(ca.depends_on(row, symbol) for symbol in names.values()):
             raise StatementError(f'{where}.expr: depends on no state and no input')
         low, high = evaluate_limits(entry.get('lower'), entry.get('upper'), plant.values, where)
@@ -336,7 +398,71 @@ def _path_constraints(given: Mapping[Any, Any], plant: _Plant) -> tuple[ca.SX, A
     return _column(rows), np.array(lower), np.array(upper)
 
 
-def _initial_state(given: Mapping[Any, Any], plant: _Plant) -> Array:
+class _Start:
+    """
+    What a statement says of x(0), and of free parameters.
+
+    `cost`, `rows`, `literals`: additional terminal cost and constraints, after `augment`.
+    """
+
+    def __init__(self, given: Mapping[Any, Any], plant: _Plant) -> None:
+        self._given, self._plant = given, plant
+        self._x0 = _initial_state(given, plant)
+        self._free = {name: _box(value, plant.values, f'free_parameters.{name}')
+                      for name, value in read_section(given, 'free_parameters').items()}
+        at_start = replace(plant, time=None)
+        self._cost = _cost_at_an_end(given, at_start, 'initial_cost')
+        self._rows, self.literals = _end_constraints(given, at_start, 'initial_constraints')
+        self._periodic = _periodic(given, plant)
+        self.cost, self.rows = ca.SX(0), list[ca.SX]()
+
+    def augment(self, time: ca.SX | None, guess: Guess) -> Augmentation:
+        """Return the states with the additional ones; `time`: its symbol, if it occurs."""
+        plant, firsts = self._plant, {name: float(x[0]) for name, x in guess.x.items()}
+        start = [_guessed(*box, firsts.get(name))
+                 for name, box in zip(plant.states, self._x0, strict=True)]
+        added = Augmentation(dict(plant.x), *(list(each) for each in zip(*start, strict=True)))
+        if time is not None:
+            added.add(TIME, time, (0.0, 0.0, 0.0), 1.0)
+        for name, box in self._free.items():
+            added.add(name, plant.free[name], _guessed(*box, firsts.get(name)))
+        first = added.keep_initial([self._cost, *self._rows, *(
+            plant.x[name] for name in self._periodic)])
+        self.cost, count = first[0], 1 + len(self._rows)
+        self.rows = first[1:count] + [plant.x[name] - kept for name, kept in zip(
+            self._periodic, first[count:], strict=True)]
+        return added
+
+
+def _box(value: object, values: Mapping[str, float], where: str) -> tuple[float, float]:
+    """Return bounds: of null, none."""
+    return (-math.inf, math.inf) if value is None else read_bounds(value, values, where)
+
+
+def _guessed(lower: float, upper: float, guess: float | None) -> tuple[float, float, float]:
+    """Return an initial guess within bounds, and the bounds."""
+    if guess is None and math.isfinite(upper - lower):
+        guess = 0.5 * lower + 0.5 * upper
+    elif guess is None and math.isfinite(lower):
+        guess = lower + max(1.0, abs(lower))
+    elif guess is None and math.isfinite(upper):
+        guess = upper - max(1.0, abs(upper))
+    return min(max(guess or 0.0, lower), upper), lower, upper
+
+
+def _periodic(given: Mapping[Any, Any], plant: _Plant) -> tuple[str, ...]:
+    """Return the names of the periodic states."""
+    if given.get('periodic') is None:
+        return ()
+    names = read_names(given, 'periodic')
+    for name in names:
+        if name not in plant.states:
+            raise _unknown(name, plant.states, 'periodic', 'a state')
+    return names
+
+
+def _initial_state(given: Mapping[Any, Any], plant: _Plant) -> list[tuple[float, float]]:
+    """Return the bounds of x(0)."""
     wanted = f"a number for each state: {{{', '.join(f'{name}: 0' for name in plant.states[:9])}}}"
     if given.get('initial_state') is None:
         raise StatementError(f'initial_state: missing; wanted {wanted}')
@@ -347,8 +473,16 @@ def _initial_state(given: Mapping[Any, Any], plant: _Plant) -> Array:
     for name in plant.states:
         if name not in start:
             raise StatementError(f"initial_state: no value for the state '{name}'")
-    return np.array([parse_number(start[name], plant.values, f'initial_state.{name}')
-                     for name in plant.states])
+    return [_initial_value(start[name], plant.values, f'initial_state.{name}')
+            for name in plant.states]
+
+
+def _initial_value(value: object, values: Mapping[str, float], where: str) -> tuple[float, float]:
+    """Return the bounds of an initial value: a number, [lower, upper], or null."""
+    if value is None or isinstance(value, (list, tuple)):
+        return _box(value, values, where)
+    number = parse_number(value, values, where)
+    return number, number
 
 
 def _final_time(given: Mapping[Any, Any], values: Mapping[str, float]) -> FinalTime:
@@ -393,14 +527,15 @@ def _positive(value: float, where: str) -> float:
 
 def _guess(given: Mapping[Any, Any], plant: _Plant, final_time: FinalTime) -> Guess:
     entry = read_section(given, 'initial_guess')
-    check_keys(entry, ('states', 'inputs', 'final_time'), where='initial_guess')
+    check_keys(entry, ('states', 'inputs', 'parameters', 'final_time'), where='initial_guess')
     final = entry.get('final_time')
     if final is not None:
         final = _positive(parse_number(final, plant.values, 'initial_guess.final_time'),
                           'initial_guess.final_time')
         if final_time.free:
             final = min(max(final, final_time.lower), final_time.upper)
-    return Guess(x=_profiles(entry, 'states', plant.states, plant.values),
+    return Guess(x=_profiles(entry, 'states', plant.states, plant.values) | _profiles(
+        entry, 'parameters', tuple(plant.free), plant.values),
                  u=_profiles(entry, 'inputs', plant.inputs, plant.values), final_time=final)
 
 
@@ -421,13 +556,16 @@ def _profiles(entry: Mapping[Any, Any], key: str, names: tuple[str, ...],
     return found
 
 
-def _structure(functions: ca.Function, bounds: tuple[Array, ...], final_time: FinalTime) -> str:
-    """Return a hash of the expressions, of which bounds exist, and of whether T is free."""
+def _structure(functions: ca.Function, bounds: tuple[Array, ...], final_time: FinalTime,
+               start: FreeStart | None) -> str:
+    """Return a hash of the expressions, of which bounds exist, and of what is free."""
     digest = hashlib.sha256(functions.serialize().encode())
     for lower, upper in zip(bounds[::2], bounds[1::2], strict=True):
         digest.update(np.isfinite(lower).tobytes() + np.isfinite(upper).tobytes()
                       + (lower == upper).tobytes())
     digest.update(b'free' if final_time.free else b'given')
+    if start is not None:
+        digest.update((start.lower == start.upper).tobytes() + repr(start.linked).encode())
     return digest.hexdigest()
 
 
@@ -447,6 +585,9 @@ def _defined_at_start(problem: Problem, functions: ca.Function) -> None:
         worst = worst or undefined
     start = ', '.join(f'{name} = {value:g}'
                       for name, value in zip(problem.states, problem.x0, strict=True))
+    if problem.start is not None:
+        raise StatementError(f'{worst[0]}: undefined at the initial guess of the initial state '
+                             f'({_short(start)}); give one in initial_guess')
     raise StatementError(f'{worst[0]}: undefined at the initial state ({_short(start)}): '
                          'its value there is not a finite number')
 

@@ -92,7 +92,7 @@ def find_shared_inputs(problem: Problem) -> Mask:
 
 def find_clocks(problem: Problem) -> Mask:
     """
-    Return the states whose rates are constant, for example a time.
+    Return the states with a given x(0) whose rates are constant, for example a time.
 
     Parameters
     ----------
@@ -106,7 +106,8 @@ def find_clocks(problem: Problem) -> Mask:
 
     """
     z = ca.vertcat(problem.x, problem.u)
-    return np.array([not ca.depends_on(rate, z) for rate in ca.vertsplit(problem.f)])
+    steady = [not ca.depends_on(rate, z) for rate in ca.vertsplit(problem.f)]
+    return np.array(steady) & problem.given_at_start
 
 
 def find_branching_inputs(problem: Problem) -> Mask:

@@ -326,9 +326,11 @@ def collect_numbers(problem: Problem) -> Array:
     Returns
     -------
     ndarray, shape (numbers,)
-        x(0), parameters, bounds; value, lower and upper bound of the final time (nan: 0).
+        x(0), parameters, bounds, those of x(0) if it is free; value, lower and upper bound of the
+        final time (nan: 0).
 
     """
     final = problem.final_time
-    return np.concatenate([*(getattr(problem, name) for name in _NUMBERS),
+    start = () if problem.start is None else problem.start_box
+    return np.concatenate([*(getattr(problem, name) for name in _NUMBERS), *start,
                            np.nan_to_num([final.value, final.lower, final.upper])])

@@ -13,7 +13,6 @@ from dataclasses import replace
 import casadi as ca
 import numpy as np
 from obc_ros.core.ocp.certificate.certificate import certify
-from obc_ros.core.ocp.positivity import keep_amounts_positive
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.ocp.solution import Solution, Status, Verdict
 from obc_ros.core.solver.bench import Bench, build_bench, Candidate, Task
@@ -25,6 +24,7 @@ from obc_ros.core.solver.proofs.contradictions import explain_contradiction
 from obc_ros.core.solver.proofs.optimality import describe_local
 from obc_ros.core.solver.starts.multistart import descend_from_coarse, explore_starts
 from obc_ros.core.solver.starts.neighbour import solve_from_neighbour
+from obc_ros.core.solver.starts.positivity import keep_amounts_positive
 from obc_ros.core.solver.starts.start_pool import StartPool
 from obc_ros.core.solver.trace import GUESS
 from obc_ros.core.solver.transcription.program import TranscriptionOutcome

@@ -446,7 +446,7 @@ def _unknown(name: str, names: Collection[str], where: str) -> str:
         return f"{where}: the function '{name}' needs its argument in brackets"
     hint = _hint(name, [*names, *CONSTANTS])
     if name == 't':
-        hint = '; for the time, add a state with derivative 1'
+        hint = '; the time is known in dynamics, costs and constraints along the path and at T'
     known = ', '.join(names) or 'none'
     return f"{where}: unknown name '{_short(name)}'{hint}; known names: {_short_list(known)}"
 

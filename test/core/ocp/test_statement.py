@@ -153,7 +153,7 @@ FAULTS = [
     ('dynamics.w', 'u', r"^dynamics\.w: 'w' is not a state"),
     ('dynamics.u', 'u', r"^dynamics\.u: 'u' is not a state"),
     ('dynamics.v', 'gg + u', r"^dynamics\.v: unknown name 'gg' \(did you mean 'g'\?\)"),
-    ('dynamics.v', 't', r'^dynamics\.v: .* state with derivative 1'),
+    ('input_bounds.u', [0, 't'], r"^input_bounds\.u \(upper\): unknown name 't'; the time is"),
     ('dynamics.v', ['u'], r'^dynamics\.v: .* found a list'),
     ('dynamics.v', True, r'^dynamics\.v: .* found bool'),
     ('dynamics.v', None, r'^dynamics\.v: .* found nothing'),

@@ -11,6 +11,9 @@ residual has no unit. Let |.| be the largest absolute value over time. The scali
 
 of x_i, of the cost, of s_i lam_i and of H. A factor that vanishes is replaced by a lower bound
 from the others (`_Scales`). States that only rounding errors move from the origin have s_i = 0.
+A free x(0) may be so large that all changes of x are small relative to it. Where x_i(0) is free,
+s_i is therefore at most 100 times the integral of |f_i|, unless f_i = 0, and a state that is linked
+with another one has its s_i.
 
 An interval lies between two samples. Its input is linear or constant, as the solution's
 `interpolation` says. The equations of x and lam are integrated over it from the returned values
@@ -21,9 +24,12 @@ Residuals sum the defects of all intervals, so that a finer grid does not hide a
 ============== ===============================================================================
 dynamics       sum over intervals of max_i |defect of x_i| / s_i; where a terminal constraint has
                multiplier 0, also 1e-2 times the change of the inputs that corrects the defects
-               (`defect_correction`), since the costates do not contain that constraint
-start          max_i |x_i(0) - x0_i| / s_i, and |t(0)| / T
-end            max_j |psi_j(x(T))| / (sum_i |dpsi_j/dx_i| s_i), x(T) replayed; for a given T also
+               (`defect_correction`), since the costates do not contain that constraint; where
+               x(0) is free, also the rounding error of x_i over s_i
+start          max_i |x_i(0) - x0_i| / s_i, and |t(0)| / T; where x(0) is free, its distance from
+               its bounds and from that of a state that is linked with it
+end            max_j |psi_j(x(T))| / (sum_i |dpsi_j/dx_i| s_i), x(T) replayed, without free
+               parameters in the sum if there are other states; for a given T also
                |t(T) - T| / T; and 1e-3 |nu|'|psi(x(T))| / (integral of |L| + |V(x(T))|), since a
                constraint that is met only asymptotically has an unbounded multiplier
 bounds         largest excess of u at samples, of x and of the path constraints at samples and,
@@ -36,7 +42,9 @@ minimum        max over samples of (H - min over the input set of H) / H0, and 1
                integral of this difference over c, whichever is larger; with path constraints
                c <= b on inputs also the difference of H + m'c, plus m'(b - c), if it is larger
 transversality max_i s_i |lam_i(T) - dV/dx_i - (nu' dpsi/dx)_i| / l, with nu by least squares if
-               the solution has none; bounds active at T may account for it as in `costate`
+               the solution has none; bounds active at T may account for it as in `costate`. Where
+               x(0) is free, also max_i s_i |lam_i(0)| / l, the sum of lam(0) for linked states,
+               less what bounds active at 0 account for: lam_i(0) >= 0 at a lower bound of x_i(0)
 hamiltonian    (max H - min H over samples) / H0, and largest error of the returned H / H0
 final_time     for a free T: |H(T)| / H0, or only its wrong sign (H > 0 at the upper end of the
                admissible times, H < 0 at the lower), and the excess of T / T
@@ -79,6 +87,7 @@ _FORCELESS = 1e-6  # relative to lam: below it a terminal multiplier counts as 0
 _OF_COST, _ABNORMAL = 0.1, 1e-4
 # States, and f relative to its part from the inputs, that count as rounding errors.
 _ROUNDING = 1e-9, 1e-10
+_MOST_OF_MOTION = 100.0  # integrals of |f_i|: largest scale of a state with a free initial value
 
 
 def certify(problem: Problem, solution: Solution) -> Certificate:
@@ -117,6 +126,7 @@ class _Functions:
         x, u, p = problem.x, problem.u, problem.p
         self.integrator = ReplayIntegrator(problem)
         self.minimum = InputMinimum(problem)
+        self.rate = None if problem.start is None else VectorizedFunction([x, u, p], [problem.f])
         self.end = VectorizedFunction([x, p], [problem.V, ca.gradient(problem.V, x), problem.psi,
                                                ca.jacobian(problem.psi, x).T])
         if problem.path.numel():
@@ -227,7 +237,9 @@ class _Judge:
                 Condition.BOUNDS: excess,
                 Condition.COSTATE: self._costate(upper_active, lower_active),
                 Condition.MINIMUM: self._minimum(),
-                Condition.TRANSVERSALITY: self._transversality(upper_active[-1], lower_active[-1]),
+                Condition.TRANSVERSALITY: max(
+                    self._transversality(upper_active[-1], lower_active[-1]),
+                    self._start_transversality(upper_active[0], lower_active[0])),
                 Condition.HAMILTONIAN: self._hamiltonian(),
                 Condition.FINAL_TIME: self._final_time(),
                 Condition.COST: self._cost(),
@@ -263,11 +275,25 @@ class _Judge:
         size = np.abs(self.solution.x).max(axis=0)
         if size.max() <= _ROUNDING[0] and self._at_rest():
             size = np.zeros_like(size)
+        size = self._limited(size)
         return np.asarray(np.maximum(size, 1e-2 * min(1.0, float(size.max())) or 1.0))
+
+    def _limited(self, size: Array) -> Array:
+        """Return the sizes of states, limited by their motion where x(0) is free, (n,)."""
+        problem, solution, rate_of = self.problem, self.solution, self.functions.rate
+        if problem.start is None or rate_of is None:
+            return size
+        rate = np.abs(rate_of(solution.x, solution.u, self.p)[0])
+        motion = np.diff(solution.t) @ (rate[:-1] + rate[1:]) / 2
+        moves = ~problem.given_at_start & (motion > 0)
+        size = np.where(moves, np.minimum(size, _MOST_OF_MOTION * motion), size)
+        for i, j in problem.start.linked:
+            size[j] = size[i]
+        return np.asarray(size)
 
     def _at_rest(self) -> bool:
         """Return whether x(0) = 0 and the inputs hold x = 0, up to rounding errors."""
-        if self.problem.x0.any():
+        if self.problem.x0[self.problem.given_at_start].any():
             return False
         x, u, f = self.problem.x, self.problem.u, self.problem.f
         size = ca.SX.sym('size', self.problem.m)
@@ -293,14 +319,28 @@ class _Judge:
         if not self.replay.converged:
             return np.inf
         defect = np.abs(self._jumps())
-        return max(float((defect / self.scales.x).max(axis=1).sum()), 1e-2 * self._correction())
+        return max(float((defect / self.scales.x).max(axis=1).sum()), 1e-2 * self._correction(),
+                   self._rounding())
+
+    def _rounding(self) -> float:
+        """Return the largest rounding error of a state with a free initial value."""
+        if self.problem.start is None:
+            return 0.0
+        return float((np.spacing(np.abs(self.solution.x).max(axis=0)) / self.scales.x).max())
+
+    def _psi_sizes(self, slopes: Array) -> Array:
+        """Return the sizes (q,) of the terminal constraints with gradients (q, n)."""
+        size, problem = np.abs(slopes), self.problem
+        constant = np.array([name in problem.free_parameters for name in problem.states])
+        others = size @ np.where(constant, 0.0, self.scales.x)
+        return np.where(others > 0, others, size @ self.scales.x)
 
     def _correction(self) -> float:
         """Return the change of the inputs that corrects the defects, if some nu_j vanish."""
         if not self.problem.q:
             return 0.0
         slopes = self.end[3][0].reshape(self.problem.q, -1)
-        sizes = np.abs(slopes) @ self.scales.x
+        sizes = self._psi_sizes(slopes)
         if not np.any(np.abs(self._nu()) * sizes <= _FORCELESS * self.scales.lam):
             return 0.0
         jumps = self._jumps()
@@ -312,8 +352,18 @@ class _Judge:
             self.intervals.h, after, (slopes, np.where(sizes > 0, sizes, 1.0)), self.scales.u)
 
     def _start(self) -> float:
-        gap = np.abs(self.solution.x[0] - self.problem.x0) / self.scales.x
-        return max(float(gap.max()), abs(float(self.solution.t[0])) / self.duration)
+        gap = np.abs(self._missed_at_start()) / self.scales.x
+        gaps = [gap.max(), abs(self.solution.t[0]) / self.duration]
+        if self.problem.start is not None:
+            x, size = self.solution.x[0], self.scales.x
+            gaps += [abs(x[i] - x[j]) / min(size[i], size[j])
+                     for i, j in self.problem.start.linked]
+        return float(max(gaps))
+
+    def _missed_at_start(self) -> Array:
+        """Return x(0) less the nearest value that its bounds allow, (n,)."""
+        x, (lower, upper) = self.solution.x[0], self.problem.start_box
+        return np.asarray(x - np.clip(x, lower, upper))
 
     def _end(self) -> float:
         final = self.problem.final_time
@@ -321,7 +371,7 @@ class _Judge:
         _, _, psi, psi_x = self.end
         if not self.problem.q:
             return late
-        size, missed = np.abs(psi_x[0].reshape(self.problem.q, -1)) @ self.scales.x, np.abs(psi[0])
+        size, missed = self._psi_sizes(psi_x[0].reshape(self.problem.q, -1)), np.abs(psi[0])
         worth = float(np.abs(self.solution.nu) @ missed) if self.solution.nu.size else 0.0
         return max(late, float((missed / np.where(size > 0, size, 1.0)).max()),
                    1e-3 * worth / max(self.scales.spent, LEAST_COST))
@@ -452,6 +502,25 @@ class _Judge:
             rest[None], solution.x[-1:], self.intervals.ub[-1:], upper[None], lower[None],
             np.zeros((1, len(upper))))[0])
 
+    def _start_transversality(self, upper: Mask, lower: Mask) -> float:
+        """Return the largest entry of lam(0) for which neither x(0) nor a bound accounts."""
+        problem, solution, n = self.problem, self.solution, self.problem.n
+        if problem.start is None:
+            return 0.0
+        x, (lowest, highest) = solution.x[0], problem.start_box
+        near = ACTIVE * self.scales.x
+        upper, lower = upper.copy(), lower.copy()
+        upper[:n] |= x >= np.where(problem.given_at_start, -np.inf, highest - near)
+        lower[:n] |= x <= np.where(problem.given_at_start, np.inf, lowest + near)
+        rest = -solution.lam[0]
+        for i, j in problem.start.linked:   # the multiplier of the link acts on both
+            rest[i] += rest[j]
+            upper[i], lower[i] = upper[i] or upper[j], lower[i] or lower[j]
+            upper[j] = lower[j] = True
+        return float(self._unexplained(
+            rest[None], solution.x[:1], self.intervals.ua[:1], upper[None], lower[None],
+            np.zeros((1, len(upper))))[0])
+
     def _hamiltonian(self) -> float:
         H, given = self._by_interval(self.points.H)[:, [0, -1]], self.solution.hamiltonian
         error = np.abs(H - np.column_stack([given[self.rows], given[self.rows + 1]]))
@@ -478,7 +547,7 @@ class _Judge:
 
     def _owed(self) -> float:
         """Return the first-order cost of correcting the errors of start, path and end."""
-        lam, missed = self.solution.lam, self.solution.x[0] - self.problem.x0
+        lam, missed = self.solution.lam, self._missed_at_start()
         end = float(np.abs(self._nu()) @ np.abs(self.end[2][0])) if self.problem.q else 0.0
         return end + abs(float(lam[0] @ missed + np.sum(lam[1:] * self._jumps())))
 

@@ -49,7 +49,8 @@ class Indirect:
         Parameters
         ----------
         problem : Problem
-            Without state bounds or path constraints.
+            Without state bounds or path constraints. Where x(0) is free, that of `course` is
+            kept.
         arcs : sequence of Arc
             Arcs of the inputs.
         course : Extremal
@@ -67,6 +68,7 @@ class Indirect:
             None if Newton's method did not converge.
 
         """
+        problem = problem.pin_start(course.x[0])
         system = self._equations(
             problem, arcs, points, scales, _FEWEST_ROUGH if rough else _FEWEST)
         with np.errstate(all='ignore'):
@@ -98,6 +100,7 @@ class Indirect:
             None if Newton's method did not converge.
 
         """
+        problem = problem.pin_start(found.z[0, 0, :problem.n])
         system = self._equations(problem, found.arcs, points, scales, _FEWEST)
         with np.errstate(all='ignore'):
             return self._refined(system, system.near(found))
@@ -117,6 +120,7 @@ class Indirect:
             As in `solve`.
 
         """
+        problem = problem.pin_start(found.z[0, 0, :problem.n])
         system = Equations(self._parts, problem, found.arcs, scales, *found.intervals)
         try:
             with np.errstate(all='ignore'):

@@ -313,7 +313,7 @@ class CostateIntegrator:
         anew, anew_end, J = self._restarted(problem, path.x, t, ua, ub, parts)
         size = np.maximum(np.abs(path.x).max(axis=0), 1e-3 * np.abs(path.x).max() + 1e-12)
         local = _largest(anew_end[parts - 1::parts] - path.x[1:], size)
-        x, running = self.forward(problem, t, ua, ub)
+        x, running = self.forward(problem.pin_start(path.x[0]), t, ua, ub)
         defect = _largest(x[parts::parts] - path.x[1:], size)
         if local.max() > _STIFF and path.inner.shape[1]:
             # The error may be that of the explicit steps: repeat with many small ones.

@@ -212,9 +212,19 @@ class _Solve:
         self._hold(x, u, c)
         none = np.zeros((1, 1))
         self.at_psi = self._add(psi, none, none) if problem.q else slice(0, 0)
+        for i, j in () if problem.start is None else problem.start.linked:
+            self._add((x[i, 0] - x[j, 0]) / sizes.x[i], none, none)
         final = problem.final_time
         self._add(ca.sum2(self.T), *(np.full((1, 1), each / sizes.time)
                                      for each in (final.earliest, final.latest)))
+
+    def _start_bounds(self) -> tuple[Array, Array]:
+        """Return the bounds of x(0), (n,) each, where it is free within the state bounds."""
+        problem = self.problem
+        low, high = problem.start_box
+        free = ~problem.given_at_start
+        return (np.where(free, np.maximum(low, problem.x_lower), low),
+                np.where(free, np.minimum(high, problem.x_upper), high))
 
     def _hold(self, x: ca.MX, u: ca.MX, c: ca.MX) -> None:
         """Add the equations of active constraints, and bounds where they are not active."""
@@ -224,7 +234,7 @@ class _Solve:
         n = problem.n
         x_low = np.tile(problem.x_lower, (1 + self.K * d, 1))
         x_high = np.tile(problem.x_upper, (1 + self.K * d, 1))
-        x_low[0] = x_high[0] = problem.x0
+        x_low[0], x_high[0] = self._start_bounds()
         c_low = np.tile(problem.path_lower, (self.K * d, 1))
         c_high = np.tile(problem.path_upper, (self.K * d, 1))
         self.at_held: list[tuple[int, int, slice]] = []   # phase, row, multipliers
@@ -469,7 +479,8 @@ class _Solve:
             (self.x_bounds[1], u_high, longest))]
         t = np.append(0.0, np.cumsum(durations[self.phase_of] * self.fractions))
         times = (t[:-1, None] + np.diff(t)[:, None] * self.program.points[1:]).ravel()
-        x = np.vstack([problem.x0, guess.states_at(times)]) / sizes.x
+        first = problem.pin_start(guess.x[0]).x0
+        x = np.vstack([first, guess.states_at(times)]) / sizes.x
         # Inside of the interval, since the two sides of a jump differ.
         inside = times - 1e-6 * np.tile(np.append(np.zeros(d - 1), 1.0), K) * np.repeat(
             np.diff(t), d)

@@ -236,7 +236,7 @@ class Unsolved:
         """Return that the cost decreases without limit or that states diverge, if they do."""
         found = None if self.lost else self.found
         sentence = explain_unbounded(self.problem, self.certified, found)
-        if not sentence and self.lost:
+        if not sentence and self.lost and self.problem.start is None:
             sentence = explain_escape(self.problem, self.problem.final_time.latest)
         return Reason(False, sentence) if sentence else None
 

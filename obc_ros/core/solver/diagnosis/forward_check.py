@@ -21,7 +21,7 @@ def guess_from_inputs(problem: Problem, found: Solution) -> Problem:
     """Return a problem with a guess from integrating the inputs of a path, within its bounds."""
     t = np.linspace(0.0, found.t[-1], _POINTS)
     u = np.clip(interpolate_columns(t, found.t, found.u), problem.u_lower, problem.u_upper)
-    x = _led(problem, t, u[:-1], u[1:])
+    x = _led(problem.pin_start(found.x[0]), t, u[:-1], u[1:])
     if not np.isfinite(x).all():
         return problem
     return replace(problem, guess=Guess(
@@ -37,6 +37,7 @@ def reaches_end(problem: Problem, found: Solution) -> bool:
     no path crosses, such as x = 0 for x' = x u: the defect is small relative to the size of x.
     """
     ub = found.u[:-1] if found.interpolation == 'zoh' else found.u[1:]
+    problem = problem.pin_start(found.x[0])
     end = _led(problem, *cut_inputs(found.t, found.u[:-1], ub, _PARTS))[-1]
     size = np.abs(found.x).max(axis=0)
     return bool(np.all(np.abs(end - found.x[-1]) <= _AWAY * np.maximum(size, 1e-2 * size.max())))

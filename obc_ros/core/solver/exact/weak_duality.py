@@ -132,9 +132,9 @@ def is_excluded(problem: Problem, seconds: float = math.inf) -> bool:
     """
     Return whether it is proved that no path satisfies all constraints.
 
-    Proofs exist only for affine dynamics and constraints, given T and bounded inputs. State bounds
-    and path constraints without inputs are imposed at a finite number of times, other path
-    constraints are ignored; fewer constraints exclude fewer problems, never too many.
+    Proofs exist only for affine dynamics and constraints, given x(0) and T, and bounded inputs.
+    State bounds and path constraints without inputs are imposed at a finite number of times, other
+    path constraints are ignored; fewer constraints exclude fewer problems, never too many.
 
     Parameters
     ----------
@@ -150,7 +150,7 @@ def is_excluded(problem: Problem, seconds: float = math.inf) -> bool:
 
     """
     begun = time.monotonic()
-    plant = find_affine_dynamics(problem)
+    plant = find_affine_dynamics(problem) if problem.start is None else None
     if plant is None or not problem.boxed.all() or problem.final_time.free or seconds <= 0:
         return False
     T = problem.final_time.value

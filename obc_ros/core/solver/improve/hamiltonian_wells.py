@@ -111,7 +111,8 @@ def _from_inputs(bench: Bench, outcome: TranscriptionOutcome,
     t = np.append(0.0, np.cumsum(np.repeat(h / steps, steps)))
     held = np.repeat((path.ua + path.ub) / 2, steps, axis=0)
     with np.errstate(all='ignore'):
-        (x,), _ = bench.programs.integrator.forward_each(problem, t[None], held[None])
+        (x,), _ = bench.programs.integrator.forward_each(
+            problem.pin_start(path.x[0]), t[None], held[None])
     # With terminal constraints the states of the path stay: those of the new inputs violate them.
     if np.isfinite(x).all() and not problem.q:
         inner = path.t[:-1, None] + h[:, None] * compute_gauss_points(path.inner.shape[1])

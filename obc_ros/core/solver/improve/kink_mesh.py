@@ -127,11 +127,11 @@ def start_from_neighbour(programs: ProgramCache, problem: Problem, last: Answere
     -------
     tuple of BoundaryValues and TranscriptionOutcome, or None
         The solution, and the same on the mesh of the neighbour stretched in time. None if the
-        neighbour has no extremal, or without convergence.
+        neighbour has no extremal, or without convergence; or where x(0) is free.
 
     """
     known = last.extremal
-    if known is None:
+    if known is None or problem.start is not None:
         return None
     levels = np.where(known.levels == last.problem.u_lower, problem.u_lower,
                       np.where(known.levels == last.problem.u_upper, problem.u_upper, np.nan))

@@ -67,21 +67,24 @@ def explain_contradiction(problem: Problem) -> str:
 
     """
     for check in CONTRADICTIONS:
+        if problem.start is not None and check in _FROM_X0:
+            continue
         for sentence in check(problem):
             return sentence
     return ''
 
 
 def _at_start(problem: Problem) -> Iterator[str]:
+    lowest, highest = problem.start_box
     for index, name in enumerate(problem.states):
-        value = problem.x0[index]
-        slack = _SLACK * (1 + abs(value))
-        for upper, excess in ((True, value - problem.x_upper[index]),
-                              (False, problem.x_lower[index] - value)):
-            if excess > slack:
-                yield (f'initial state {name} = {format_number(value)} and state bound '
+        for upper, value, sign, excess in (
+                (True, lowest[index], '>=', lowest[index] - problem.x_upper[index]),
+                (False, highest[index], '<=', problem.x_lower[index] - highest[index])):
+            if excess > _SLACK * (1 + abs(value)):
+                sign = '=' if problem.given_at_start[index] else sign
+                yield (f'initial state {name} {sign} {format_number(value)} and state bound '
                        f'{state_bound(problem, index, upper)} exclude each other')
-    yield from _path_at(problem, (problem.x0, problem.x0), 'at the initial state',
+    yield from _path_at(problem, problem.start_box, 'at the initial state',
                         np.ones(problem.n, bool))
 
 
@@ -246,7 +249,7 @@ def _in_between(problem: Problem, end: Array, pinned: Mask) -> Iterator[str]:
     uses = find_dependence(problem.path, ca.vertcat(problem.x, problem.u))
     for row in np.flatnonzero(uses.sum(axis=1) == 1):
         index = int(np.argmax(uses[row]))
-        if index >= problem.n or not pinned[index]:
+        if index >= problem.n or not pinned[index] or not problem.given_at_start[index]:
             continue
         x = np.tile(problem.x0, (_VALUES, 1))
         x[:, index] = np.linspace(problem.x0[index], end[index], _VALUES)
@@ -304,3 +307,5 @@ def _too_soon(problem: Problem) -> Iterator[str]:
 CONTRADICTIONS: tuple[Callable[[Problem], Iterator[str]], ...] = (
     _at_start, _at_end, _path_at_end, _beyond_control, _beyond_reach, _too_soon,
     find_unsatisfiable, find_changed_invariants)
+# Those that hold for a given x(0) only.
+_FROM_X0 = _beyond_control, _beyond_reach, _too_soon, find_changed_invariants

@@ -38,7 +38,7 @@ def find_lower_bounds(problem: Problem) -> Array:
     slope, acts in a rate are excluded: x' = -sqrt(abs(x)) is 0 at x = 0, but x can become
     negative from there.
     """
-    stays = (problem.x0 >= 0) & ~_rooted(problem)
+    stays = (problem.start_box[0] >= 0) & ~_rooted(problem)
     while stays.any():
         before, low = stays.copy(), np.where(stays, 0.0, problem.x_lower)
         for i in np.flatnonzero(before):
@@ -91,17 +91,17 @@ def find_unsatisfiable(problem: Problem) -> Iterator[str]:
                 yield (f'the terminal constraint {describe_terminal(problem, row)} cannot be met'
                        f'{more}: it is missed by at least {format_number(abs(nearest))}')
         for _ in range(problem.n):
-            reached = [_after(float(x), rate, last) for x, rate in zip(
-                problem.x0, _rates(problem, low, high), strict=True)]
+            reached = [_after(Interval(*map(float, x)), rate, last) for x, rate in zip(
+                zip(*problem.start_box, strict=True), _rates(problem, low, high), strict=True)]
             low = np.maximum(low, [each.low for each in reached])
             high = np.minimum(high, [each.high for each in reached])
 
 
-def _after(x: float, rate: Interval, last: float) -> Interval:
-    """Return bounds of a state on [0, last], given its initial value and bounds of its rate."""
+def _after(x: Interval, rate: Interval, last: float) -> Interval:
+    """Return bounds of a state on [0, last], given bounds of its initial value and of its rate."""
     moved = multiply_intervals(Interval(last, last),
                                Interval(min(rate.low, 0.0), max(rate.high, 0.0)))
-    return add_intervals(Interval(x, x), moved)
+    return add_intervals(x, moved)
 
 
 def _path(problem: Problem, low: Array, high: Array) -> Iterator[str]:

@@ -98,7 +98,7 @@ def _proof(problem: Problem, found: Solution) -> str:
 
 def _least_time(problem: Problem, found: Solution, certificate: Certificate) -> bool:
     """Return whether a normal extremal reaches a target at which the linear system can stay."""
-    aim = find_target(problem)
+    aim = find_target(problem) if problem.start is None else None
     plant = find_affine_dynamics(problem) if aim else None
     if aim is None or plant is None:
         return False

@@ -77,6 +77,8 @@ class Guesser:
 
     def _final_state(self, problem: Problem) -> tuple[Array, NDArray[np.bool_]]:
         x = problem.x0.copy()
+        if problem.has_clock:
+            x[problem.stated] = get_final_time(problem)
         fixed = np.zeros(problem.n, dtype=bool)
         if not problem.q:
             return _inside(x, problem.x_lower, problem.x_upper), fixed
@@ -264,6 +266,8 @@ class Guesser:
         end, _ = self.final_state(problem)
         s = np.linspace(0.0, 1.0, _POINTS)
         x = problem.x0 + s[:, None] * (end - problem.x0)
+        if problem.has_clock:
+            x[:, problem.stated] = T * s
         u = np.tile(self.steady_input(problem, (problem.x0 + end) / 2), (_POINTS, 1))
         for names, given, values in ((problem.states, problem.guess.x, x),
                                      (problem.inputs, problem.guess.u, u)):

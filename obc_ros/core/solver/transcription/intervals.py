@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""The pieces of a transcription: an interval by one of two schemes, the end, path constraints."""
+"""The pieces of a transcription: an interval by one of two schemes, ends, path constraints."""
 
 from functools import partial
 
@@ -35,7 +35,7 @@ def _explicit(problem: Problem, states: tuple[ca.SX, ca.SX, ca.SX],
 
 class Pieces:
     """
-    An interval, the end and the path constraints of a problem, scaled, with their derivatives.
+    An interval, both ends and the path constraints of a problem, scaled, with their derivatives.
 
     Parameters
     ----------
@@ -75,5 +75,10 @@ class Pieces:
         terminal = ca.Function('terminal', [problem.x, problem.p], [problem.psi, problem.V])
         psi, V = terminal.call([sx * xb, problem.p])
         self.end = Piece(xb, none, self.shared, psi, V / sj)
+        self.links = None
+        if problem.start is not None and problem.start.linked:
+            i, j = (list(each) for each in zip(*problem.start.linked, strict=True))
+            # In the unit of the first state of each pair.
+            self.links = Piece(xa, none, self.shared, xa[i] - xa[j] * sx[j] / sx[i], ca.SX(0))
         self.limits = Piece(ca.vertcat(xb, ub), none, self.shared,
                             limits(sx * xb, su * ub, problem.p), ca.SX(0))

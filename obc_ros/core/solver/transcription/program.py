@@ -167,6 +167,7 @@ class Transcription:
         self.n, self.m, self.q = problem.n, problem.m, problem.q
         self.l = int(problem.path.numel())
         self.c = compute_gauss_points(layout.stages)
+        self._links = 0 if problem.start is None else len(problem.start.linked)
         self._number(problem)
         self._problem = problem
         self._uses = find_dependence(problem.path, ca.vertcat(problem.x, problem.u))
@@ -228,10 +229,10 @@ class Transcription:
 
     @property
     def is_banded(self) -> bool:
-        """Return whether it has one phase, Runge-Kutta steps and no path constraints."""
+        """Return whether it has one phase, Runge-Kutta steps, no path constraints and links."""
         layout = self.layout
         return not (len(layout.phases) > 1 or layout.stages or self.l or self.held
-                    or STEPPED in layout.phases[0].modes)
+                    or self._links or STEPPED in layout.phases[0].modes)
 
     @cached_property
     def _staged(self) -> Stages | None:
@@ -247,7 +248,7 @@ class Transcription:
         return assemble(self._blocks(), self.unknowns, self.shared, self.constants)
 
     def _blocks(self) -> list[Block]:
-        """Return the intervals, the end, the path constraints at ends of phases, the lengths."""
+        """Return intervals, the end, path constraints at ends of phases, lengths, the start."""
         layout, pieces, problem = self.layout, self._pieces, self._problem
         none = np.zeros((1, 0), dtype=np.int64)
         blocks = [
@@ -262,6 +263,8 @@ class Transcription:
             blocks.append(Block(
                 Piece(durations, ca.SX(0, 1), pieces.shared, ca.sum1(durations), ca.SX(0)),
                 self.at_duration[None, :], none))
+        if pieces.links is not None:
+            blocks.append(Block(pieces.links, self.at_x[:1], none))
         return blocks
 
     def _ends(self, problem: Problem) -> Index:
@@ -351,11 +354,21 @@ class Transcription:
         lower[self.at_x[-1, limits.pinned]] = -np.inf
         upper[self.at_x[-1, limits.pinned]] = np.inf
         mesh.hold(lower, upper, self.at_x, slice(self.n))
-        lower[self.at_x[0]] = upper[self.at_x[0]] = problem.x0 / scales.x
+        self._bound_start(problem, scales, lower, upper)
         if self.layout.free_durations:
             lower[self.at_duration] = limits.shortest / scales.time
             upper[self.at_duration] = limits.longest / scales.time
         return lower, upper
+
+    def _bound_start(self, problem: Problem, scales: ProblemScales, lower: Array,
+                     upper: Array) -> None:
+        """Set the bounds of x(0) in those of the unknowns, within tightened ones if possible."""
+        first = self.at_x[0]
+        low, high = (each / scales.x for each in problem.start_box)
+        inner = np.maximum(low, lower[first]), np.minimum(high, upper[first])
+        fits = ~problem.given_at_start & (inner[0] <= inner[1])
+        lower[first], upper[first] = (np.where(fits, inside, whole) for inside, whole in zip(
+            inner, (low, high), strict=True))
 
     def _settled(self, problem: Problem, mesh: Mesh) -> NDArray[np.bool_]:
         """Return the equalities c(u) that held inputs satisfy in each phase, (phases, l)."""
@@ -380,11 +393,12 @@ class Transcription:
             Of this structure and layout.
 
         """
-        layout, n = self.layout, self.n
-        equations = n * (layout.stages + 1) * layout.intervals + self.q
+        layout = self.layout
+        equations = self.n * (layout.stages + 1) * layout.intervals + self.q
         equalities = (problem.path_lower == problem.path_upper) & ~self._settled(problem, mesh)
         intervals = np.array([phase.intervals for phase in layout.phases])
-        return self.unknowns - n >= equations + int(intervals @ equalities.sum(axis=1))
+        known = int(problem.given_at_start.sum()) + self._links
+        return self.unknowns - known >= equations + int(intervals @ equalities.sum(axis=1))
 
     def _row_bounds(self, problem: Problem, mesh: Mesh, scales: ProblemScales,
                     limits: TightenedLimits
@@ -403,6 +417,8 @@ class Transcription:
         if len(self.layout.phases) > 1:
             lower.append(np.array([problem.final_time.earliest / scales.time]))
             upper.append(np.array([problem.final_time.latest / scales.time]))
+        for rows in (lower, upper):
+            rows.append(np.zeros(self._links))
         bounds = np.concatenate(lower), np.concatenate(upper)
         each = self.n * (s + 1) + self.l * (s + 1)
         places = each * np.arange(N)[:, None] + self.n * (s + 1) + np.arange(self.l)

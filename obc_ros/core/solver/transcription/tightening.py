@@ -55,6 +55,7 @@ class TightenedLimits:
         """
         margin, s = self.margin[:problem.n], s[:, None]
         beside = np.minimum(problem.x0 - problem.x_lower, problem.x_upper - problem.x0)
-        begins = np.where(beside < _BESIDE * margin, np.minimum(s / _AT_ENDS, 1)**4, 1)
+        beside = problem.given_at_start & (beside < _BESIDE * margin)
+        begins = np.where(beside, np.minimum(s / _AT_ENDS, 1)**4, 1)
         ends = np.where(self.pinned, np.minimum((1 - s) / _AT_ENDS, 1)**4, 1)
         return np.asarray(margin * begins * ends)

@@ -3,9 +3,9 @@
 """States that stay nonnegative under the dynamics ("amounts")."""
 
 import numpy as np
-from obc_ros.core.ocp.positivity import find_amounts, keep_amounts_positive
 from obc_ros.core.ocp.solution import Verdict
 from obc_ros.core.solver.solve import solve
+from obc_ros.core.solver.starts.positivity import find_amounts, keep_amounts_positive
 import problems
 import pytest
 

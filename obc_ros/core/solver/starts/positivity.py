@@ -44,7 +44,7 @@ def find_amounts(problem: Problem, size: Array) -> NDArray[np.bool_]:
     part[::2] = chance.uniform(0, 1, part[::2].shape)
     u = lower + (upper - lower) * part
     rate = VectorizedFunction([problem.x, problem.u, problem.p], [problem.f])
-    found = problem.x0 >= 0
+    found = problem.start_box[0] >= 0
     while found.any():
         before = found.copy()
         for i in np.flatnonzero(before):
@@ -84,7 +84,7 @@ def keep_amounts_positive(problem: Problem, astray: Sequence[Array]) -> Problem:
     paths = np.nan_to_num(np.vstack(astray))
     size = np.abs(paths).max(axis=0)
     far = paths.min(axis=0) < -_FAR * size
-    below = far & (problem.x_lower < 0) & (problem.x0 >= 0)
+    below = far & (problem.x_lower < 0) & (problem.start_box[0] >= 0)
     below = below & find_amounts(problem, size) if below.any() else below
     return replace(problem, x_lower=np.where(below, 0.0, problem.x_lower),
                    structure='') if below.any() else problem

@@ -1,0 +1,185 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+Statements beyond the standard form, in terms of additional states.
+
+time             t' = 1, t(0) = 0. Its costate is a constant less H.
+free parameter   p' = 0, p(0) in a box. lam_p(0) = integral of dH/dp + dV/dp + nu' dpsi/dp = 0.
+initial value    a' = 0, a(0) = x_i(0). Costs and constraints of x(0) are those of a(T). Since
+                 lam_a is constant, lam_i(0) + lam_a(0) = 0 is the transversality condition
+                 lam_i(0) = -dV0/dx_i - (nu0' dpsi0/dx)_i; for x_i(T) - a(T) = 0, a periodic
+                 state, it is lam_i(0) = lam_i(T).
+
+All of these are exact: the conditions of the standard form with additional states are those of the
+statement.
+"""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
+
+import casadi as ca
+import numpy as np
+from obc_ros.core.numerics.arrays import Array
+from obc_ros.core.ocp.problem import FreeStart, Problem
+from obc_ros.core.ocp.solution import Solution
+
+
+@dataclass
+class Augmentation:
+    """
+    The additional states of a statement, in the order in which they are added.
+
+    Attributes
+    ----------
+    x : dict of str to casadi.SX
+        Symbols of the states of the statement.
+    x0, lower, upper : list of float
+        x(0), or an initial guess of it, and its bounds; those of the additional states follow.
+
+    """
+
+    x: dict[str, ca.SX]
+    x0: list[float]
+    lower: list[float]
+    upper: list[float]
+    _rates: list[float] = field(default_factory=list)
+    _links: list[tuple[int, int]] = field(default_factory=list)
+
+    def add(self, name: str, symbol: ca.SX, start: tuple[float, float, float],
+            rate: float = 0.0) -> None:
+        """
+        Add a state with a constant rate.
+
+        Parameters
+        ----------
+        name, symbol : str, casadi.SX
+            Its name and its symbol.
+        start : tuple of float
+            Initial guess, lower and upper bound of its initial value.
+        rate : float
+            Its derivative.
+
+        """
+        self.x[name] = symbol
+        for values, value in zip((self.x0, self.lower, self.upper), start, strict=True):
+            values.append(value)
+        self._rates.append(rate)
+
+    def keep_initial(self, expressions: Iterable[ca.SX]) -> list[ca.SX]:
+        """
+        Return expressions of x(0) as expressions of additional states, which are added.
+
+        Parameters
+        ----------
+        expressions : iterable of casadi.SX
+            Of the symbols of the states, which stand for x(0).
+
+        """
+        given = list(expressions)
+        own = list(self.x.items())[:len(self.x) - len(self._rates)]
+        used = [(i, name, symbol) for i, (name, symbol) in enumerate(own)
+                if any(ca.depends_on(each, symbol) for each in given)]
+        kept = [ca.SX.sym(f'{name}(0)') for _, name, _ in used]
+        for (i, name, _), symbol in zip(used, kept, strict=True):
+            known = self.lower[i] == self.upper[i]
+            if not known:
+                self._links.append((i, len(self.x)))
+            self.add(f'{name}(0)', symbol, (
+                self.x0[i], *((self.x0[i],) * 2 if known else (-np.inf, np.inf))))
+        return [ca.substitute(each, ca.vertcat(*(symbol for *_, symbol in used)),
+                              ca.vertcat(*kept)) if used else each for each in given]
+
+    @property
+    def count(self) -> int:
+        """Return the number of additional states."""
+        return len(self._rates)
+
+    @property
+    def rates(self) -> ca.SX:
+        """Return the derivatives of the additional states, a column."""
+        return ca.SX(ca.DM(self._rates)) if self._rates else ca.SX(0, 1)
+
+    @property
+    def start(self) -> FreeStart | None:
+        """Return where x(0) may be, None if it is given."""
+        lower, upper = np.array(self.lower), np.array(self.upper)
+        return None if np.array_equal(lower, upper) else FreeStart(
+            lower, upper, tuple(self._links))
+
+
+def hide_added_states(problem: Problem, solution: Solution) -> Solution:
+    """
+    Return a solution with the states of the statement only.
+
+    Parameters
+    ----------
+    problem : Problem
+        The problem.
+    solution : Solution
+        Its solution, with all states.
+
+    Returns
+    -------
+    Solution
+        Without the columns of additional states in x, lam and state_multipliers. H is that of
+        the statement, which is not constant if the time occurs in it.
+
+    """
+    if not problem.added or not solution.t.size:
+        return solution
+    n, multipliers, H = problem.stated, solution.state_multipliers, solution.hamiltonian
+    return replace(solution, x=solution.x[:, :n], lam=solution.lam[:, :n],
+                   hamiltonian=H - solution.lam[:, n] if problem.has_clock else H,
+                   state_multipliers=None if multipliers is None else multipliers[:, :n])
+
+
+def restore_added_states(problem: Problem, t: Array, x: Array,
+                         free_parameters: Mapping[str, float]) -> Array:
+    """
+    Return the states of a problem with the additional ones.
+
+    Parameters
+    ----------
+    problem : Problem
+        The problem.
+    t : ndarray, shape (N,)
+        Times [s].
+    x : ndarray, shape (N, stated)
+        States of the statement.
+    free_parameters : mapping of str to float
+        Values of the free parameters.
+
+    Returns
+    -------
+    ndarray, shape (N, n)
+
+    """
+    known = dict(zip(problem.states, x[0], strict=False))
+    kept = {f'{name}(0)': value for name, value in known.items()}
+    added = problem.states[problem.stated:]
+    columns = [t if problem.has_clock and not k else np.full(
+        len(t), {**kept, **free_parameters}[name]) for k, name in enumerate(added)]
+    return np.column_stack([x, *columns])
+
+
+def read_free_parameters(problem: Problem, solution: Solution) -> Mapping[str, float]:
+    """
+    Return the values of the free parameters by name.
+
+    Parameters
+    ----------
+    problem : Problem
+        The problem.
+    solution : Solution
+        Its solution, with all states.
+
+    Returns
+    -------
+    mapping of str to float
+        Empty without samples.
+
+    """
+    if not solution.t.size:
+        return {}
+    values: Array = solution.x[0]
+    return {name: float(values[problem.states.index(name)]) for name in problem.free_parameters}
