@@ -34,6 +34,7 @@ from obc_ros.msg import (
 )
 from obc_ros.workers.wire import Packet
 
+_FREE = 'null'   # as an initial value: none is given
 MAX_SIZE = 10_000_000  # bytes of names, expressions and numbers in one request
 
 
@@ -100,11 +101,17 @@ def read_statement(problem: OptimalControlProblem) -> dict[str, Any]:
         'states': list(problem.states),
         'inputs': list(problem.inputs),
         'parameters': read_parameters('parameters', problem.parameters),
+        'free_parameters': read_message_bounds('free_parameters', problem.free_parameters),
         'dynamics': read_expressions('dynamics', problem.dynamics),
         'running_cost': problem.running_cost,
         'terminal_cost': problem.terminal_cost,
-        'initial_state': read_expressions('initial_state', problem.initial_state),
+        'initial_cost': problem.initial_cost,
+        'initial_state': {
+            name: None if text == _FREE else text for name, text in read_parameters(
+                'initial_state', problem.initial_state).items()},
+        'initial_constraints': list(problem.initial_constraints),
         'terminal_constraints': list(problem.terminal_constraints),
+        'periodic': list(problem.periodic),
         'input_bounds': read_message_bounds('input_bounds', problem.input_bounds),
         'state_bounds': read_message_bounds('state_bounds', problem.state_bounds),
         'path_constraints': [
@@ -115,6 +122,7 @@ def read_statement(problem: OptimalControlProblem) -> dict[str, Any]:
         'initial_guess': _without_empty({
             'states': _values('initial_guess.states', guess.states),
             'inputs': _values('initial_guess.inputs', guess.inputs),
+            'parameters': _values('initial_guess.parameters', guess.parameters),
             'final_time': guess.final_time}),
     }
     return _without_empty(entries)
@@ -140,14 +148,20 @@ def build_problem_message(mapping: Mapping[str, Any], guess: Guess) -> OptimalCo
     message = OptimalControlProblem()
     for key in ('name', 'system'):
         setattr(message, key, mapping.get(key) or '')
-    for key in ('running_cost', 'terminal_cost'):
+    for key in ('running_cost', 'terminal_cost', 'initial_cost'):
         setattr(message, key, _text(mapping.get(key)))
-    for key in ('states', 'inputs'):
+    for key in ('states', 'inputs', 'periodic'):
         setattr(message, key, list(mapping.get(key) or ()))
-    message.terminal_constraints = [
-        _text(each) for each in mapping.get('terminal_constraints') or ()]
-    for key in ('parameters', 'dynamics', 'initial_state'):
+    for key in ('terminal_constraints', 'initial_constraints'):
+        setattr(message, key, [_text(each) for each in mapping.get(key) or ()])
+    for key in ('parameters', 'dynamics'):
         setattr(message, key, build_named_expressions(mapping.get(key) or {}))
+    message.initial_state = build_named_expressions({
+        name: _FREE if value is None else value
+        for name, value in (mapping.get('initial_state') or {}).items()})
+    free = mapping.get('free_parameters') or {}
+    message.free_parameters = build_named_bounds({
+        name: pair or (None, None) for name, pair in free.items()})
     for key in ('input_bounds', 'state_bounds'):
         setattr(message, key, build_named_bounds(mapping.get(key) or {}))
     message.path_constraints = [
@@ -157,7 +171,10 @@ def build_problem_message(mapping: Mapping[str, Any], guess: Guess) -> OptimalCo
     message.final_time = FinalTime(free=final_time.pop('free'), **{
         key: _text(value) for key, value in final_time.items()})
     message.initial_guess = InitialGuess(
-        states=[NamedValues(name=name, values=flatten_doubles(x)) for name, x in guess.x.items()],
+        states=[NamedValues(name=name, values=flatten_doubles(x))
+                for name, x in guess.x.items() if name not in free],
+        parameters=[NamedValues(name=name, values=flatten_doubles(x))
+                    for name, x in guess.x.items() if name in free],
         inputs=[NamedValues(name=name, values=flatten_doubles(u)) for name, u in guess.u.items()],
         final_time=guess.final_time or 0.0)
     return message
@@ -364,6 +381,10 @@ def fill_answer(response: Any, packet: Packet) -> None:
     response.certificate = build_certificate_message(plain.pop('certificate', None))
     response.optimality = Optimality(**plain.pop('optimality', None) or {})
     response.attempts = [Attempt(**attempt) for attempt in plain.pop('attempts', ())]
+    free = plain.pop('free_parameters', {})
+    if hasattr(response, 'free_parameters'):   # a motion has none
+        response.free_parameters = [NamedValues(name=name, values=[value])
+                                    for name, value in free.items()]
     response.success = plain['status'] == 'solved' and response.certificate.holds
     for name in set(response.get_fields_and_field_types()) & set(plain):
         setattr(response, name, plain[name])
@@ -473,6 +494,7 @@ def read_solution(result: Any) -> solution.Solution:
         nu=np.array(result.nu), interpolation=path.interpolation or 'linear',
         switching_times=np.array(path.switching_times), method=result.method,
         iterations=result.iterations, build_time=result.build_time, solve_time=result.solve_time,
+        free_parameters={each.name: each.values[0] for each in result.free_parameters},
         certificate=solution.Certificate(*(
             dict(zip(certificate.conditions, values, strict=True))
             for values in (certificate.residuals, certificate.tolerances)))

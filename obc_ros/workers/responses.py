@@ -55,5 +55,9 @@ def compute_affinity(request: Packet) -> str:
     given = request.plain.get('statement', {})
     shape = [given.get(key) for key in ('system', 'states', 'inputs', 'dynamics', 'running_cost',
                                         'terminal_cost', 'terminal_constraints')]
-    names = [sorted(given.get(key, ())) for key in ('parameters', 'input_bounds', 'state_bounds')]
+    shape += [given.get(key) for key in ('initial_cost', 'initial_constraints', 'periodic')]
+    shape.append(sorted(name for name, value in given.get('initial_state', {}).items()
+                        if value is None or isinstance(value, list)))
+    names = [sorted(given.get(key, ())) for key in (
+        'parameters', 'free_parameters', 'input_bounds', 'state_bounds')]
     return re.sub(r'[\d.]+', '0', json.dumps([shape, names, given.get('path_constraints')]))

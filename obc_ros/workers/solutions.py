@@ -5,6 +5,7 @@
 from dataclasses import asdict
 from typing import Any
 
+from obc_ros.core.ocp.augmentation import hide_added_states
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.ocp.solution import Certificate, Optimality, Solution
 from obc_ros.workers.wire import Packet
@@ -13,13 +14,15 @@ ARRAYS = ('t', 'x', 'u', 'lam', 'hamiltonian', 'nu', 'switching_times')
 
 
 def pack_solution(problem: Problem, solution: Solution, system: str) -> Packet:
-    """Return a solution as plain data and named arrays."""
+    """Return a solution as plain data and named arrays, with the states of its statement."""
+    solution = hide_added_states(problem, solution)
     return Packet(
         {'status': solution.status.value, 'message': solution.message,
          'objective': float(solution.objective), 'interpolation': solution.interpolation,
          'method': solution.method, 'iterations': int(solution.iterations),
          'build_time': float(solution.build_time), 'solve_time': float(solution.solve_time),
-         'system': system, 'states': problem.states, 'inputs': problem.inputs,
+         'system': system, 'states': problem.states[:problem.stated], 'inputs': problem.inputs,
+         'free_parameters': dict(solution.free_parameters),
          'certificate': pack_certificate(solution.certificate),
          'optimality': _optimality(solution.optimality),
          'attempts': [asdict(attempt) for attempt in solution.attempts]},

@@ -41,6 +41,15 @@ EVERYTHING = {
     'final_time': {'free': True, 'lower': 0.5, 'upper': 10, 'guess': 'a*30'},
     'initial_guess': {'states': {'x': [0, 'a', 1]}, 'inputs': {'u': 0.5}, 'final_time': 2},
 }
+BEYOND = {
+    'name': 'beyond', 'states': ['x', 'v', 'w'], 'inputs': ['u'], 'parameters': {'a': 0.1},
+    'free_parameters': {'m': [1, '30*a'], 'k': None},
+    'dynamics': {'x': 'v', 'v': 'u/m + sin(t)', 'w': 'k*v'}, 'running_cost': 'u**2*(1 + t)',
+    'initial_cost': '(x - 1)**2 + k**2', 'initial_constraints': ['x + v - 3'],
+    'initial_state': {'x': None, 'v': [0.1, '7*a'], 'w': [None, 3]}, 'periodic': ['w'],
+    'terminal_constraints': ['x - m*t'], 'final_time': {'free': False, 'value': 1},
+    'initial_guess': {'states': {'x': [0, 1]}, 'parameters': {'m': 2.5}},
+}
 LINEAR = {
     'name': 'linear', 'system': 'linear',
     'parameters': {'A': [[0, 1], [0, 0]], 'B': [0, 1], 'goal': '1/3'},
@@ -54,7 +63,8 @@ def serialized_and_back(message):
     return deserialize_message(serialize_message(message), type(message))
 
 
-@pytest.mark.parametrize('mapping', [EVERYTHING, LINEAR, *map(problems.read, problems.NAMES)],
+@pytest.mark.parametrize('mapping', [
+    EVERYTHING, BEYOND, LINEAR, *map(problems.read, problems.NAMES)],
                          ids=lambda mapping: mapping['name'])
 def test_a_statement_is_unchanged_by_the_message(mapping):
     problem = build_problem(mapping)
@@ -65,6 +75,8 @@ def test_a_statement_is_unchanged_by_the_message(mapping):
     assert (arrived.states, arrived.inputs) == (problem.states, problem.inputs)
     for name in NUMBERS:
         assert np.array_equal(getattr(arrived, name), getattr(problem, name)), name
+    assert np.array_equal(arrived.start_box, problem.start_box)
+    assert (arrived.free_parameters, arrived.added) == (problem.free_parameters, problem.added)
     assert repr(arrived.final_time) == repr(problem.final_time)
     assert arrived.guess.final_time == problem.guess.final_time
     for part in ('x', 'u'):

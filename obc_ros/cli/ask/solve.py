@@ -149,6 +149,9 @@ def _print_trees(asked: Sequence[Question]) -> None:
 def _show(asked: list[Question]) -> None:
     terminal.print_table(HEADER, [_row(question) for question in asked], STATUS_COLOURS)
     for question in asked:
+        if found := question.result and question.result.free_parameters:
+            print(f'{question.label}: ' + ', '.join(
+                f'{each.name} = {each.values[0]:.10g}' for each in found))
         if question.status != 'solved' and question.message:
             print(quote(f'{question.label}: {question.message}', None))
 

@@ -105,6 +105,11 @@ class Answer:
         return self._columns(self.states, self.solution.lam)
 
     @property
+    def free_parameters(self) -> Mapping[str, float]:
+        """Return the values that were found for the free parameters, by name."""
+        return self.solution.free_parameters
+
+    @property
     def hamiltonian(self) -> Array:
         """Return H = L + lam' f at the times `t`, shape (N,)."""
         return self.solution.hamiltonian
@@ -244,6 +249,7 @@ class Answer:
             'name': self.name, 'status': self.status, 'message': self.message,
             'objective': self.objective if self.has_path else None, 't': self.t.tolist(),
             'x': _lists(self.x), 'u': _lists(self.u), 'lam': _lists(self.costates),
+            'free_parameters': dict(self.free_parameters),
             'interpolation': solution.interpolation,
             'switching_times': self.switching_times.tolist(),
             'certificate': {
@@ -272,6 +278,7 @@ class Answer:
         rows = [('status', self.status, ''), ('message', self.message, '')]
         if self.has_path:
             rows.append(('cost J', f'{self.objective:.10g}', ''))
+            rows += [(name, f'{value:.10g}', '') for name, value in self.free_parameters.items()]
         if self.optimality:
             rows.append(('optimum', f'{self.optimality.kind} ({self.optimality.reason})', ''))
         if self.certificate:

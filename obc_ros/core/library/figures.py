@@ -15,6 +15,7 @@ from typing import Any, TYPE_CHECKING
 import casadi as ca
 import numpy as np
 from obc_ros.core.numerics.arrays import Array
+from obc_ros.core.ocp.augmentation import hide_added_states, restore_added_states
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.ocp.solution import Attempt, Solution, Verdict
 
@@ -160,7 +161,10 @@ def _slopes(problem: Problem, x: Array, u: Array, lam: Array) -> tuple[Array, Ar
 
 
 def _draw_panels(problem: Problem, path: Solution) -> 'Figure':
-    t, x, u, lam = path.t, path.x, path.u, path.lam
+    shown = hide_added_states(problem, path)
+    path = restore_added_states(problem, path)
+    t, x, u, lam = path.t, shown.x, path.u, shown.lam
+    names = problem.states[:problem.stated]
     states, inputs = _alike(x), _alike(u)
     costates = _alike(lam) if lam.size else []
     panels = len(states) + len(inputs) + len(costates) + 2 * bool(lam.size)
@@ -169,7 +173,7 @@ def _draw_panels(problem: Problem, path: Solution) -> 'Figure':
     waiting = iter(axes)
     for group in states:
         panel = next(waiting)
-        _lines(panel, 'states', t, x, '{}', problem.states, group)
+        _lines(panel, 'states', t, x, '{}', names, group)
         _bounds(panel, x[:, group], problem.x_lower[group], problem.x_upper[group])
     steps = 'steps-post' if path.interpolation == 'zoh' else 'default'
     for group in inputs:
@@ -177,9 +181,10 @@ def _draw_panels(problem: Problem, path: Solution) -> 'Figure':
         _lines(panel, 'inputs', t, u, '{}', problem.inputs, group, drawstyle=steps)
         _bounds(panel, u[:, group], problem.u_lower[group], problem.u_upper[group])
     for group in costates:
-        _lines(next(waiting), 'costates', t, lam, r'\lambda_{{{}}}', problem.states, group)
+        _lines(next(waiting), 'costates', t, lam, r'\lambda_{{{}}}', names, group)
     if lam.size:
-        _conditions(next(waiting), next(waiting), problem, (t, x, u, lam), path.hamiltonian)
+        _conditions(next(waiting), next(waiting), problem, (t, path.x, u, path.lam),
+                    shown.hamiltonian)
     for panel in axes:
         for time in path.switching_times:
             panel.axvline(time, **THIN)
@@ -199,7 +204,7 @@ def _conditions(above: 'Axes', below: 'Axes', problem: Problem, path: tuple[Arra
     # Where the terms of dH/du cancel, the axis must not magnify their rounding errors.
     _widen(above, values, float(sizes.max()))
     _lines(below, 'Hamiltonian', t, hamiltonian[:, None], '{}', ['H'])
-    if problem.final_time.free:
+    if problem.final_time.free and not problem.has_clock:
         below.axhline(0.0, **THIN)
     _widen(below, hamiltonian, 1.0)
 

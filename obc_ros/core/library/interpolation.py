@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from obc_ros.core.numerics.arrays import Array, Index
+from obc_ros.core.ocp.augmentation import restore_added_states
 from obc_ros.core.ocp.certificate.certificate import REPLAY_ERROR
 from obc_ros.core.ocp.certificate.replay import Intervals, ReplayIntegrator
 from obc_ros.core.ocp.problem import Problem
@@ -56,7 +57,7 @@ def interpolate(problem: Problem, solution: Solution, times: Array) -> PathValue
         If a time is outside of the path or not a number.
 
     """
-    t = solution.t
+    shown, solution, t = solution, restore_added_states(problem, solution), solution.t
     inside = (t[0] <= times) & (times <= t[-1])
     if not inside.all():
         raise ObcError(f'at: {times[~inside][0]:g} s is not a time of the path; wanted times from '
@@ -71,7 +72,8 @@ def interpolate(problem: Problem, solution: Solution, times: Array) -> PathValue
             x[part], u[part], found = _integrate(integrator, problem, solution, times[part],
                                                  k[part])
             lam[part] = found[:, :lam.shape[1]]
-    return PathValues(times, x, u, lam)
+    n = shown.x.shape[1]
+    return PathValues(times, x[:, :n], u, lam[:, :n])
 
 
 def _integrate(integrator: ReplayIntegrator, problem: Problem, solution: Solution, times: Array,

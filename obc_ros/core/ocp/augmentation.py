@@ -14,12 +14,11 @@ All of these are exact: the conditions of the standard form with additional stat
 statement.
 """
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 
 import casadi as ca
 import numpy as np
-from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.ocp.problem import FreeStart, Problem
 from obc_ros.core.ocp.solution import Solution
 
@@ -116,70 +115,53 @@ def hide_added_states(problem: Problem, solution: Solution) -> Solution:
     problem : Problem
         The problem.
     solution : Solution
-        Its solution, with all states.
+        Its solution.
 
     Returns
     -------
     Solution
-        Without the columns of additional states in x, lam and state_multipliers. H is that of
-        the statement, which is not constant if the time occurs in it.
+        Without the columns of additional states in x, lam and state_multipliers, and with
+        `free_parameters`. H is that of the statement, which is not constant if the time occurs.
 
     """
-    if not problem.added or not solution.t.size:
+    n, x = problem.stated, solution.x
+    if not solution.t.size or x.shape[1] == n:
         return solution
-    n, multipliers, H = problem.stated, solution.state_multipliers, solution.hamiltonian
-    return replace(solution, x=solution.x[:, :n], lam=solution.lam[:, :n],
-                   hamiltonian=H - solution.lam[:, n] if problem.has_clock else H,
-                   state_multipliers=None if multipliers is None else multipliers[:, :n])
+    multipliers, H = solution.state_multipliers, solution.hamiltonian
+    values = dict(zip(problem.states, x[0].tolist(), strict=True))
+    return replace(
+        solution, x=x[:, :n], lam=solution.lam[:, :n],
+        hamiltonian=H - solution.lam[:, n] if problem.has_clock else H,
+        state_multipliers=None if multipliers is None else multipliers[:, :n],
+        free_parameters={name: values[name] for name in problem.free_parameters})
 
 
-def restore_added_states(problem: Problem, t: Array, x: Array,
-                         free_parameters: Mapping[str, float]) -> Array:
+def restore_added_states(problem: Problem, solution: Solution) -> Solution:
     """
-    Return the states of a problem with the additional ones.
-
-    Parameters
-    ----------
-    problem : Problem
-        The problem.
-    t : ndarray, shape (N,)
-        Times [s].
-    x : ndarray, shape (N, stated)
-        States of the statement.
-    free_parameters : mapping of str to float
-        Values of the free parameters.
-
-    Returns
-    -------
-    ndarray, shape (N, n)
-
-    """
-    known = dict(zip(problem.states, x[0], strict=False))
-    kept = {f'{name}(0)': value for name, value in known.items()}
-    added = problem.states[problem.stated:]
-    columns = [t if problem.has_clock and not k else np.full(
-        len(t), {**kept, **free_parameters}[name]) for k, name in enumerate(added)]
-    return np.column_stack([x, *columns])
-
-
-def read_free_parameters(problem: Problem, solution: Solution) -> Mapping[str, float]:
-    """
-    Return the values of the free parameters by name.
+    Return a solution with the states of the problem, from one with those of the statement.
 
     Parameters
     ----------
     problem : Problem
         The problem.
     solution : Solution
-        Its solution, with all states.
+        As `hide_added_states` returns it.
 
     Returns
     -------
-    mapping of str to float
-        Empty without samples.
+    Solution
+        The costates of additional states are 0. They act on no other costate and on no input.
 
     """
-    if not solution.t.size:
-        return {}
-    values: Array = solution.x[0]
-    return {name: float(values[problem.states.index(name)]) for name in problem.free_parameters}
+    if not solution.t.size or solution.x.shape[1] == problem.n:
+        return solution
+    known = dict(zip(problem.states, solution.x[0], strict=False))
+    kept = {f'{name}(0)': value for name, value in known.items()} | dict(solution.free_parameters)
+    N, names = len(solution.t), problem.states[problem.stated:]
+    columns = [solution.t if problem.has_clock and not k else np.full(N, kept[name])
+               for k, name in enumerate(names)]
+    lam, multipliers = (None if each is None or not each.size else np.pad(
+        each, ((0, 0), (0, problem.added))) for each in (
+            solution.lam, solution.state_multipliers))
+    return replace(solution, x=np.column_stack([solution.x, *columns]),
+                   lam=solution.lam if lam is None else lam, state_multipliers=multipliers)

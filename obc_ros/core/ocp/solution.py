@@ -241,6 +241,9 @@ class Solution:
         None for a solution without a certificate that passes.
     attempts : tuple of Attempt
         What was tried, at most `MOST_ATTEMPTS`; the most detailed are left out first.
+    free_parameters : mapping of str to float
+        Values of the free parameters, of a solution with the states of the statement only; see
+        `augmentation.hide_added_states`.
 
     """
 
@@ -264,6 +267,7 @@ class Solution:
     certificate: Certificate | None = None
     optimality: Optimality | None = None
     attempts: tuple[Attempt, ...] = ()
+    free_parameters: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def certified(self) -> bool:

@@ -136,7 +136,7 @@ HOSTILE = {
     'theta1': "did you mean 'theta_1'",
     'sinn(x)': "did you mean 'sin'",
     'ln(x)': "did you mean 'log'",
-    't': 'add a state with derivative 1',
+    't': 'the time is known in dynamics, costs',
     'nan': 'unknown name',
 }
 

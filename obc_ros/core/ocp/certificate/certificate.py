@@ -12,8 +12,8 @@ residual has no unit. Let |.| be the largest absolute value over time. The scali
 of x_i, of the cost, of s_i lam_i and of H. A factor that vanishes is replaced by a lower bound
 from the others (`_Scales`). States that only rounding errors move from the origin have s_i = 0.
 A free x(0) may be so large that all changes of x are small relative to it. Where x_i(0) is free,
-s_i is therefore at most 100 times the integral of |f_i|, unless f_i = 0, and a state that is linked
-with another one has its s_i.
+s_i is therefore at most 100 times the integral of |f_i|, unless f_i = 0, and a linked state has
+the s_i of the other.
 
 An interval lies between two samples. Its input is linear or constant, as the solution's
 `interpolation` says. The equations of x and lam are integrated over it from the returned values
