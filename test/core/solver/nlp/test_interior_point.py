@@ -5,6 +5,8 @@
 from dataclasses import dataclass, replace
 
 import casadi as ca
+from hypothesis import given, settings
+from hypothesis import strategies as st
 import numpy as np
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.solver.nlp.active_set import follow_active_set
@@ -104,6 +106,24 @@ def test_iterations_leave_a_saddle_for_a_minimum():
     assert abs(y[0]) == pytest.approx(np.sqrt(0.5), abs=1e-6)
 
 
+@pytest.mark.parametrize('start', [[1, 5, 5, 1, 1], [2, 2, 2, 2, 9], [4.9, 1.1, 3, 4, 0.1]])
+def test_a_step_satisfies_the_equations_of_newtons_method(start):
+    """(W + Sigma + shift) d + J' dlam = -slope + mu / gap, and J d = -c."""
+    program = hs71()
+    work = Interior(program, *bounds(program, [1, 1, 1, 1, 0], [5, 5, 5, 5, np.inf]))
+    now = work.begin(np.append(np.array(start, dtype=float), [0.3, -0.2]), 0.1, 1e-2)
+    found = work.direction(now)
+    assert found is not None
+    n, (J, H), step = program.n, now.values.parts[0], found[0]
+    lower, upper = np.array([1, 1, 1, 1, 0.0]), np.array([5, 5, 5, 5, np.inf])
+    below, above = 1 / (now.y[:n] - lower), 1 / (upper - now.y[:n])
+    pull, sigma = 0.1 * (below - above), 0.1 * (below**2 + above**2)
+    W = H + np.diag(sigma + work.shift)
+    np.testing.assert_allclose(W @ step[:n] + J.T @ step[n:], pull - now.values.slope[:n],
+                               rtol=1e-8, atol=1e-8)
+    np.testing.assert_allclose(J @ step[:n], -now.values.c[n:], rtol=1e-6, atol=1e-6)
+
+
 def test_an_infeasible_program_does_not_converge():
     w = ca.SX.sym('w', 2)
     program = DenseProgram(ca.sumsqr(w), ca.vertcat(w[0]**2 + w[1]**2 + 1), w)
@@ -122,6 +142,31 @@ def test_a_rough_tolerance_takes_fewer_iterations():
         assert end.values.f == pytest.approx(17.0140173, rel=max(rough, 1e-6))
         steps[rough] = end.iterations
     assert steps[1e-2] < steps[0.0]
+
+
+@given(st.integers(1, 30), st.integers(0, 6), st.integers(0, 3), st.integers(0, 2**32 - 1))
+@settings(max_examples=60, deadline=None)
+def test_random_bordered_bands_are_solved_and_singular_ones_refused(inner, width, border, seed):
+    """A row and column of zeros makes the matrix singular, in the band or in the border."""
+    chance, size = np.random.default_rng(seed), inner + border
+    band = np.abs(np.subtract.outer(np.arange(size), np.arange(size))) <= width
+    edge = np.arange(size) >= inner
+    A = np.where(band | edge | edge[:, None], chance.normal(size=(size, size)), 0.0)
+    A = A + A.T
+    rows, columns = np.nonzero(np.ones_like(A) * (band | edge | edge[:, None]))
+    pattern = Pattern(rows, columns, size, border)
+    right, shift = chance.normal(size=size), np.full(size, 8.0 * np.sqrt(size))
+    factor = pattern.factor(A[rows, columns], pattern.place, shift)
+    assert factor is not None
+    y = factor.solve(right)
+    scale = np.abs(A + np.diag(shift)) @ np.abs(y) + np.abs(right)
+    assert np.all(np.abs((A + np.diag(shift)) @ y - right) <= 1e-12 * scale)
+    fixed = np.arange(size) == chance.integers(size)
+    gone = pattern.without(fixed)
+    assert pattern.factor(A[rows, columns], gone, np.where(fixed, 0.0, shift)) is None
+    held = pattern.factor(A[rows, columns], gone, np.where(fixed, 1.0, shift))
+    assert held is not None
+    assert held.solve(right)[fixed] == pytest.approx(right[fixed], rel=1e-12)
 
 
 @pytest.mark.parametrize('border', [0, 2])
