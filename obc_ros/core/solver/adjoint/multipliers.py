@@ -121,7 +121,10 @@ class Fitter:
             density = self._pointwise(problem, course, found)
             return replace(course, density_x=density[:, :, :self.n],
                            density_path=density[:, :, self.n:])
-        unknowns = self._unknowns(found, course)
+        # With path constraints the samples of a course are its mesh points: elsewhere a density
+        # cannot bend.
+        grid = course.parts if problem.path.numel() else 1
+        unknowns = self._unknowns(found, course, grid)
         without, each = self._costates(problem, course, unknowns)
         values, wanted = np.zeros(0), np.full((2, len(course.x), self.m), np.nan)
         for _ in range(_ROUNDS):
@@ -252,7 +255,8 @@ class Fitter:
                 found += [ActiveInterval(int(row), sign, first, last) for first, last in runs]
         return found
 
-    def _unknowns(self, found: list[ActiveInterval], course: Extremal) -> _Unknowns:
+    def _unknowns(self, found: list[ActiveInterval], course: Extremal, grid: int) -> _Unknowns:
+        """Return the basis of the fit, with densities that bend at every `grid`-th fine time."""
         K, parts = len(course.x), course.parts
         hats: list[Array] = []
         masses: list[Array] = []
@@ -268,15 +272,16 @@ class Fitter:
             signs.append(sign)
 
         for contact in found:
-            count = min((contact.last - contact.first) // parts, _MOST_HATS) + 2
-            knots = np.unique(np.linspace(
-                contact.first, contact.last, count).round().astype(int))
-            inside = (ends[:, :1] >= contact.first) & (ends[:, 1:] <= contact.last)
+            first, last = contact.first // grid, -(-contact.last // grid)
+            count = min((last - first) * grid // parts, _MOST_HATS) + (1 if grid > 1 else 2)
+            knots = grid * np.unique(np.linspace(first, last, count).round().astype(int))
+            first, last = first * grid, last * grid
+            inside = (ends[:, :1] >= first) & (ends[:, 1:] <= last)
             if len(knots) > 1:
                 for unit in np.eye(len(knots)):
                     add(contact.row, inside * np.interp(ends, knots, unit), 0.0, contact.sign)
             if self._pure[contact.row]:
-                for place in sorted({contact.first, contact.last}):
+                for place in sorted({first, last}):
                     add(contact.row, 0.0, (places == place).astype(float), contact.sign)
         return _Unknowns(np.stack(hats, axis=3), np.stack(masses, axis=2),
                          np.array(signs, dtype=float))
