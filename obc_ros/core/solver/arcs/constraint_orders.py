@@ -1,19 +1,40 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""Orders of state constraints: derivatives in time until inputs occur."""
+"""
+Orders of state constraints: derivatives in time until inputs occur.
+
+If the first derivative is a product s(u) g(x), such as that of the distance of a robot on wheels
+from an obstacle, with its speed s, a path that moves along the bound has g = 0 there. No input
+then changes the derivative, and the constraint is one of order 2 with g in place of it: the path
+slides.
+"""
+
+from collections.abc import Iterable, Mapping
+from functools import cached_property
 
 import casadi as ca
 import numpy as np
 from obc_ros.core.numerics.arrays import Mask
 from obc_ros.core.numerics.instructions import find_dependence
 from obc_ros.core.ocp.problem import Problem
+from obc_ros.core.solver.arcs.state_contacts import StateContact
+from obc_ros.core.solver.transcription.mesh import Path
 
 _ORDERS = 3    # highest order of a constraint that is treated
+_SAME = 1e-9   # relative difference at some points up to which two expressions are equal
 
 
 class BoundRates:
     """
     The rows of (x, c) and their time derivatives up to the first in which inputs occur.
+
+    Parameters
+    ----------
+    problem : Problem
+        Of the structure.
+    sliding : mapping of int to float
+        Rows along whose bounds the path slides, and a value S of s there, from `find_sliding`.
+        For these the derivatives are those of g: c, S g, S dg/dt.
 
     Attributes
     ----------
@@ -30,7 +51,9 @@ class BoundRates:
 
     """
 
-    def __init__(self, problem: Problem) -> None:
+    def __init__(self, problem: Problem, sliding: Mapping[int, float] | None = None
+                 ) -> None:
+        self._problem, self.sliding = problem, dict(sliding or {})
         rows = ca.vertcat(problem.x, problem.path)
         self.count = int(rows.numel())
         self.orders = np.full(self.count, -1)
@@ -48,3 +71,96 @@ class BoundRates:
                     break
                 chain.append(ca.jtimes(chain[-1], problem.x, problem.f))
             self.chains.append(chain)
+        for row, speed in self.sliding.items():
+            g = speed * self.slides[row][1]
+            rate = ca.jtimes(g, problem.x, problem.f)
+            self.chains[row] = [self.chains[row][0], g, rate]
+            self.orders[row], self.deciding[row] = 2, find_dependence(rate, problem.u)[0]
+
+    @property
+    def following(self) -> Mask:
+        """Return the rows that free inputs hold at a bound while others stay at theirs."""
+        return np.array([not order or row in self.sliding
+                         for row, order in enumerate(self.orders.tolist())], dtype=bool)
+
+    @cached_property
+    def slides(self) -> dict[int, tuple[ca.SX, ca.SX]]:
+        """Return s(u) and g(x) of the rows of order 1 whose derivative is s(u) g(x)."""
+        problem, found = self._problem, {}
+        rows = ca.vertsplit(ca.vertcat(problem.x, problem.path))
+        for row in np.flatnonzero(self.orders == 1).tolist():
+            factors = _factor(problem, ca.jtimes(rows[row], problem.x, problem.f))
+            if factors is not None:
+                found[row] = factors
+        return found
+
+    @cached_property
+    def factors(self) -> dict[int, ca.Function]:
+        """Return for these rows the functions (x, u, p) -> s, g; of the sliding ones s/S, S g."""
+        x, u, p = self._problem.x, self._problem.u, self._problem.p
+        return {row: ca.Function('factors', [x, u, p], [s / speed, g * speed])
+                for row, (s, g) in self.slides.items()
+                for speed in [self.sliding.get(row, 1.0)]}
+
+
+def find_sliding(problem: Problem, bounds: BoundRates, path: Path,
+                 contacts: Iterable[StateContact]) -> dict[int, float]:
+    """
+    Find the constraints along whose bounds a path slides.
+
+    Parameters
+    ----------
+    problem : Problem
+        Whose numbers are used.
+    bounds : BoundRates
+        Of its structure.
+    path : Path
+        It stops at a bound if s is smaller there than g, both relative to their largest values.
+    contacts : iterable of StateContact
+        Of the path with bounds.
+
+    Returns
+    -------
+    dict of int to float
+        Rows, and the mean s in their contacts. A row is left out if the path stops at its bound,
+        or if s changes its sign from one contact to another.
+
+    """
+    parts = np.linspace(0.0, 1.0, 5)[1:-1]
+    found = {}
+    for row, factors in bounds.factors.items():
+        times = [each.start + parts * (each.end - each.start)
+                 for each in contacts if each.row == row]
+        if not times:
+            continue
+        t = np.append(path.t, np.concatenate(times))
+        x, u = path.states_at(t), path.inputs_at(t, after=True)
+        s, g = factors.map(len(t))(x.T, u.T, ca.repmat(problem.p_value, 1, len(t)))
+        s, g = s.full()[0], g.full()[0]
+        there = slice(len(path.t), None)
+        moves = np.abs(s[there]) * np.abs(g).max() > np.abs(g[there]) * np.abs(s).max()
+        if moves.all() and np.ptp(np.sign(s[there])) == 0:
+            found[row] = float(s[there].mean())
+    return found
+
+
+def _factor(problem: Problem, rate: ca.SX) -> tuple[ca.SX, ca.SX] | None:
+    """Return s(u), homogeneous and linear, and g(x) with rate = s g; None if there are none."""
+    slope = ca.jacobian(rate, problem.u)
+    used = np.flatnonzero(find_dependence(rate, problem.u)[0]).tolist()
+    if ca.depends_on(slope, problem.u) or not ca.depends_on(slope, problem.x):
+        return None
+    g, chance = slope[used[0]], np.random.default_rng(0)
+    point = ca.DM(chance.uniform(0.5, 1.5, problem.n))
+    parts = ca.substitute(slope[used] / g, problem.x, point)
+    s = ca.mtimes(parts, problem.u[used])
+    if not ca.depends_on(ca.jtimes(g, problem.x, problem.f), problem.u):
+        return None
+    both = ca.Function('both', [problem.x, problem.u, problem.p], [rate, s * g])
+    for _ in range(5):
+        given = [chance.uniform(0.5, 1.5, size.numel()) for size in (
+            problem.x, problem.u, problem.p)]
+        left, right = (float(value) for value in both(*given))
+        if not abs(left - right) <= _SAME * (abs(left) + abs(right)):
+            return None
+    return s, g

@@ -10,6 +10,10 @@ the q-th derivative and lam~ the costates of this formulation, those of c(x) <= 
 
     lam = lam~ + eta d(c^(q-1))/dx - eta' d(c^(q-2))/dx + ...,  density (-1)^q eta^(q)
 
+With dc/dt = s g and dg/dt held at 0 (`constraint_orders`) they are
+
+    lam = lam~ + eta dg/dx - (eta'/s) dc/dx,  density (eta'/s)'
+
 (R. F. Hartl, S. P. Sethi, R. G. Vickson, A survey of the maximum principles for optimal control
 problems with state constraints, SIAM Review 37, 1995, section 5). Inputs are polynomials through
 the Radau points of each interval and may jump from phase to phase. Within a phase the solution is
@@ -18,7 +22,7 @@ smooth, so that the collocation converges with its full order.
 The module is long because the unknowns and the rows of all phases share one layout.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
 
@@ -51,12 +55,16 @@ class PhasedProgram:
         Of the structure.
     switching : sequence of bool, length m
         Inputs in which H is linear.
+    sliding : mapping of int to float, optional
+        As for `BoundRates`.
 
     """
 
-    def __init__(self, problem: Problem, switching: Sequence[bool]) -> None:
+    def __init__(self, problem: Problem, switching: Sequence[bool],
+                 sliding: Mapping[int, float] | None = None) -> None:
         self.problem, self.switching = problem, np.array(switching)
-        self.bounds, self.idle = BoundRates(problem), np.array(find_idle_inputs(problem))
+        self.bounds = BoundRates(problem, sliding)
+        self.idle = np.array(find_idle_inputs(problem))
         # Inputs of a phase without length are arbitrary, and with mixed constraints it would not
         # grow again.
         self.least = _LEAST if np.any(self.bounds.orders == 0) else 0.0
@@ -69,6 +77,10 @@ class PhasedProgram:
         self.rows_u = ca.Function('rows_u', [x, u, p], [ca.jacobian(rows, u)])
         points, self.weights, self.derivative, _ = build_collocation(DEGREE, 'radau')
         self.points = np.append(0.0, points)
+
+    def slid(self, sliding: Mapping[int, float]) -> 'PhasedProgram':
+        """Return the program in which a path slides along the bounds of some rows."""
+        return PhasedProgram(self.problem, self.switching.tolist(), sliding) if sliding else self
 
     def shortest(self, arcs: Sequence[Arc]) -> Array:
         """Return lower bounds of the lengths of the phases of some arcs [s]."""

@@ -83,13 +83,16 @@ def sample_phases(problem: Problem, program: PhasedProgram, integrator: CostateI
     density = np.zeros_like(eta[0])
     for row in np.flatnonzero(np.abs(found.eta).max(axis=(0, 1)) > 0):
         order = int(bounds.orders[row])
-        density[:, :, row] = (-1)**order * eta[order][:, :, row]
+        terms = [each[:, :, row] for each in eta]
+        if row in bounds.sliding:
+            terms[1:] = _slid(problem, program, found, terms, (on_u[0], on_u[1]), int(row))
+        density[:, :, row] = (-1)**order * terms[order]
         if order:
             gradients = program.gradients[row].map(x.shape[0] * x.shape[1])(
                 x.reshape(-1, problem.n).T, ca.repmat(problem.p_value, 1, len(x) * (most + 1)))
             each = gradients.full().T.reshape(len(x), most + 1, order, problem.n)
             for i in range(order):
-                lam = lam + (-1)**i * eta[i][:, :, row, None] * each[:, :, order - 1 - i]
+                lam = lam + (-1)**i * terms[i][:, :, None] * each[:, :, order - 1 - i]
     sign = np.array([arc.on or (0,) * bounds.count for arc in found.arcs])[found.phase_of]
     for row in np.flatnonzero(bounds.orders != 0):
         wanted = sign[:, row][:, None]
@@ -100,6 +103,22 @@ def sample_phases(problem: Problem, program: PhasedProgram, integrator: CostateI
                    _carried_back(problem, integrator, found, lam, x, u, h))
     t = np.append(0.0, np.cumsum(found.h))[:-1, None] + found.h[:, None] * tau
     return _joined(problem, integrator, found, t, x, u, lam, density)
+
+
+def _slid(problem: Problem, program: PhasedProgram, found: Phased, terms: list[Array],
+          bases: tuple[Array, Array], row: int) -> list[Array]:
+    """Return eta'/s and its derivative, (K, s), in place of eta' and eta''."""
+    K, count = bases[0].shape[:2]
+    factors = program.bounds.factors[row].map(K * count)
+    constants = ca.repmat(problem.p_value, 1, K * count)
+    # s is linear in u, so that its derivative is its value for that of u.
+    s, ds = (factors(np.zeros((problem.n, K * count)), np.einsum(
+        'ksj,kjm->ksm', basis, found.u).reshape(-1, problem.m).T, constants)[0].full().reshape(
+            K, count) for basis in bases)
+    ds = ds / found.h[:, None]
+    s = np.where(np.abs(found.eta[:, :, row]).max(axis=1)[:, None] > 0, s, 1.0)
+    with np.errstate(divide='ignore', invalid='ignore'):   # a path may stop on the bound
+        return [terms[1] / s, (terms[2] - terms[1] * ds / s) / s]
 
 
 def certify_samples(problem: Problem, program: PhasedProgram, integrator: CostateIntegrator,

@@ -22,7 +22,7 @@ from obc_ros.core.ocp.solution import Condition, Solution, Verdict
 from obc_ros.core.solver.adjoint.costates import CostateIntegrator
 from obc_ros.core.solver.adjoint.mesh_refinement import is_below
 from obc_ros.core.solver.arcs.bang_arcs import cut_at_bounds, cut_at_ends
-from obc_ros.core.solver.arcs.constraint_orders import BoundRates
+from obc_ros.core.solver.arcs.constraint_orders import BoundRates, find_sliding
 from obc_ros.core.solver.arcs.control_discontinuities import (
     cut_at_jumps,
     sharpen_steps,
@@ -86,14 +86,14 @@ def read_spans(problem: Problem, program: PhasedProgram, outcome: TranscriptionO
     """
     arcs = find_arcs(problem, outcome.path, (True,) * problem.m)
     bounds, T = program.bounds, outcome.path.t[-1]
-    mixed = bounds.orders == 0
+    mixed, following = bounds.orders == 0, bounds.following
     found = _merged(find_contacts(problem, outcome, value, margin, bounds.orders > 0, near=_NEAR)
                     + find_active(problem, outcome, program), gap * T)
     found = [each for each in found if not _implied(each, arcs, bounds.deciding[each.row])
              and (each.end - each.start > each.beside / 2
                   or bounds.orders[each.row] and each.end < T)]
     if found:
-        arcs = add_contacts(arcs, found, bounds.deciding, mixed)
+        arcs = add_contacts(arcs, found, bounds.deciding, following)
         arcs = [_without_implied_levels(problem, program, arc, outcome.path) for arc in arcs]
     jumping = bounds.deciding[mixed].any(axis=0) & switching
     arcs = cut_at_jumps(arcs, outcome.path, jumping.tolist(), mixed.tolist(), jump)
@@ -289,8 +289,11 @@ def solve_along_bounds(state: State) -> State | str:
     """
     bench, outcome, known = state.bench, state.outcome, state.best
     options, problem = bench.options.boundary, bench.problem
-    program = bench.programs.phased
     value = bench.programs.fitter(problem).at(problem, outcome.path.x, outcome.path.u)
+    bounds = bench.programs.phased.bounds
+    contacts = find_contacts(problem, outcome, value, bench.margin, bounds.orders == 1, near=_NEAR)
+    program = bench.programs.phased.slid(
+        find_sliding(problem, bounds, outcome.path, contacts))
     allowed = outcome.objective + ANOTHER * abs(outcome.objective)
     if known is not None and known.certified:
         cost = known.solution.objective
@@ -301,7 +304,7 @@ def solve_along_bounds(state: State) -> State | str:
         arcs = read_spans(problem, program, outcome, value, bench.margin,
                           bench.programs.switching, gap, bench.options.bangs.jump)
         with bench.trace.attempt('phases', f'{len(arcs)} arcs') as attempt:
-            answer = _settled_on(bench, outcome, arcs, allowed, seen)
+            answer = _settled_on(bench, program, outcome, arcs, allowed, seen)
             if answer is not None:
                 attempt.end(*judge_path(answer), cost=answer.objective)
                 return replace(state, best=Candidate(answer, bench.record(outcome)))
@@ -347,7 +350,8 @@ class _Turn:
                        erred=erred, led_to=get_signature(found.arcs))
 
 
-def _settled_on(bench: Bench, outcome: TranscriptionOutcome, arcs: list[Arc], allowed: float,
+def _settled_on(bench: Bench, program: PhasedProgram, outcome: TranscriptionOutcome,
+                arcs: list[Arc], allowed: float,
                 seen: set[tuple[Signature, float, int]]) -> Solution | None:
     """
     Solve with the given arcs, and detect arcs again, until a solution is certified; else None.
@@ -356,8 +360,7 @@ def _settled_on(bench: Bench, outcome: TranscriptionOutcome, arcs: list[Arc], al
     """
     options = bench.options.boundary
     problem, meter, pinned = bench.problem, bench.meter, bench.pinned
-    program, judge = bench.programs.phased, bench.programs.judge
-    fitter = bench.programs.fitter(problem)
+    judge, fitter = bench.programs.judge, bench.programs.fitter(problem)
     turn, sizes = _Turn(arcs, sharpen_steps(outcome.path, arcs), spread_like(outcome.path)), (
         bench.sizes(outcome))
     for number in range(bench.options.bangs.solves):
@@ -398,15 +401,15 @@ def _settled_on(bench: Bench, outcome: TranscriptionOutcome, arcs: list[Arc], al
                 better := certify_samples(problem, program, judge, fitter, smooth)).certified:
             return better
         turn = replace(turn, arcs=new, guess=sharpen_steps(join_phases(found), new))
-        following = _resolve(bench, turn, found, answer, seen)
+        following = _resolve(bench, program, turn, found, answer, seen)
         if following is None:
             break
         turn = following
     return None
 
 
-def _resolve(bench: Bench, turn: _Turn, found: Phased, answer: Solution,
-             seen: set[tuple[Signature, float, int]]) -> _Turn | None:
+def _resolve(bench: Bench, program: PhasedProgram, turn: _Turn, found: Phased,
+             answer: Solution, seen: set[tuple[Signature, float, int]]) -> _Turn | None:
     """Return the next attempt when the arcs do not change; None if it is not worth trying."""
     assert answer.certificate is not None
     problem, options = bench.problem, bench.options.boundary
@@ -416,8 +419,7 @@ def _resolve(bench: Bench, turn: _Turn, found: Phased, answer: Solution,
     if turn.off > options.slowly * before:
         _, Hu, _ = bench.programs.judge.hamiltonian(
             problem, answer.x, answer.u, answer.lam, answer.path_multipliers)
-        ended = cut_at_ends(problem, bench.programs.phased, found, answer.t, answer.x, answer.u,
-                            Hu)
+        ended = cut_at_ends(problem, program, found, answer.t, answer.x, answer.u, Hu)
         if (get_signature(ended), turn.fine, turn.graded) not in seen:
             return turn.like(found, ended)
     # The costates may have a boundary layer.
@@ -572,7 +574,7 @@ def add_touching_arcs(problem: Problem, arcs: list[Arc], found: Phased, bounds: 
                 longer.append(StateContact(row, sign, start, end, 0.0))
                 met = [each for each in met if each[1] != row or not start <= each[0] <= end]
     if longer:
-        arcs = add_contacts(arcs, longer, bounds.deciding)
+        arcs = add_contacts(arcs, longer, bounds.deciding, bounds.following)
     for time, row, sign in met:
         arcs = _met(arcs, time, row, sign, bounds.count)
     return arcs
