@@ -72,6 +72,7 @@ def test_a_path_slides_if_it_moves_along_the_bound(inputs, speed):
     assert find_sliding(problem, BoundRates(problem), path, []) == {}
 
 
+@pytest.mark.slow
 def test_the_fastest_path_along_a_disc_is_found():
     """
     Two tangents of length sqrt(3), and the arc of pi/3 between them.
