@@ -18,8 +18,8 @@ import sys
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = 'obc_ros'
 # From the top. A room imports from the rows below it and from the other rooms of its row.
-ROWS = (('cli', 'nodes'), ('ros',), ('workers',), ('core.library',), ('core.solver',),
-        ('core.closed_loop', 'core.lqr', 'core.riccati', 'core.ocp'),
+ROWS = (('cli', 'nodes'), ('ros',), ('sweep',), ('workers',), ('core.library',),
+        ('core.solver',), ('core.closed_loop', 'core.lqr', 'core.riccati', 'core.ocp'),
         ('core.systems',), ('core.numerics',), ('core.text',))
 ROOMS = tuple(room for row in ROWS for room in row)
 CERTIFICATE = 'core.ocp.certificate'
@@ -33,7 +33,7 @@ SHARED_NAMES = {
     'add_arguments': ('cli',),   # of a subcommand
     'run': ('cli',),             # of a subcommand
     'main': ('cli', 'nodes', 'workers'),   # of an executable
-    'answer': ('workers',),      # of a module that a pool's workers import
+    'answer': ('sweep', 'workers'),   # of a module that a pool's workers import
     'Settings': ('nodes',),      # the parameters of a node; docs/sources.py reads them
     'system': ('core.systems',),   # of a module with one registered system
 }

@@ -75,3 +75,19 @@ def do_pid(request, time_limit, report):
     """Report the process id as progress, then hang."""
     report(str(os.getpid()), 0, 0.0, 0.0)
     time.sleep(1000)
+
+
+def do_point(request, time_limit, report):
+    """Answer for a point of a sweep, or end as the request says: always, or the first time."""
+    plain = request.plain
+    if plain['fresh']:
+        SEEN.clear()
+    SEEN.append(plain['name'])
+    once = plain.get('once')
+    if plain.get('crash') or once and not os.path.exists(once):
+        if once:
+            open(once, 'x').close()
+        os.abort()
+    if plain.get('hang'):
+        time.sleep(1000)
+    return Packet({'status': 'solved', 'seen': list(SEEN)})

@@ -26,11 +26,12 @@ SUBCOMMANDS = {
     'demo': 'run a demonstration over DDS: table, figures, recording',
     'solve': 'solve optimal control problems and certify the solutions',
     'lqr': 'design linear quadratic regulators',
+    'sweep': 'solve one problem for many values of its numbers',
     'gallery': 'compute examples and exercises of the book, compare with references',
     'bench': 'run the benchmarks',
 }
 # The modules of subcommands that have a folder.
-MODULES = {'demo': 'demo.command', 'solve': 'ask.solve', 'lqr': 'ask.lqr',
+MODULES = {'demo': 'demo.command', 'solve': 'ask.solve', 'lqr': 'ask.lqr', 'sweep': 'ask.sweep',
            'gallery': 'gallery.command'}
 # With the names and arguments of `ros2`: modules of obc_ros.cli.ros2.
 ROS2 = {

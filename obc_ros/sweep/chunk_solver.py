@@ -1,0 +1,135 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+The points of a chunk, solved one after the other by a solver process.
+
+The process is that of a `Pool`: a point that exceeds its time or memory, or that ends the process,
+costs this point only.
+"""
+
+from collections import Counter
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+import math
+from threading import Event
+import time
+from typing import Any
+
+from obc_ros.workers.pool import Job, Pool, RequestAnswer, RequestOutcome
+from obc_ros.workers.wire import Packet
+
+MODULE = 'obc_ros.sweep.point_requests'
+MEMORY = 2 << 30       # [bytes] of a solver process
+TRIES = 3              # times that a process may end at a point
+TICK = 0.1             # [s] between two looks at whether to stop
+STATUS_OF = {RequestOutcome.REFUSED: 'died', RequestOutcome.TIMED_OUT: 'timed_out',
+             RequestOutcome.CANCELLED: 'cancelled'}
+
+Row = dict[str, Any]   # the answer at one point
+
+
+class ChunkStoppedError(Exception):
+    """A chunk was stopped before its end."""
+
+
+@dataclass(frozen=True)
+class Chunk:
+    """Points to be solved in this order: kind and contents of each request."""
+
+    number: int
+    kind: str
+    requests: tuple[dict[str, Any], ...]
+    time_limit: float
+
+
+def start_solver() -> Pool:
+    """Return a pool of one process for chunks."""
+    return Pool(MODULE, 1, memory=MEMORY, niceness=0)
+
+
+def solve_chunk(pool: Pool, chunk: Chunk,
+                is_stopped: Callable[[], bool] = lambda: False) -> list[Row]:
+    """
+    Return the answers at all points of a chunk.
+
+    They do not depend on what the process has solved before. If the process ends, the chunk is
+    begun again; a point at which it has ended `TRIES` times has the status ``died``.
+
+    Parameters
+    ----------
+    pool : Pool
+        Of one process, from `start_solver`.
+    chunk : Chunk
+        The points.
+    is_stopped : callable
+        Called several times a second.
+
+    Raises
+    ------
+    ChunkStoppedError
+        If `is_stopped` returned True.
+
+    """
+    deaths: Counter[int] = Counter()
+    guilty: dict[int, str] = {}
+    while True:
+        rows, message = _try_chunk(pool, chunk, is_stopped, guilty)
+        if not message:
+            return rows
+        deaths[len(rows)] += 1
+        if deaths[len(rows)] >= TRIES:
+            guilty[len(rows)] = message
+
+
+def _try_chunk(pool: Pool, chunk: Chunk, is_stopped: Callable[[], bool],
+               guilty: Mapping[int, str]) -> tuple[list[Row], str]:
+    """
+    Solve the points of a chunk, but for the guilty ones, until the process ends.
+
+    Returns
+    -------
+    rows : list
+        All answers, or those before the process ended.
+    message : str
+        How the process ended, at the point after these; empty if it did not.
+
+    """
+    rows: list[Row] = []
+    fresh = True
+    for index, request in enumerate(chunk.requests):
+        if index in guilty:
+            rows.append({'status': 'died', 'message': guilty[index], 'time': math.nan})
+            fresh = True
+            continue
+        answer = _ask(pool, chunk, {**request, 'fresh': fresh}, is_stopped)
+        if answer.outcome is RequestOutcome.DIED:
+            return rows, answer.message
+        fresh = answer.outcome is not RequestOutcome.ANSWERED   # the next process knows nothing
+        rows.append(answer.packet.plain if not fresh else {
+            'status': STATUS_OF[answer.outcome], 'message': answer.message,
+            'time': chunk.time_limit})
+    return rows, ''
+
+
+def _ask(pool: Pool, chunk: Chunk, request: dict[str, Any],
+         is_stopped: Callable[[], bool]) -> RequestAnswer:
+    """Return the answer to one request; the time limit does not count the start of a process."""
+    while not pool.pids and not pool.fault:
+        time.sleep(0.01)
+        if is_stopped():
+            raise ChunkStoppedError
+    answers: list[RequestAnswer] = []
+    arrived = Event()
+
+    def take(answer: RequestAnswer) -> None:
+        answers.append(answer)
+        arrived.set()
+
+    job = Job(chunk.kind, Packet(request), chunk.time_limit, take)
+    pool.submit(job)
+    while not arrived.wait(TICK):
+        if is_stopped():
+            pool.cancel(job)
+            arrived.wait()
+            raise ChunkStoppedError
+    return answers[0]

@@ -1,0 +1,113 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+The connection to a Dask cluster: one in this process, or one that runs already.
+
+Dask executes what a client sends: who can connect to a scheduler can run programs on its workers.
+A local cluster has no port; its workers are threads, each with a solver process.
+"""
+
+from importlib import metadata
+import logging
+from typing import Any
+
+from obc_ros.core.text.errors import ObcError, quote, StatementError
+from obc_ros.sweep.cluster.versions import check_versions, tell_version
+
+CONNECT_TIMEOUT = 10.0   # [s]
+SCHEMES = ('tcp://', 'tls://', 'ws://', 'wss://', 'ucx://')
+
+
+def has_dask() -> bool:
+    """Return whether Dask's scheduler is installed."""
+    try:
+        metadata.version('distributed')
+    except metadata.PackageNotFoundError:
+        return False
+    return True
+
+
+def check_address(address: str) -> None:
+    """
+    Check the form of the address of a scheduler.
+
+    Parameters
+    ----------
+    address : str
+        Such as ``tcp://host:8786``.
+
+    Raises
+    ------
+    StatementError
+        If it has another form.
+
+    """
+    scheme = next((each for each in SCHEMES if address.startswith(each)), '')
+    port = address.rpartition(':')[2]
+    if not scheme or not port.isdigit() or not 0 < int(port) < 2**16:
+        raise StatementError(f"scheduler '{quote(address)}': wanted an address such as "
+                             'tcp://host:8786')
+
+
+def connect(address: str) -> Any:
+    """
+    Return a client of a running cluster.
+
+    Parameters
+    ----------
+    address : str
+        Of the scheduler.
+
+    Raises
+    ------
+    StatementError
+        If the address has another form.
+    ObcError
+        If Dask is not installed, there is no scheduler, or its workers have another version.
+
+    """
+    check_address(address)
+    distributed = _import_distributed()
+    logging.getLogger('distributed.client').setLevel(logging.CRITICAL)   # errors say the same
+    try:
+        client = distributed.Client(address, timeout=CONNECT_TIMEOUT, set_as_default=False)
+    except (OSError, TimeoutError, ValueError) as error:
+        raise ObcError(f'no scheduler answers at {quote(address)}: '
+                       f'{quote(" ".join(str(error).split()), 200)}') from None
+    try:
+        check_versions(client.run(tell_version, on_error='return'))
+    except BaseException:
+        client.close()
+        raise
+    return client
+
+
+def start_local(workers: int) -> Any:
+    """
+    Return a client of a cluster in this process; closing it ends the cluster.
+
+    Parameters
+    ----------
+    workers : int
+        Number of solver processes.
+
+    Raises
+    ------
+    ObcError
+        If Dask is not installed.
+
+    """
+    distributed = _import_distributed()
+    cluster = distributed.LocalCluster(
+        n_workers=workers, threads_per_worker=1, processes=False, dashboard_address=None,
+        memory_limit=None, silence_logs=logging.ERROR)
+    return distributed.Client(cluster, set_as_default=False)
+
+
+def _import_distributed() -> Any:
+    try:
+        import distributed
+    except ImportError as error:
+        raise ObcError(f"a cluster needs Dask: pip install 'obc-ros[cluster]' ({error})"
+                       ) from None
+    return distributed

@@ -1,0 +1,227 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+The result of a sweep as an `xarray.Dataset`, and its NetCDF file.
+
+The file has the classic format (NetCDF 3, 64-bit offsets), which SciPy writes: any tool reads it,
+it needs no HDF5, and equal data give equal bytes.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+import math
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from obc_ros.core.text.errors import ObcError
+from obc_ros.sweep.axes import SAMPLE
+
+STATUSES = ('solved', 'infeasible', 'not_converged', 'timed_out', 'cancelled', 'malformed', 'died')
+NOT_SOLVED_YET = -1
+OPTIMUM_NAMES = ('unknown', 'local', 'global')
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """
+    A quantity of the answer at each point.
+
+    Attributes
+    ----------
+    name : str
+        In the dataset and in the rows.
+    about : str
+        Long name, in words.
+    unit : str
+        Empty if it is unknown.
+    dimension : str
+        Name of a further dimension, for a list; empty for a number.
+    flags : tuple of str
+        Meanings of the values 0, 1, ... of a code.
+
+    """
+
+    name: str
+    about: str
+    unit: str = ''
+    dimension: str = ''
+    flags: tuple[str, ...] = ()
+
+
+PROBLEM_QUANTITIES = (
+    Quantity('status', 'how the request ended', flags=STATUSES),
+    Quantity('J', 'cost'),
+    Quantity('T', 'final time', 's'),
+    Quantity('switching_times', 'times at which an input jumps or changes its arc; nan after the '
+             'last', 's', 'switch'),
+    Quantity('costates', 'costates at t = 0', dimension='state'),
+    Quantity('inputs', 'inputs at t = 0', dimension='input'),
+    Quantity('worst_residual', 'largest residual of the certificate relative to its tolerance',
+             '1'),
+    Quantity('optimum', 'what is known of the optimum', flags=OPTIMUM_NAMES),
+    Quantity('time', 'time to build and solve the problem', 's'))
+
+
+def import_xarray() -> Any:
+    """
+    Return the module xarray, which is an extra.
+
+    Raises
+    ------
+    ObcError
+        If it is not installed.
+
+    """
+    try:
+        import xarray
+    except ImportError as error:
+        raise ObcError(f"a sweep needs xarray: pip install 'obc-ros[sweep]' ({error})") from None
+    return xarray
+
+
+def make_dataset(coordinates: Mapping[str, Sequence[float]], units: Mapping[str, str],
+                 other_keys: Mapping[str, str],
+                 samples: Mapping[str, Sequence[float]], count: int,
+                 names: Mapping[str, Sequence[str]], quantities: Sequence[Quantity],
+                 rows: Mapping[int, Mapping[str, Any]], about: Mapping[str, Any]) -> Any:
+    """
+    Return the dataset of a sweep.
+
+    Parameters
+    ----------
+    coordinates : mapping
+        The axes of the grid: key and values.
+    units : mapping
+        Unit of each key; empty if it is unknown.
+    other_keys : mapping
+        Another name of each key, if a quantity has its name.
+    samples : mapping
+        The random numbers: key and values.
+    count : int
+        Number of samples; 0 without random numbers.
+    names : mapping
+        Coordinates of further dimensions: names of states and inputs.
+    quantities : sequence of Quantity
+        Data variables.
+    rows : mapping
+        The answers by flat index of the point; points may be missing.
+    about : mapping
+        Attributes of the dataset.
+
+    Returns
+    -------
+    xarray.Dataset
+        Points without an answer have the status -1, and nan.
+
+    Raises
+    ------
+    ObcError
+        If xarray is not installed.
+
+    """
+    xarray = import_xarray()
+    taken = {each.name for each in quantities} | set(names) | {SAMPLE, 'switch', 'switches'}
+    keys = {key: other_keys[key] if key in taken else key for key in (*coordinates, *samples)}
+    dimensions = tuple(keys[key] for key in coordinates) + ((SAMPLE,) if samples else ())
+    shape = tuple(len(values) for values in coordinates.values()) + (
+        (count,) if samples else ())
+    found: dict[str, Any] = {}
+    for each in quantities:
+        if each.dimension:
+            width = len(names[each.dimension]) if each.dimension in names else max(
+                (len(row.get(each.name, ())) for row in rows.values()), default=0) or 1
+            data = _fill_lists(each.name, rows, math.prod(shape), width).reshape(*shape, width)
+            found[each.name] = (*dimensions, each.dimension), data, _attributes(each)
+        else:
+            found[each.name] = (dimensions, _fill(each, rows, math.prod(shape)).reshape(shape),
+                                _attributes(each))
+        if each.dimension == 'switch':
+            found['switches'] = dimensions, np.isfinite(data).sum(axis=-1).astype(np.int32), {
+                'long_name': 'number of switching times'}
+    coordinate = {keys[key]: (keys[key], np.array(values), _unit(units.get(key, '')))
+                  for key, values in coordinates.items()}
+    coordinate |= {keys[key]: (SAMPLE, np.array(values), _unit(units.get(key, '')))
+                   for key, values in samples.items()}
+    coordinate |= {name: (name, np.array(entries, 'U'), {}) for name, entries in names.items()}
+    return xarray.Dataset(found, coordinate, dict(about))
+
+
+def write_dataset(dataset: Any, path: Path) -> None:
+    """
+    Write a dataset completely or not at all.
+
+    Parameters
+    ----------
+    dataset : xarray.Dataset
+        From `make_dataset`.
+    path : Path
+        Replaced if it exists.
+
+    Raises
+    ------
+    OSError
+        If it cannot be written.
+
+    """
+    part = path.with_suffix('.part')
+    dataset.to_netcdf(part, engine='scipy', format='NETCDF3_64BIT')
+    with open(part, 'rb') as file:
+        os.fsync(file.fileno())
+    part.replace(path)
+
+
+def read_dataset(path: Path) -> Any:
+    """
+    Return the dataset of a file, completely in memory.
+
+    Parameters
+    ----------
+    path : Path
+        Written by `write_dataset`.
+
+    Raises
+    ------
+    ObcError
+        If xarray is not installed.
+
+    """
+    return import_xarray().load_dataset(path, engine='scipy')
+
+
+def _fill(quantity: Quantity, rows: Mapping[int, Mapping[str, Any]], size: int) -> NDArray[Any]:
+    """Return one value for each point; codes are small integers."""
+    if quantity.flags:
+        codes = np.full(size, NOT_SOLVED_YET if quantity.name == 'status' else 0, np.int8)
+        for index, row in rows.items():
+            value = row.get(quantity.name, 0)
+            codes[index] = quantity.flags.index(value) if isinstance(value, str) else value
+        return codes
+    numbers = np.full(size, np.nan)
+    for index, row in rows.items():
+        numbers[index] = row.get(quantity.name, np.nan)
+    return numbers
+
+
+def _fill_lists(name: str, rows: Mapping[int, Mapping[str, Any]], size: int,
+                width: int) -> NDArray[Any]:
+    """Return one list for each point, padded with nan."""
+    numbers = np.full((size, width), np.nan)
+    for index, row in rows.items():
+        values = row.get(name, ())
+        numbers[index, :len(values)] = values
+    return numbers
+
+
+def _attributes(quantity: Quantity) -> dict[str, Any]:
+    found: dict[str, Any] = {'long_name': quantity.about, **_unit(quantity.unit)}
+    if quantity.flags:
+        found['flag_values'] = np.arange(len(quantity.flags), dtype=np.int8)
+        found['flag_meanings'] = ' '.join(quantity.flags)
+    return found
+
+
+def _unit(unit: str) -> dict[str, str]:
+    return {'units': unit} if unit else {}

@@ -1,0 +1,174 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+The numbers of a problem that a sweep can vary.
+
+=========================== ==============================================================
+``x0.NAME``                 initial state
+``NAME``                    parameter; also ``parameters.NAME``
+``input_bounds.NAME.lower`` and ``upper``; the same for ``state_bounds``
+``path_constraints.0.lower`` and ``upper``, by position from 0
+``T``                       given final time; also ``final_time.value``
+``final_time.lower``        ``upper`` and ``guess`` of a free final time
+=========================== ==============================================================
+"""
+
+from collections.abc import Mapping
+from functools import cached_property
+import math
+from typing import Any
+
+import numpy as np
+from obc_ros.core.ocp.statement import build_problem
+from obc_ros.core.systems.registry import get_registered
+from obc_ros.core.text.errors import ObcError, quote, StatementError, suggest_name
+
+Place = tuple[str | int, ...]
+
+SIDES = 'lower', 'upper'
+
+
+class ProblemNumbers:
+    """
+    A problem whose numbers vary.
+
+    Parameters
+    ----------
+    statement : mapping
+        See docs/problems.md.
+
+    Attributes
+    ----------
+    kind : str
+        Of the requests to a solver process.
+    statement : dict
+    dimensions : dict
+        Names of the states and of the inputs.
+
+    Raises
+    ------
+    StatementError
+        If the statement is malformed.
+
+    """
+
+    kind = 'problem'
+
+    def __init__(self, statement: Mapping[str, Any]) -> None:
+        self.statement = dict(statement)
+        self.problem = build_problem(self.statement)
+        self.dimensions = {'state': self.problem.states, 'input': self.problem.inputs}
+
+    @cached_property
+    def places(self) -> dict[str, Place]:
+        """Return where the number of each key stands in the statement."""
+        problem = self.problem
+        found: dict[str, Place] = {f'x0.{name}': ('initial_state', name)
+                                   for name in problem.states}
+        # The numbers in terminal constraints are parameters of a problem, too, without a name.
+        names = [name for name in problem.parameters if name.isidentifier()]
+        found |= {name: ('parameters', name) for name in names if name != 'T'}
+        found |= {f'parameters.{name}': ('parameters', name) for name in names}
+        for section, bounded in (('input_bounds', problem.inputs),
+                                 ('state_bounds', problem.states)):
+            found |= {f'{section}.{name}.{side}': (section, name, index)
+                      for name in bounded for index, side in enumerate(SIDES)}
+        found |= {f'path_constraints.{index}.{side}': ('path_constraints', index, side)
+                  for index in range(problem.path.numel()) for side in SIDES}
+        if problem.final_time.free:
+            return found | {f'final_time.{each}': ('final_time', each)
+                            for each in ('lower', 'upper', 'guess')}
+        return found | {'T': ('final_time', 'value'), 'final_time.value': ('final_time', 'value')}
+
+    def check_key(self, key: str) -> None:
+        """Raise StatementError if there is no number with this key."""
+        check_number_key(key, self.places, (
+            "initial states are 'x0.NAME', parameters 'NAME', bounds 'input_bounds.NAME.upper'"))
+
+    def vary(self, values: Mapping[str, float]) -> dict[str, Any]:
+        """Return the statement with other numbers; expressions of parameters follow them."""
+        found = dict(self.statement)
+        for key, value in values.items():
+            section, *rest = self.places[key]
+            found[str(section)] = _replaced(found.get(str(section)), tuple(rest), value,
+                                            self._bounds.get(rest[0], (None, None)))
+        return found
+
+    def long_key(self, key: str) -> str:
+        """Return the key that begins with the section of the statement."""
+        return '.'.join(map(str, self.places[key]))
+
+    def unit(self, key: str) -> str:
+        """Return the unit of a number; empty if it is not known."""
+        place = self.places[key]
+        if place[0] == 'final_time':
+            return 's'
+        return self._units.get(str(place[1]), '')
+
+    @cached_property
+    def _bounds(self) -> dict[str | int, tuple[float | None, float | None]]:
+        """Return the bounds of the states and of the inputs, which a system may have given."""
+        problem = self.problem
+        lower = np.concatenate([problem.x_lower, problem.u_lower]).tolist()
+        upper = np.concatenate([problem.x_upper, problem.u_upper]).tolist()
+        return {name: (_known(low), _known(high)) for name, low, high in zip(
+            (*problem.states, *problem.inputs), lower, upper, strict=True)}
+
+    @cached_property
+    def _units(self) -> dict[str, str]:
+        """Return the units of states, inputs and parameters by name."""
+        name = self.statement.get('system')
+        if not name:
+            given = self.statement.get('units')
+            return {str(key): str(value) for key, value in given.items()} if isinstance(
+                given, Mapping) else {}
+        try:
+            system = get_registered(str(name), {})
+        except ObcError:   # a system with options that must be given
+            return {}
+        signals = {signal.name: signal.unit for signal in system.states + system.inputs}
+        return signals | {each.name: each.unit for each in system.parameters}
+
+
+def check_number_key(key: str, places: Mapping[str, Place], hint: str) -> None:
+    """
+    Check that a key is known.
+
+    Parameters
+    ----------
+    key : str
+        Of an axis or a random number.
+    places : mapping
+        Its keys are those that are known.
+    hint : str
+        How keys are written.
+
+    Raises
+    ------
+    StatementError
+        If it is not.
+
+    """
+    if key not in places:
+        raise StatementError(f"there is no number '{quote(key)}'{suggest_name(key, places)}; "
+                             f'{hint}')
+
+
+def _replaced(value: Any, place: Place, number: float,
+              bounds: tuple[float | None, float | None]) -> Any:
+    """Return a section of a statement with another number at one place; the rest is shared."""
+    if not place:
+        return number
+    step, rest = place[0], place[1:]
+    if isinstance(step, str):
+        section = dict(value or {})
+        section[step] = _replaced(section.get(step), rest, number, bounds)
+        return section
+    items = list(bounds if value is None else value)
+    items[step] = _replaced(items[step], rest, number, bounds)
+    return items
+
+
+def _known(bound: float) -> float | None:
+    """Return a bound as a statement has it."""
+    return bound if math.isfinite(bound) else None
