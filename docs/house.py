@@ -36,6 +36,9 @@ SHARED_NAMES = {
     'answer': ('sweep', 'workers'),   # of a module that a pool's workers import
     'Settings': ('nodes',),      # the parameters of a node; docs/sources.py reads them
     'system': ('core.systems',),   # of a module with one registered system
+    # Names of the public interface, which wrap what has this name below.
+    **dict.fromkeys(('Problem', 'System', 'solve', 'certify', 'lqr', 'dlqr', 'minimize'),
+                    ('core.library',)),
 }
 # Names of modules that say nothing to a reader who knows the field.
 RETIRED = (

@@ -18,9 +18,7 @@ from typing import Any, TypeVar
 
 from obc_ros.core.library.json_values import convert_to_json
 from obc_ros.core.text.errors import DynamicsError, ObcError, quote, StatementError
-from obc_ros.core.text.yaml_files import read_entries
-
-FileEntry = dict[str, Any] | StatementError
+from obc_ros.core.text.yaml_files import FileEntry, read_entries
 
 LONGEST = 200  # [bytes] of the name of a result's file, without its extension
 

@@ -44,7 +44,8 @@ ROSDEP_KEYS = {
     'scipy': 'python3-scipy',
     'yaml': 'python3-yaml',
 }
-CORE_MAY_IMPORT = {*sys.stdlib_module_names, 'casadi', 'control', 'numpy', 'scipy', 'yaml'}
+CORE_MAY_IMPORT = {*sys.stdlib_module_names, 'casadi', 'control', 'matplotlib', 'numpy', 'scipy',
+                   'yaml'}
 UNSAFE_NAMES = {'__import__', 'eval', 'exec'}
 UNSAFE_ATTRIBUTES = {
     ('os', 'popen'), ('os', 'system'), ('subprocess', 'getoutput'), ('tempfile', 'mktemp'),

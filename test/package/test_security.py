@@ -42,6 +42,8 @@ IMPORTS = ('exec_module', 'import_module')
 IMPORTS_BY_NAME = {
     'obc_ros/cli/obc.py': 'one of SUBCOMMANDS',
     'obc_ros/workers/process.py': 'given by the pool on the command line',
+    'obc_ros/core/__init__.py': 'one of the modules of the public names',
+    'obc_ros/core/numerics/arrays.py': 'one of the modules of SciPy that are named there',
     'benchmarks/timing.py': 'a constant of a benchmark',
     'obc_ros/cli/ros2/yaml_messages.py': 'PACKAGE.msg, .srv or .action of an identifier PACKAGE',
     'obc_ros/cli/ros2/launch_file.py': 'the launch file that a user starts, as ros2 launch does',

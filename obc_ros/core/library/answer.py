@@ -5,6 +5,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import cached_property
+from importlib import import_module
 from typing import Any, TYPE_CHECKING
 
 import numpy as np
@@ -190,7 +191,7 @@ class Answer:
 
         """
         try:
-            import pandas
+            pandas = import_module('pandas')   # not required: nothing else needs it
         except ImportError:
             raise ObcError('to_dataframe needs pandas, which is not installed: '
                            'pip install pandas') from None

@@ -8,8 +8,9 @@ solution returns (`ocp/certificate/replay.py`). Where the costates then miss the
 because their equation is unstable in this direction, they are integrated from there.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
+import casadi as ca
 import numpy as np
 from obc_ros.core.numerics.arrays import Array, Index
 from obc_ros.core.ocp.augmentation import restore_added_states
@@ -79,7 +80,7 @@ def interpolate(problem: Problem, solution: Solution, times: Array) -> PathValue
 def _integrate(integrator: ReplayIntegrator, problem: Problem, solution: Solution, times: Array,
                k: Index) -> tuple[Array, Array, Array]:
     """Return x, u and lam within the intervals that begin at the samples `k`."""
-    whole = _intervals(problem, solution, k)
+    whole = build_intervals(problem, solution, k)
     part = ((times - solution.t[k]) / whole.h)[:, None]
     ahead, rest = _split(whole, part)
     scale = np.maximum(np.abs(np.hstack([solution.x, _costates(solution)])).max(axis=0), 1e-300)
@@ -106,7 +107,25 @@ def _from_the_end(integrator: ReplayIntegrator, rest: Intervals, lam_end: Array,
     return np.asarray(rest.lam - defect)
 
 
-def _intervals(problem: Problem, solution: Solution, k: Index) -> Intervals:
+def build_intervals(problem: Problem, solution: Solution, k: Index) -> Intervals:
+    """
+    Return the intervals of a solution that begin at some samples.
+
+    Parameters
+    ----------
+    problem : Problem
+        The problem.
+    solution : Solution
+        With all states of the problem.
+    k : ndarray of int, shape (K,)
+        Indices of the samples; the next sample is later.
+
+    Returns
+    -------
+    Intervals
+        For `ReplayIntegrator`.
+
+    """
     ends = k if solution.interpolation == 'zoh' else k + 1
     none = np.zeros((len(solution.t), problem.path.numel()))
     s, m = solution.state_multipliers, solution.path_multipliers
@@ -114,6 +133,49 @@ def _intervals(problem: Problem, solution: Solution, k: Index) -> Intervals:
     return Intervals(
         h=solution.t[k + 1] - solution.t[k], x=solution.x[k], lam=_costates(solution)[k],
         ua=solution.u[k], ub=solution.u[ends], sa=s[k], sb=s[k + 1], ma=m[k], mb=m[k + 1])
+
+
+def restore_added_costates(problem: Problem, solution: Solution) -> Solution:
+    """
+    Return a solution with all states and costates of the problem.
+
+    The costates of additional states, the time and constants, follow from the others: nothing
+    depends on them, so that dlam/dt = -dH/dx is a quadrature, and at T they are
+    dV/dx + nu' dpsi/dx.
+
+    Parameters
+    ----------
+    problem : Problem
+        The problem.
+    solution : Solution
+        With the states of the statement, and costates; nu is found by least squares if it is
+        missing.
+
+    Returns
+    -------
+    Solution
+        With H of all states.
+
+    """
+    n, found = problem.stated, restore_added_states(problem, solution)
+    if not problem.added or solution.x.shape[1] == problem.n:
+        return found
+    at_end = ca.Function('end', [problem.x, problem.p], [
+        ca.gradient(problem.V, problem.x), ca.jacobian(problem.psi, problem.x)])
+    V_x, psi_x = (value.full() for value in at_end(found.x[-1], problem.p_value))
+    nu = found.nu if found.nu.size else np.linalg.lstsq(
+        psi_x[:, :n].T, found.lam[-1, :n] - V_x[:n, 0], rcond=None)[0]
+    k = np.flatnonzero(np.diff(found.t) > 0)
+    scale = np.maximum(np.abs(np.hstack([found.x, found.lam])).max(axis=0), 1.0)
+    course = ReplayIntegrator(problem).replay(
+        build_intervals(problem, found, k), problem.p_value, scale, REPLAY_ERROR / len(k))
+    growth = np.zeros((len(found.t), problem.added))
+    growth[k + 1] = course.lam[:, -1, n:]
+    last = (V_x[:, 0] + psi_x.T @ nu)[n:]
+    lam = found.lam.copy()
+    lam[:, n:] = last + np.cumsum(growth, axis=0) - growth.sum(axis=0)
+    H = found.hamiltonian + lam[:, n] if problem.has_clock else found.hamiltonian
+    return replace(found, lam=lam, nu=nu, hamiltonian=H)
 
 
 def _split(whole: Intervals, part: Array) -> tuple[Intervals, Intervals]:

@@ -25,6 +25,7 @@ from obc_ros.core.ocp.method_names import get_method
 from obc_ros.core.ocp.problem import FinalTime, FreeStart, Problem
 from obc_ros.core.systems import registry
 from obc_ros.core.systems.file import FOR_PEOPLE, OF_A_PLANT
+from obc_ros.core.systems.system import System
 from obc_ros.core.text import expressions
 from obc_ros.core.text.errors import describe_type, ObcError, quote, StatementError, suggest_name
 from obc_ros.core.text.expressions import check_name, parse_number
@@ -37,6 +38,7 @@ from obc_ros.core.text.fields import (
     read_names,
     read_section,
 )
+from obc_ros.core.text.stated_functions import call_functions, STATED_FUNCTIONS
 from obc_ros.core.text.yaml_files import read_entries
 
 FOR_THE_SOLVER = (
@@ -69,6 +71,12 @@ class _Plant:
     time: ca.SX | None
 
     @property
+    def arguments(self) -> tuple[dict[str, ca.SX], dict[str, ca.SX], dict[str, ca.SX],
+                                 ca.SX | None]:
+        """Return the symbols that functions of the statement are called with."""
+        return self.x, self.u, self.p | self.free, self.time
+
+    @property
     def known(self) -> dict[str, ca.SX]:
         """Return the symbols of the names in expressions."""
         return self.x | self.u | self.p | self.free | (
@@ -83,7 +91,8 @@ def build_problem(mapping: object) -> Problem:
     ----------
     mapping : object
         A mapping of keys to values; see docs/problems.md. Keys that only a plant file has, such
-        as units, are ignored, so that one file can be both.
+        as units, are ignored, so that one file can be both. Dynamics, costs and constraints may
+        be Python functions (`stated_functions`), and `system` may be a System.
 
     Returns
     -------
@@ -102,6 +111,7 @@ def build_problem(mapping: object) -> Problem:
     check_keys(given, FOR_THE_SOLVER, OF_A_PLANT + FOR_PEOPLE)
     _bounded_text(given)
     plant = _registered_plant(given) if given.get('system') is not None else _own_plant(given)
+    given = call_functions(given, STATED_FUNCTIONS, *plant.arguments)
     L = expressions.parse_expression(_or_zero(given, 'running_cost'), plant.known, 'running_cost')
     V = _cost_at_an_end(given, plant, 'terminal_cost')
     psi, literals = _end_constraints(given, plant, 'terminal_constraints')
@@ -227,7 +237,8 @@ def _own_plant(given: Mapping[Any, Any]) -> _Plant:
     known = x | u | p | free | ({} if time is None else {TIME: time})
     if given.get('dynamics') is None:
         raise StatementError('dynamics: missing; wanted an equation for each state')
-    equations = read_mapping(given['dynamics'], 'dynamics')
+    called = call_functions(given, ('dynamics',), x, u, p | free, time)
+    equations = read_mapping(called['dynamics'], 'dynamics')
     for name in equations:
         if name not in states:
             raise _unknown(name, states, f'dynamics.{_short(name)}', 'a state')
@@ -275,20 +286,24 @@ def _free_names(given: Mapping[Any, Any], signals: Collection[str],
 
 
 def _registered_plant(given: Mapping[Any, Any]) -> _Plant:
-    """Return the plant that the key `system` names, with the statement's parameters."""
+    """Return the plant of the key `system`, a name or a System, with its own parameters."""
     for key in ('states', 'inputs', 'dynamics'):
         if given.get(key):
             raise StatementError(f'{key}: the system defines it already; '
                                  "give either 'system' or 'states', 'inputs' and 'dynamics'")
     name = given['system']
-    if not isinstance(name, str):
+    if not isinstance(name, str | System):
         raise StatementError(f'system: wanted a name, found {describe_type(name)}')
     section = read_section(given, 'parameters')
     free = read_section(given, 'free_parameters')
+    options: dict[str, object] = {}
     try:
-        options = {key: _option(section[key], f'parameters.{key}')
-                   for key in registry.get_options(name) if key in section}
-        system = registry.get_registered(name, options)
+        if isinstance(name, str):
+            options = {key: _option(section[key], f'parameters.{key}')
+                       for key in registry.get_options(name) if key in section}
+            system = registry.get_registered(name, options)
+        else:
+            system = name
     except ObcError as error:
         raise StatementError(f'system: {error}') from None
     values = {parameter.name: parameter.value for parameter in system.parameters}

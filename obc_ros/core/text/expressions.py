@@ -20,6 +20,7 @@ from typing import Any, NamedTuple
 
 import casadi as ca
 from obc_ros.core.text.errors import describe_type, quote, StatementError, suggest_name
+from obc_ros.core.text.symbolic import check_symbolic
 
 MAX_LENGTH = 20_000   # characters
 MAX_SYMBOLS = 4_000   # numbers, names, operators and brackets
@@ -80,8 +81,9 @@ def parse_expression(text: object, symbols: Mapping[str, ca.SX], where: str) -> 
 
     Parameters
     ----------
-    text : str, int or float
-        Python arithmetic over the names of `symbols`, ``pi`` and ``FUNCTIONS``.
+    text : str, int, float or casadi.SX
+        Python arithmetic over the names of `symbols`, ``pi`` and ``FUNCTIONS``; or an expression
+        in `symbols`, which a Python function returned.
     symbols : mapping of str to casadi.SX
         The symbol of each name.
     where : str
@@ -97,6 +99,8 @@ def parse_expression(text: object, symbols: Mapping[str, ca.SX], where: str) -> 
         If the text is not such an expression, or a constant part of it is not finite.
 
     """
+    if isinstance(text, ca.SX):
+        return check_symbolic(text, symbols, where, MAX_NUMBER)
     if not isinstance(text, str):
         return ca.SX(_plain_number(text, where))
     return ca.SX(_value(text, _Symbolic(symbols), where))
@@ -107,8 +111,8 @@ def parse_lifted(text: object, symbols: Mapping[str, ca.SX],
     """
     Return an expression whose numbers are replaced by symbols, and these symbols' values.
 
-    Two texts that differ only in these numbers give the same expression. Numbers in exponents are
-    not replaced.
+    Two texts that differ only in these numbers give the same expression. Numbers in exponents, and
+    those of an expression of CasADi, are not replaced.
 
     Parameters
     ----------
@@ -129,6 +133,8 @@ def parse_lifted(text: object, symbols: Mapping[str, ca.SX],
 
     """
     algebra = _Lifting(symbols, where)
+    if isinstance(text, ca.SX):
+        return check_symbolic(text, symbols, where, MAX_NUMBER), []
     if not isinstance(text, str):
         return algebra.constant(_plain_number(text, where)), algebra.literals
     return ca.SX(_value(text, algebra, where)), algebra.literals

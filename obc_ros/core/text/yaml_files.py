@@ -9,6 +9,8 @@ from typing import Any
 from obc_ros.core.text.errors import describe_type, quote, StatementError
 import yaml
 
+FileEntry = dict[str, Any] | StatementError
+
 MAX_BYTES = 250_000
 MAX_ENTRIES = 1_000  # of a list of mappings
 MAX_BRACKETS = 50    # open at a time; the time that PyYAML needs grows with their square
@@ -67,6 +69,11 @@ def read_yaml(path: str | Path) -> Any:
         raise StatementError(f'{path}: cannot be read: {error.strerror}') from None
     except ValueError as error:  # the path is not valid
         raise StatementError(f'{path}: cannot be read: {error}') from None
+    return _load(text, str(path))
+
+
+def _load(text: bytes, path: str) -> Any:
+    """Return the contents of a YAML text; an error begins with `path`."""
     if len(text) > MAX_BYTES:
         raise StatementError(f'{path}: longer than {MAX_BYTES} bytes')
     try:
@@ -85,7 +92,7 @@ def read_yaml(path: str | Path) -> Any:
         raise StatementError(f'{path}: {quote(" ".join(str(error).split()), 300)}') from None
 
 
-def read_entries(path: str | Path) -> list[tuple[str, dict[str, Any] | StatementError]]:
+def read_entries(path: str | Path) -> list[tuple[str, FileEntry]]:
     """
     Return the mappings of a YAML file, each with its place.
 
@@ -107,20 +114,44 @@ def read_entries(path: str | Path) -> list[tuple[str, dict[str, Any] | Statement
         If the file cannot be read, is too long, is not YAML, or has a key twice.
 
     """
-    found = read_yaml(path)
+    return _list_entries(read_yaml(path), str(path), Path(path).stem)
+
+
+def read_text_entries(text: str) -> list[tuple[str, FileEntry]]:
+    """
+    Return the mappings of a YAML text, as `read_entries` those of a file.
+
+    Parameters
+    ----------
+    text : str
+        One mapping or a list of mappings.
+
+    Raises
+    ------
+    StatementError
+        If it is too long, is not YAML, or has a key twice.
+
+    """
+    if not isinstance(text, str):
+        raise StatementError(f'text: wanted YAML, found {describe_type(text)}')
+    return _list_entries(_load(text.encode('utf-8', 'surrogatepass'), 'the text'), 'the text',
+                         'problem')
+
+
+def _list_entries(found: Any, where: str, stem: str) -> list[tuple[str, FileEntry]]:
     if not isinstance(found, list):
-        return [_entry(found, str(path), Path(path).stem)]
+        return [_entry(found, where, stem)]
     if not found:
-        raise StatementError(f'{path}: the list is empty')
+        raise StatementError(f'{where}: the list is empty')
     if len(found) > MAX_ENTRIES:
-        raise StatementError(f'{path}: {len(found)} entries; at most {MAX_ENTRIES} are accepted')
+        raise StatementError(f'{where}: {len(found)} entries; at most {MAX_ENTRIES} are accepted')
     if len(found) == 1:
-        return [_entry(found[0], str(path), Path(path).stem)]
-    return [_entry(entry, f'{path}, entry {index}', f'{Path(path).stem}_{index}')
+        return [_entry(found[0], where, stem)]
+    return [_entry(entry, f'{where}, entry {index}', f'{stem}_{index}')
             for index, entry in enumerate(found, start=1)]
 
 
-def _entry(entry: object, where: str, name: str) -> tuple[str, dict[str, Any] | StatementError]:
+def _entry(entry: object, where: str, name: str) -> tuple[str, FileEntry]:
     if not isinstance(entry, dict):
         return where, StatementError(
             f'{where}: wanted a mapping of keys to values, found {describe_type(entry)}')

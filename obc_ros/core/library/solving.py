@@ -1,0 +1,208 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""Solve problems, and certify solutions of any solver."""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
+import math
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from numpy.typing import ArrayLike
+from obc_ros.core.library.answer import Answer
+from obc_ros.core.library.interpolation import restore_added_costates
+from obc_ros.core.library.problem import Problem, require_problem
+from obc_ros.core.numerics.arrays import Array
+from obc_ros.core.numerics.vectorized import VectorizedFunction
+from obc_ros.core.ocp import problem as ocp
+from obc_ros.core.ocp.augmentation import hide_added_states
+from obc_ros.core.ocp.certificate import certificate
+from obc_ros.core.ocp.method_names import get_method
+from obc_ros.core.ocp.solution import Certificate, Report, Solution, Status
+from obc_ros.core.solver import solve as solver
+from obc_ros.core.solver.options import read_options
+from obc_ros.core.text.errors import describe_type, StatementError
+
+_INTERPOLATIONS = 'linear', 'zoh'
+
+_cache = solver.Cache()   # programs of the problems solved last in this process
+
+
+def solve(problem: Problem | Mapping[str, Any] | None = None, *, time_limit: float = 60.0,
+          method: str = '', options: Mapping[str, Any] | Iterable[str] = (),
+          report: Report | None = None, **keys: Any) -> Answer:
+    """
+    Solve an optimal control problem and certify the solution.
+
+    Parameters
+    ----------
+    problem : Problem or mapping, optional
+        The problem, or the keys of a problem file.
+    time_limit : float
+        Limit of the wall-clock time [s].
+    method : str
+        'auto', 'riccati', 'time_optimal', 'reeds_shepp', 'transcription', 'arcs' or 'indirect';
+        empty: that of the problem.
+    options : mapping or iterable of str
+        Numbers that steer the search, for experts: ``{'multistart.most': 20}`` or
+        ``['multistart.most=20']``. ``obc solve --list-options`` lists them.
+    report : callable, optional
+        Called as report(phase, iteration, cost, infeasibility); True cancels.
+    **keys
+        Keys of the statement: the problem, or changes of it.
+
+    Returns
+    -------
+    Answer
+        ``status`` is 'solved' only if the certificate holds, and 'infeasible' only if that is
+        proved; otherwise it is 'not_converged', 'timed_out' or 'cancelled', with the reason in
+        ``message``.
+
+    Raises
+    ------
+    StatementError
+        If the problem or an argument is invalid.
+
+    """
+    if not (isinstance(time_limit, (int, float)) and 0.0 < time_limit < math.inf):
+        raise StatementError('time_limit: wanted a positive number of seconds, found '
+                             f'{describe_type(time_limit)}')
+    chosen = read_options(f'{name}={_write(value)}' for name, value in options.items()
+                          ) if isinstance(options, Mapping) else read_options(options)
+    get_method(method)
+    stated = require_problem(problem, keys)
+    solution = solver.solve(stated.built, method=method, time_limit=float(time_limit),
+                            report=report, cache=_cache, options=chosen)
+    return Answer(stated.name, stated.states, stated.inputs,
+                  hide_added_states(stated.built, solution), stated.built,
+                  str(stated.statement.get('title') or ''))
+
+
+def certify(problem: Problem | Mapping[str, Any], answer: Answer | None = None, *,
+            t: ArrayLike | None = None, x: ArrayLike | Mapping[str, ArrayLike] | None = None,
+            u: ArrayLike | Mapping[str, ArrayLike] | None = None,
+            lam: ArrayLike | Mapping[str, ArrayLike] | None = None,
+            objective: float | None = None, interpolation: str = 'linear',
+            nu: ArrayLike | None = None, state_multipliers: ArrayLike | None = None,
+            path_multipliers: ArrayLike | None = None,
+            free_parameters: Mapping[str, float] | None = None) -> Certificate:
+    """
+    Compute the residuals of the necessary conditions for an answer, or a path of any solver.
+
+    Parameters
+    ----------
+    problem : Problem or mapping
+        The problem, or the keys of a problem file.
+    answer : Answer, optional
+        Such as `solve` returns; or the arrays below.
+    t : array_like, shape (N,)
+        Times [s], from 0, not decreasing; a time that stands twice is a jump.
+    x, u, lam : array_like, shape (N, n), (N, m), (N, n), or mapping
+        States, inputs and costates (H = L + lam' f, minimised); or arrays (N,) by name.
+    objective : float
+        The cost that the solver returned.
+    interpolation : str
+        Of u between samples: 'linear' or 'zoh' (constant from each sample on).
+    nu : array_like, shape (q,), optional
+        Multipliers of the terminal constraints; by least squares if left out.
+    state_multipliers, path_multipliers : array_like, shape (N, n), (N, l), optional
+        Densities of the multipliers of state bounds and path constraints.
+    free_parameters : mapping, optional
+        Values of the free parameters, by name.
+
+    Returns
+    -------
+    Certificate
+        Residuals and tolerances. It prints as a table.
+
+    Raises
+    ------
+    StatementError
+        If the problem is invalid, or an array is missing or has a wrong shape.
+
+    """
+    stated = require_problem(problem, {})
+    built = stated.built
+    if answer is not None:
+        if not isinstance(answer, Answer):
+            raise StatementError('answer: wanted an Answer, or the arrays t, x, u and lam by '
+                                 f'their names, found {describe_type(answer)}')
+        if (answer.states, answer.inputs) != (stated.states, stated.inputs):
+            raise StatementError('answer: its states and inputs are not those of the problem')
+        return certificate.certify(built, restore_added_costates(built, answer.solution))
+    for name, value in (('t', t), ('x', x), ('u', u), ('lam', lam), ('objective', objective)):
+        if value is None:
+            raise StatementError(f'{name}: missing; wanted an answer, or t, x, u, lam and '
+                                 'objective')
+    if interpolation not in _INTERPOLATIONS:
+        raise StatementError(f'interpolation: wanted one of {", ".join(_INTERPOLATIONS)}, found '
+                             f'{describe_type(interpolation)}')
+    times = _read('t', t, (None,))
+    N = len(times)
+    if N < 2 or times[0] == times[-1] or (np.diff(times) < 0).any():
+        raise StatementError('t: wanted at least two times that do not decrease')
+    columns = (('x', x, stated.states), ('u', u, stated.inputs), ('lam', lam, stated.states))
+    states, inputs, costates = (_read(name, _join(name, value, names), (N, len(names)))
+                                for name, value, names in columns)
+
+    def read_density(name: str, value: ArrayLike | None, count: int) -> Array | None:
+        return None if value is None else _read(name, value, (N, count))
+
+    values = dict(free_parameters or {})
+    for name in built.free_parameters:
+        values[name] = float(_read(f'free_parameters.{name}', values.get(name), ()))
+    path = Solution(
+        Status.NOT_CONVERGED, '', float(_read('objective', objective, ())), times, states, inputs,
+        costates, 0 * times, np.zeros(0) if nu is None else _read('nu', nu, (built.q,)),
+        read_density('state_multipliers', state_multipliers, len(stated.states)),
+        read_density('path_multipliers', path_multipliers, int(built.path.numel())),
+        interpolation, free_parameters=values)
+    path = restore_added_costates(built, path)
+    return certificate.certify(built, replace(path, hamiltonian=_evaluate_hamiltonian(
+        built, path.x, path.u, path.lam)))
+
+
+def _write(value: Any) -> str:
+    """Return the value of an option as the command line has it."""
+    if isinstance(value, (list, tuple)):
+        return ','.join(map(str, value))
+    return str(value)
+
+
+def _join(name: str, value: Any, names: tuple[str, ...]) -> Any:
+    """Return the columns of a mapping side by side; other values as they are."""
+    if not isinstance(value, Mapping):
+        return value
+    for each in names:
+        if each not in value:
+            raise StatementError(f"{name}: no values for '{each}'")
+    try:
+        return np.column_stack([np.asarray(value[each], dtype=float) for each in names])
+    except (TypeError, ValueError):
+        raise StatementError(f'{name}: wanted numbers, equally many for each name') from None
+
+
+def _read(name: str, value: Any, shape: tuple[int | None, ...]) -> Array:
+    """Return finite numbers of a shape."""
+    if value is None:
+        raise StatementError(f'{name}: missing')
+    try:
+        found = np.array(value, dtype=float)
+    except (TypeError, ValueError):
+        raise StatementError(f'{name}: wanted numbers, found {describe_type(value)}') from None
+    if len(found.shape) != len(shape) or any(
+            wanted not in (None, size) for wanted, size in zip(shape, found.shape, strict=True)):
+        wanted = ', '.join('N' if size is None else str(size) for size in shape)
+        raise StatementError(f'{name}: wanted an array of shape ({wanted}), found {found.shape}')
+    if not np.isfinite(found).all():
+        raise StatementError(f'{name}: wanted finite numbers')
+    return found
+
+
+def _evaluate_hamiltonian(problem: ocp.Problem, x: Array, u: Array, lam: Array) -> Array:
+    """Return H = L + lam' f, shape (N,)."""
+    costate = ca.SX.sym('lam', problem.n)
+    H = VectorizedFunction([problem.x, problem.u, costate, problem.p],
+                           [problem.L + ca.dot(costate, problem.f)])
+    return np.asarray(H(x, u, lam, problem.p_value)[0][:, 0])

@@ -1,0 +1,177 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+Keys of a statement that are Python functions of the problem's symbols.
+
+Such a function is called once, with symbols that have the names of the statement. What it returns
+takes its place in the statement: CasADi expressions where a file has texts.
+"""
+
+from collections.abc import Callable, Collection, Iterator, Mapping
+import inspect
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from obc_ros.core.text.errors import describe_type, quote, StatementError, suggest_name
+
+# What the functions take. The first arguments are required, the others follow in this order.
+_PATH = (('x', 'u'), ('p', 't'))
+_END = (('x',), ('p', 't'))
+_START = (('x',), ('p',))
+_ARGUMENTS = {
+    'dynamics': _PATH, 'running_cost': _PATH, 'path_constraints': _PATH, 'terminal_cost': _END,
+    'terminal_constraints': _END, 'initial_cost': _START, 'initial_constraints': _START}
+STATED_FUNCTIONS = tuple(_ARGUMENTS)[1:]   # those that need the dynamics first
+_LISTS = 'terminal_constraints', 'initial_constraints', 'path_constraints'
+# Errors that code of a user may raise; the message quotes their type and text.
+_FAULTS = (ArithmeticError, AssertionError, AttributeError, LookupError, NameError,
+           NotImplementedError, RuntimeError, TypeError, ValueError)
+
+_Symbols = Mapping[str, ca.SX]
+
+
+class NamedSymbols:
+    """
+    Symbols by name: ``x.p`` or ``x['p']``; iteration yields them in order.
+
+    Parameters
+    ----------
+    what : str
+        What they are, in the singular: 'state'.
+    symbols : mapping of str to casadi.SX
+        In order.
+
+    """
+
+    __slots__ = ('_symbols', '_what')
+
+    def __init__(self, what: str, symbols: _Symbols) -> None:
+        self._what, self._symbols = what, dict(symbols)
+
+    def __getattr__(self, name: str) -> ca.SX:
+        """Return the symbol of a name."""
+        return self[name]
+
+    def __getitem__(self, name: str) -> ca.SX:
+        """Return the symbol of a name."""
+        if name not in self._symbols:
+            known = ', '.join(self._symbols) or 'none'
+            raise StatementError(f"'{quote(str(name))}' is not the name of {self._what}"
+                                 f'{suggest_name(str(name), self._symbols)}; there are '
+                                 f'{quote(known, 200)}')
+        return self._symbols[name]
+
+    def __iter__(self) -> Iterator[ca.SX]:
+        """Yield the symbols in their order."""
+        return iter(self._symbols.values())
+
+    def __len__(self) -> int:
+        """Return the number of symbols."""
+        return len(self._symbols)
+
+
+def call_functions(given: Mapping[Any, Any], keys: Collection[str], x: _Symbols, u: _Symbols,
+                   p: _Symbols, t: ca.SX | None) -> dict[Any, Any]:
+    """
+    Return a statement in which functions are replaced by what they return.
+
+    Parameters
+    ----------
+    given : mapping
+        The statement.
+    keys : collection of str
+        The keys that may be functions: 'dynamics' or `STATED_FUNCTIONS`.
+    x, u, p : mapping of str to casadi.SX
+        The symbols of states, inputs and parameters, in order.
+    t : casadi.SX or None
+        The time; None if its name has another meaning.
+
+    Returns
+    -------
+    dict
+        With expressions and numbers in place of functions.
+
+    Raises
+    ------
+    StatementError
+        If a function has other arguments, raises an error, or returns something else. The message
+        begins with the key.
+
+    """
+    symbols = {'x': NamedSymbols('a state', x), 'u': NamedSymbols('an input', u),
+               'p': NamedSymbols('a parameter', p), 't': t}
+    found = dict(given)
+    for key in keys:
+        if callable(given.get(key)):
+            found[key] = _arrange(key, _call(key, given[key], symbols), tuple(x))
+    return found
+
+
+def _call(key: str, function: Callable[..., Any], symbols: Mapping[str, Any]) -> object:
+    """Call a function with the symbols that it takes."""
+    required, more = _ARGUMENTS[key]
+    letters = required + more
+    try:
+        count = sum(each.default is each.empty and each.kind in (
+            each.POSITIONAL_ONLY, each.POSITIONAL_OR_KEYWORD)
+            for each in inspect.signature(function).parameters.values())
+    except (TypeError, ValueError):   # a builtin has no signature
+        count = 0
+    if not len(required) <= count <= len(letters):
+        raise StatementError(
+            f'{key}: wanted a function of {", ".join(required)} (and {", ".join(more)} if '
+            f'needed), found one of {count} argument{"s" * (count != 1)}')
+    if 't' in letters[:count] and symbols['t'] is None:
+        raise StatementError(f"{key}: the function takes the time, but the statement gives the "
+                             "name 't' another meaning")
+    try:
+        found = function(*(symbols[letter] for letter in letters[:count]))
+    except StatementError as error:
+        raise StatementError(f'{key}: {error}') from None
+    except _FAULTS as error:
+        words = quote(' '.join(str(error).split()), 200)
+        raise StatementError(f'{key}: the function raised {type(error).__name__}: {words}; '
+                             'it is called with CasADi symbols') from error
+    if found is None:
+        raise StatementError(f'{key}: the function returned nothing')
+    return found
+
+
+def _arrange(key: str, value: object, states: tuple[str, ...]) -> object:
+    """Return what a function returned in the form that the key has in a file."""
+    if key == 'dynamics':
+        if isinstance(value, Mapping):
+            return {name: _plain(each) for name, each in value.items()}
+        rows = _rows(value)
+        if rows is None:
+            raise StatementError('dynamics: the function returned '
+                                 f'{describe_type(value)}; wanted an expression for each state')
+        if len(rows) != len(states):
+            raise StatementError(f'dynamics: the function returned {len(rows)} expressions for '
+                                 f'{len(states)} states')
+        return dict(zip(states, rows, strict=True))
+    if key in _LISTS:
+        rows = _rows(value)
+        return value if rows is None else [
+            {name: _plain(each) for name, each in row.items()} if isinstance(row, Mapping)
+            else row for row in rows]
+    return _plain(value)
+
+
+def _rows(value: object) -> list[Any] | None:
+    """Return the entries of a list or of a column."""
+    if isinstance(value, ca.SX) and value.is_column():
+        return list(ca.vertsplit(value)) if value.numel() else []
+    if isinstance(value, np.ndarray) and value.ndim == 1:
+        return [_plain(each) for each in value.tolist()]
+    return [_plain(each) for each in value] if isinstance(value, (list, tuple)) else None
+
+
+def _plain(value: object) -> object:
+    """Return a number of NumPy or CasADi as one of Python."""
+    if isinstance(value, np.generic) or (isinstance(value, np.ndarray) and value.size == 1):
+        return value.item()
+    if isinstance(value, ca.DM) and value.shape == (1, 1):
+        return float(value)
+    return value

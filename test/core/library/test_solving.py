@@ -1,0 +1,217 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""The public `solve` and `certify`: closed forms, errors in words, and names that are lazy."""
+
+import json
+import math
+from pathlib import Path
+import subprocess
+import sys
+
+import casadi as ca
+import numpy as np
+import obc_ros.core as obc
+from obc_ros.core.text.errors import StatementError
+import pytest
+
+LEAST_TIME = {
+    'name': 'least_time', 'states': ['p', 'v'], 'inputs': ['u'], 'dynamics': {'p': 'v', 'v': 'u'},
+    'running_cost': 1, 'initial_state': {'p': 1, 'v': 0}, 'terminal_constraints': ['p', 'v'],
+    'input_bounds': {'u': [-1, 1]}, 'final_time': {'free': True, 'lower': 0.1, 'upper': 20}}
+# Least effort from rest at 0 to rest at 1 in T = 1: u = 6 - 12 t, lam_p = -24, J = 12.
+T = np.linspace(0, 1, 11)
+EFFORT = {
+    'states': ['p', 'v'], 'inputs': ['u'], 'dynamics': {'p': 'v', 'v': 'u'},
+    'running_cost': 'u**2', 'initial_state': {'p': 0, 'v': 0},
+    'terminal_constraints': ['p - 1', 'v'], 'final_time': {'free': False, 'value': 1}}
+PATH = {'t': T, 'x': {'p': 3*T**2 - 2*T**3, 'v': 6*T - 6*T**2}, 'u': {'u': 6 - 12*T},
+        'lam': {'p': 0*T - 24, 'v': -12 + 24*T}, 'objective': 12}
+
+
+@pytest.mark.parametrize('given', [
+    lambda: obc.solve(**LEAST_TIME), lambda: obc.solve(LEAST_TIME),
+    lambda: obc.solve(obc.Problem(**LEAST_TIME)),
+    lambda: obc.solve(obc.Problem(**LEAST_TIME), initial_state={'p': 1, 'v': 0}),
+    lambda: obc.solve(LEAST_TIME, dynamics=lambda x, u: {'p': x.v, 'v': u.u})],
+    ids=['keywords', 'mapping', 'problem', 'changed', 'function'])
+def test_the_least_time_from_1_to_rest_is_2(given):
+    answer = given()
+    assert (answer.status, answer.name) == ('solved', 'least_time')
+    assert answer.objective == pytest.approx(2, abs=1e-9)
+    assert answer.switching_times == pytest.approx([1], abs=1e-9)
+    assert answer.x['p'][-1] == pytest.approx(0, abs=1e-9)
+    assert answer.optimality.kind == 'global'
+    middle = answer.at(0.5)
+    assert (middle.x['p'], middle.u['u'], middle.costates['p']) == pytest.approx((0.875, -1, 1))
+    assert json.loads(json.dumps(answer.as_json(), allow_nan=False))['status'] == 'solved'
+    assert 'exact method: time_optimal' in str(answer.trace)
+
+
+@pytest.mark.slow
+def test_the_brachistochrone_of_the_documentation_is_a_cycloid():
+    """To (2, 1) below: T = s sqrt(R/g) with x = R (s - sin s), y = R (1 - cos s)."""
+    answer = obc.solve(
+        states=['x', 'y', 'v'], inputs=['theta'], parameters={'g': 9.81},
+        dynamics=lambda x, u, p: {'x': x.v * ca.sin(u.theta), 'y': x.v * ca.cos(u.theta),
+                                  'v': p.g * ca.cos(u.theta)},
+        running_cost=1, initial_state={'x': 0, 'y': 0, 'v': 0},
+        terminal_constraints=lambda x: [x.x - 2, x.y - 1],
+        final_time={'free': True, 'lower': 0.1, 'upper': 10})
+    low, high = 1e-3, 2 * math.pi - 1e-3
+    while high - low > 1e-15 * high:
+        s = (low + high) / 2
+        low, high = (s, high) if (s - math.sin(s)) / (1 - math.cos(s)) < 2 else (low, s)
+        if s in (low, high) and math.nextafter(low, high) >= high:
+            break
+    assert answer.status == 'solved'
+    assert answer.objective == pytest.approx(s / math.sqrt(9.81 * (1 - math.cos(s))), abs=5e-11)
+    assert f'{answer.objective:.10f}' == '0.8055638295'
+
+
+def test_a_problem_without_a_solution_is_an_answer():
+    answer = obc.solve(LEAST_TIME, final_time={'free': True, 'lower': 0.1, 'upper': 1.5})
+    assert answer.status == 'infeasible'
+    assert not answer.has_path
+    assert answer.message in repr(answer)
+    with pytest.raises(obc.ObcError, match='there is no path: '):
+        answer.at(0)
+
+
+def test_a_report_cancels():
+    answer = obc.solve(EFFORT, method='transcription', report=lambda *_: True)
+    assert answer.status == 'cancelled'
+
+
+def test_options_may_be_a_mapping_or_texts():
+    for options in ({'multistart.most': 1}, ['multistart.most=1']):
+        assert obc.solve(EFFORT, method='transcription', options=options).status == 'solved'
+
+
+@pytest.mark.parametrize(('arguments', 'said'), [
+    ({'problem': 3}, '^problem: wanted a Problem, a mapping or the keys'),
+    ({'problem': 'file.yaml'}, 'Problem.from_file reads a file'),
+    ({}, '^states: missing'),
+    ({'problem': LEAST_TIME, 'time_limit': 0}, '^time_limit: wanted a positive number'),
+    ({'problem': LEAST_TIME, 'time_limit': math.nan}, '^time_limit: wanted'),
+    ({'problem': LEAST_TIME, 'time_limit': '3'}, "^time_limit: wanted .* found str '3'"),
+    ({'problem': LEAST_TIME, 'method': 'magic'}, "^method: 'magic' is unknown"),
+    ({'problem': LEAST_TIME, 'method': 3}, '^method: wanted a name'),
+    ({'problem': LEAST_TIME, 'options': {'speed': 3}}, "^option: 'speed' is unknown"),
+    ({'problem': LEAST_TIME, 'runing_cost': 1}, r'^runing_cost: unknown key \(did you mean'),
+], ids=str)
+def test_a_malformed_call_is_an_error_in_words(arguments, said):
+    problem = arguments.pop('problem', None)
+    with pytest.raises(StatementError, match=said):
+        obc.solve(problem, **arguments)
+
+
+def test_the_path_of_another_solver_is_certified():
+    certificate = obc.certify(EFFORT, **PATH)
+    assert certificate.holds
+    assert certificate.residuals.keys() == {
+        'dynamics', 'start', 'end', 'bounds', 'costate', 'minimum', 'transversality',
+        'hamiltonian', 'cost'}
+    arrays = {name: np.column_stack(list(PATH[name].values())) for name in ('x', 'u', 'lam')}
+    assert obc.certify(obc.Problem(**EFFORT), **PATH | arrays).holds
+
+
+@pytest.mark.parametrize(('changes', 'failed'), [
+    ({'u': {'u': 6 - 11*T}}, 'dynamics'), ({'objective': 12.01}, 'cost'),
+    ({'lam': {'p': 0*T - 24, 'v': -11 + 24*T}}, 'minimum'),
+    ({'lam': {'p': 0*T + 24, 'v': -12 + 24*T}}, 'costate'),
+    ({'x': {'p': 0.1 + 3*T**2 - 2*T**3, 'v': 6*T - 6*T**2}}, 'start')])
+def test_a_wrong_path_is_not_certified(changes, failed):
+    certificate = obc.certify(EFFORT, **PATH | changes)
+    assert not certificate.holds
+    assert certificate.residuals[failed] > certificate.tolerances[failed]
+
+
+def test_an_answer_is_certified_again():
+    problem = obc.Problem(**LEAST_TIME)
+    answer = obc.solve(problem)
+    assert obc.certify(problem, answer).residuals == answer.certificate.residuals
+    assert not obc.certify(problem.replace(initial_state={'p': 2, 'v': 0}), answer).holds
+
+
+# x' = u + t from 0 to 1 in T = 1 with J = integral of u^2 + (k - 2)^2: u = 1/2, k = 2, J = 1/4.
+TIMED = {
+    'states': ['x'], 'inputs': ['u'], 'free_parameters': {'k': None}, 'dynamics': {'x': 'u + t'},
+    'running_cost': 'u**2 + (k - 2)**2', 'initial_state': {'x': 0},
+    'terminal_constraints': ['x - 1'], 'final_time': {'free': False, 'value': 1}}
+TIMED_PATH = {'t': T, 'x': {'x': T/2 + T**2/2}, 'u': {'u': 0*T + 0.5}, 'lam': {'x': 0*T - 1},
+              'objective': 0.25, 'free_parameters': {'k': 2}}
+
+
+@pytest.mark.parametrize(('changes', 'failed'), [
+    ({}, set()), ({'interpolation': 'zoh'}, set()), ({'nu': [-1]}, set()),
+    ({'free_parameters': {'k': 2.1}, 'objective': 0.26}, {'transversality'}),
+    ({'x': {'x': T/2 + T**2/2 + 0.1}}, {'start', 'end'})])
+def test_costates_of_the_time_and_of_parameters_are_computed(changes, failed):
+    certificate = obc.certify(TIMED, **TIMED_PATH | changes)
+    assert {name for name in ('dynamics', 'start', 'end', 'costate', 'transversality', 'minimum',
+                              'hamiltonian')
+            if certificate.residuals[name] > certificate.tolerances[name]} == failed
+
+
+def test_an_answer_with_time_and_parameters_is_certified_again():
+    problem = obc.Problem(**TIMED)
+    answer = obc.solve(problem)
+    assert answer.status == 'solved'
+    assert (list(answer.x), list(answer.costates)) == (['x'], ['x'])
+    assert answer.free_parameters == pytest.approx({'k': 2}, abs=1e-6)
+    assert answer.objective == pytest.approx(0.25, abs=1e-7)
+    assert answer.at(0.5).x['x'] == pytest.approx(0.375, abs=1e-6)
+    assert obc.certify(problem, answer).holds
+
+
+@pytest.mark.parametrize(('changes', 'said'), [
+    ({'t': None}, '^t: missing; wanted an answer, or t, x, u, lam and objective'),
+    ({'objective': None}, '^objective: missing'),
+    ({'t': T[::-1]}, '^t: wanted at least two times that do not decrease'),
+    ({'t': [0]}, '^t: wanted at least two'),
+    ({'t': 'soon'}, "^t: wanted numbers, found str 'soon'"),
+    ({'x': T}, r'^x: wanted an array of shape \(11, 2\), found \(11,\)'),
+    ({'u': np.zeros((11, 2))}, r'^u: wanted an array of shape \(11, 1\), found \(11, 2\)'),
+    ({'x': {'p': T}}, "^x: no values for 'v'"),
+    ({'x': {'p': T, 'v': [1]}}, '^x: wanted numbers, equally many for each name'),
+    ({'lam': np.full((11, 2), np.nan)}, '^lam: wanted finite numbers'),
+    ({'nu': [1]}, r'^nu: wanted an array of shape \(2\), found \(1,\)'),
+    ({'interpolation': 'cubic'}, "^interpolation: wanted one of linear, zoh, found str 'cubic'"),
+    ({'answer': 3}, '^answer: wanted an Answer, or the arrays'),
+    ({'state_multipliers': np.zeros((11, 3))}, '^state_multipliers: wanted an array'),
+], ids=str)
+def test_a_malformed_path_is_an_error_in_words(changes, said):
+    with pytest.raises(StatementError, match=said):
+        obc.certify(EFFORT, **PATH | changes)
+
+
+def test_the_value_of_a_free_parameter_is_needed():
+    with pytest.raises(StatementError, match=r'^free_parameters\.k: missing'):
+        obc.certify(TIMED, **TIMED_PATH | {'free_parameters': None})
+
+
+def test_the_answer_to_another_problem_is_not_certified():
+    other = obc.Problem(**LEAST_TIME | {
+        'states': ['a', 'v'], 'dynamics': {'a': 'v', 'v': 'u'}, 'initial_state': {'a': 1, 'v': 0},
+        'terminal_constraints': ['a', 'v']})
+    with pytest.raises(StatementError, match='its states and inputs are not those'):
+        obc.certify(other, obc.solve(LEAST_TIME))
+
+
+def test_the_import_loads_nothing_heavy():
+    program = ('import sys, obc_ros.core as obc; assert dir(obc) == obc.__all__\n'
+               'print(sorted({"numpy", "casadi", "scipy", "control", "matplotlib", "rclpy"} & '
+               'set(sys.modules)))\n'
+               'obc.Problem, obc.Answer; print("scipy" in sys.modules, "control" in sys.modules)')
+    assert subprocess.check_output([sys.executable, '-c', program], text=True).split('\n') == [
+        '[]', 'False False', '']
+
+
+def test_every_public_name_is_found_documented_and_stubbed():
+    stub = Path(obc.__file__).with_suffix('.pyi').read_text(encoding='utf-8')
+    for name in obc.__all__:
+        assert getattr(obc, name).__doc__, name
+        assert f' as {name}\n' in stub or f'\n{name}: ' in stub, name
+    assert stub.count(' as ') + stub.count(': ') - stub.count('SPDX') == len(obc.__all__)
+    with pytest.raises(AttributeError, match="module 'obc_ros.core' has no attribute 'solv'"):
+        obc.solv  # noqa: B018
