@@ -64,6 +64,23 @@ PROBLEM_QUANTITIES = (
     Quantity('optimum', 'what is known of the optimum', flags=OPTIMUM_NAMES),
     Quantity('time', 'time to build and solve the problem', 's'))
 
+LOOP_STATUSES = ('solved', 'refused', 'timed_out', 'cancelled', 'malformed', 'died')
+REGULATOR_QUANTITIES = (
+    Quantity('status', 'how the request ended', flags=LOOP_STATUSES),
+    Quantity('J', 'cost of the simulated loop; infinite if it leaves every bound'),
+    Quantity('optimal_cost', "x0'P x0, the cost of the designed loop without limits"),
+    Quantity('duration', 'simulated time', 's'),
+    Quantity('decay', 'distance of the slowest pole of the loop with this plant to the left of '
+             'the imaginary axis; negative: unstable', '1/s'),
+    Quantity('settled', 'whether the error at the end is below 1 % of the first', flags=(
+        'no', 'yes')),
+    Quantity('final_error', 'norm of the error at the end'),
+    Quantity('overshoot', 'largest error beyond the set point relative to the first', '1',
+             'state'),
+    Quantity('peak', 'largest deviation of the input', dimension='input'),
+    Quantity('gain', 'gain K, row by row', dimension='entry'),
+    Quantity('time', 'time to design and simulate', 's'))
+
 
 def import_xarray() -> Any:
     """

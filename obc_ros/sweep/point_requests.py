@@ -16,6 +16,7 @@ from obc_ros.core.ocp.statement import build_problem
 from obc_ros.core.solver.options import read_options
 from obc_ros.core.solver.solve import Cache, solve
 from obc_ros.core.text.errors import ObcError
+from obc_ros.sweep.closed_loops import simulate_regulator
 from obc_ros.workers.wire import Packet
 
 OPTIMA = {'local': 1, 'global': 2}
@@ -86,4 +87,5 @@ def _worst(certificate: Certificate | None) -> float:
 
 POINT_KINDS: dict[str, Callable[[dict[str, Any], float, Report], dict[str, Any]]] = {
     'problem': _solve_problem,
+    'regulator': lambda plain, time_limit, report: simulate_regulator(plain),
 }

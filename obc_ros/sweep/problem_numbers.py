@@ -22,6 +22,7 @@ import numpy as np
 from obc_ros.core.ocp.statement import build_problem
 from obc_ros.core.systems.registry import get_registered
 from obc_ros.core.text.errors import ObcError, quote, StatementError, suggest_name
+from obc_ros.sweep.dataset import PROBLEM_QUANTITIES
 
 Place = tuple[str | int, ...]
 
@@ -41,6 +42,8 @@ class ProblemNumbers:
     ----------
     kind : str
         Of the requests to a solver process.
+    quantities : tuple of Quantity
+        Of the answers.
     statement : dict
     dimensions : dict
         Names of the states and of the inputs.
@@ -53,6 +56,7 @@ class ProblemNumbers:
     """
 
     kind = 'problem'
+    quantities = PROBLEM_QUANTITIES
 
     def __init__(self, statement: Mapping[str, Any]) -> None:
         self.statement = dict(statement)
@@ -86,13 +90,14 @@ class ProblemNumbers:
             "initial states are 'x0.NAME', parameters 'NAME', bounds 'input_bounds.NAME.upper'"))
 
     def vary(self, values: Mapping[str, float]) -> dict[str, Any]:
-        """Return the statement with other numbers; expressions of parameters follow them."""
+        """Return a request with other numbers; expressions of parameters follow them."""
         found = dict(self.statement)
         for key, value in values.items():
             section, *rest = self.places[key]
-            found[str(section)] = _replaced(found.get(str(section)), tuple(rest), value,
-                                            self._bounds.get(rest[0], (None, None)))
-        return found
+            found[str(section)] = replace_number(
+                found.get(str(section)), tuple(rest), value,
+                self._bounds.get(rest[0], (None, None)))
+        return {'statement': found}
 
     def long_key(self, key: str) -> str:
         """Return the key that begins with the section of the statement."""
@@ -154,18 +159,32 @@ def check_number_key(key: str, places: Mapping[str, Place], hint: str) -> None:
                              f'{hint}')
 
 
-def _replaced(value: Any, place: Place, number: float,
-              bounds: tuple[float | None, float | None]) -> Any:
-    """Return a section of a statement with another number at one place; the rest is shared."""
+def replace_number(value: Any, place: Place, number: float,
+                   bounds: tuple[float | None, float | None] = (None, None)) -> Any:
+    """
+    Return mappings and lists with another number at one place; the rest is shared.
+
+    Parameters
+    ----------
+    value : object
+        Nested mappings and lists; None for a mapping that is missing.
+    place : tuple
+        Keys and positions that lead to the number.
+    number : float
+        The new value.
+    bounds : tuple, optional
+        List to put in place of one that is missing.
+
+    """
     if not place:
         return number
     step, rest = place[0], place[1:]
     if isinstance(step, str):
         section = dict(value or {})
-        section[step] = _replaced(section.get(step), rest, number, bounds)
+        section[step] = replace_number(section.get(step), rest, number, bounds)
         return section
     items = list(bounds if value is None else value)
-    items[step] = _replaced(items[step], rest, number, bounds)
+    items[step] = replace_number(items[step], rest, number, bounds)
     return items
 
 

@@ -33,12 +33,12 @@ from obc_ros.sweep.cluster.connection import check_address, has_dask
 from obc_ros.sweep.dataset import (
     import_xarray,
     make_dataset,
-    PROBLEM_QUANTITIES,
     write_dataset,
 )
 from obc_ros.sweep.journal import check_folder, Journal
 from obc_ros.sweep.local_workers import solve_locally
 from obc_ros.sweep.problem_numbers import ProblemNumbers
+from obc_ros.sweep.regulator_numbers import RegulatorNumbers
 from obc_ros.workers.pool import LONGEST_LIMIT, SHORTEST
 
 DATASET = 'sweep.nc'
@@ -46,6 +46,7 @@ CHUNK = 64           # points
 MOST_IN_CHUNK = 10_000
 MOST_WORKERS = 1024
 WITHOUT_DASK = 'none'
+REGULATOR_KEYS = {'Qx', 'Qu', 'weights', 'A', 'B'}   # no problem has them
 
 
 @dataclass(frozen=True)
@@ -121,7 +122,7 @@ class SweepQuestion:
 
     Attributes
     ----------
-    numbers : ProblemNumbers
+    numbers : ProblemNumbers or RegulatorNumbers
     axes : tuple of SweepAxis
     draws : tuple of RandomNumber
     count : int
@@ -135,7 +136,7 @@ class SweepQuestion:
 
     """
 
-    numbers: ProblemNumbers
+    numbers: ProblemNumbers | RegulatorNumbers
     axes: tuple[SweepAxis, ...]
     draws: tuple[RandomNumber, ...] = ()
     count: int = 0
@@ -200,7 +201,7 @@ class SweepQuestion:
         settings = self.settings
         common = {'method': settings.method, 'options': list(settings.options)}
         return Chunk(number, self.numbers.kind, tuple(
-            {'statement': self.numbers.vary(self.values_at(int(index))), **common}
+            {**self.numbers.vary(self.values_at(int(index))), **common}
             for index in points), settings.time_limit)
 
 
@@ -318,7 +319,7 @@ class Sweep:
             {axis.key: axis.values for axis in question.axes},
             {key: numbers.unit(key) for key in question.keys},
             {key: numbers.long_key(key) for key in question.keys},
-            question.samples, question.count, numbers.dimensions, PROBLEM_QUANTITIES, rows,
+            question.samples, question.count, numbers.dimensions, numbers.quantities, rows,
             {'title': str(numbers.statement.get('name', 'problem')),
              'source': f"obc_ros {metadata.version('obc-ros')}", 'seed': question.settings.seed,
              'statement': json.dumps(question.describe()['statement'])})
@@ -344,7 +345,7 @@ def sweep(problem: Mapping[str, Any] | str | Path, over: Mapping[str, Any] | Non
     Parameters
     ----------
     problem : mapping, str or Path
-        A statement, or a YAML file with one; see docs/problems.md.
+        A statement, or a case of `obc lqr`, or a YAML file with one; see docs/problems.md.
     over : mapping, optional
         Axes of a grid: key and values. Keys are ``x0.NAME`` for an initial state, ``NAME`` for a
         parameter, ``input_bounds.NAME.upper``, ``T``; see `problem_numbers`. Values are numbers or
@@ -392,7 +393,7 @@ def sweep(problem: Mapping[str, Any] | str | Path, over: Mapping[str, Any] | Non
 
     """
     asked = SweepQuestion(
-        ProblemNumbers(load_statement(problem)), make_axes(over or {}), make_draws(sample or {}),
+        load_numbers(problem), make_axes(over or {}), make_draws(sample or {}),
         count, SweepSettings(seed, chunk, time_limit, method, tuple(options)))
     run = Sweep(asked, Path(out) if out else None)
     try:
@@ -403,27 +404,29 @@ def sweep(problem: Mapping[str, Any] | str | Path, over: Mapping[str, Any] | Non
     return dataset
 
 
-def load_statement(problem: Mapping[str, Any] | str | Path) -> dict[str, Any]:
+def load_numbers(problem: Mapping[str, Any] | str | Path) -> ProblemNumbers | RegulatorNumbers:
     """
-    Return the statement of a problem.
+    Return the numbers of a problem, or of a regulator, that can be varied.
 
     Parameters
     ----------
     problem : mapping, str or Path
-        A statement, or a YAML file with one.
+        A statement, or a case of `obc lqr`, or a YAML file with one.
 
     Raises
     ------
-    StatementError
-        If the file cannot be read or has several problems.
+    ObcError
+        If it is malformed, or if the file cannot be read or has several entries.
 
     """
     if isinstance(problem, Mapping):
-        return dict(problem)
-    entries = load_file(problem)
-    if len(entries) != 1:
-        raise StatementError(f'{problem}: {len(entries)} problems; a sweep is of one')
-    return entries[0]
+        statement = dict(problem)
+    else:
+        entries = load_file(problem)
+        if len(entries) != 1:
+            raise StatementError(f'{problem}: {len(entries)} problems; a sweep is of one')
+        [statement] = entries
+    return (RegulatorNumbers if REGULATOR_KEYS & set(statement) else ProblemNumbers)(statement)
 
 
 def choose_workers(scheduler: str, workers: int) -> Workers:

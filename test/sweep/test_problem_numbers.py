@@ -25,7 +25,7 @@ def changed(statement, key, value):
     numbers = ProblemNumbers(statement)
     numbers.check_key(key)
     before = collect_numbers(build_problem(statement))
-    after = collect_numbers(build_problem(numbers.vary({key: value})))
+    after = collect_numbers(build_problem(numbers.vary({key: value})['statement']))
     different = ~((before == after) | (np.isnan(before) & np.isnan(after)))
     return list(zip(before[different], after[different], strict=True))
 
@@ -55,7 +55,8 @@ def test_bounds_of_a_registered_system_stay():
         'input_bounds': {'v': [0, 5]}, 'final_time': {'free': True, 'lower': 0.1, 'upper': 50}}
     problem = build_problem(statement)
     index = problem.inputs.index('phi')
-    varied = build_problem(ProblemNumbers(statement).vary({'input_bounds.phi.upper': 0.25}))
+    varied = build_problem(ProblemNumbers(statement).vary(
+        {'input_bounds.phi.upper': 0.25})['statement'])
     assert varied.u_upper[index] == 0.25 and varied.u_lower[index] == problem.u_lower[index] < 0
     assert changed(statement, 'l', 3.0) == [(2.0, 3.0)]
     assert ProblemNumbers(statement).unit('l') == 'm'

@@ -10,7 +10,7 @@ import numpy as np
 from obc_ros.core.text.errors import StatementError
 from obc_ros.sweep.dataset import read_dataset, STATUSES
 from obc_ros.sweep.journal import JOURNAL
-from obc_ros.sweep.sweep import DATASET, load_statement, sweep
+from obc_ros.sweep.sweep import DATASET, sweep
 import problems
 import pytest
 
@@ -122,7 +122,7 @@ def children():
 
 
 def test_a_point_without_a_valid_problem_is_a_result():
-    statement = {**load_statement(REST), 'parameters': {'m': 1}, 'name': 'inverse',
+    statement = {**problems.read('di_mintime_rest'), 'parameters': {'m': 1}, 'name': 'inverse',
                  'dynamics': {'x': 'v', 'v': 'u/m'}}
     found = sweep(statement, {'m': [0, 1]}, workers=1)
     assert [STATUSES[code] for code in found['status'].values] == ['malformed', 'solved']

@@ -11,14 +11,13 @@ import time
 from typing import Any
 
 from obc_ros.cli import terminal
-from obc_ros.core.text.errors import ObcError, quote, StatementError
+from obc_ros.core.text.errors import DynamicsError, ObcError, quote, StatementError
 from obc_ros.sweep.axes import make_axes, make_draws, parse_axes, parse_draws
-from obc_ros.sweep.problem_numbers import ProblemNumbers
 from obc_ros.sweep.sweep import (
     choose_workers,
     CHUNK,
     DATASET,
-    load_statement,
+    load_numbers,
     Sweep,
     SweepProgress,
     SweepQuestion,
@@ -72,7 +71,7 @@ def run(args: argparse.Namespace) -> int:
     try:
         sweep, workers = _ask(args)
         sweep.check(args.resume)
-    except StatementError as error:
+    except (StatementError, DynamicsError) as error:
         print(f'obc sweep: {error}', file=sys.stderr)
         return 2
     why = _solve(sweep, workers, args.resume)
@@ -91,7 +90,7 @@ def run(args: argparse.Namespace) -> int:
 def _ask(args: argparse.Namespace) -> tuple[Sweep, Workers]:
     """Return the sweep that the arguments describe, and what solves its points."""
     question = SweepQuestion(
-        ProblemNumbers(load_statement(args.file)), make_axes(parse_axes(args.over)),
+        load_numbers(args.file), make_axes(parse_axes(args.over)),
         make_draws(parse_draws(args.sample)), args.count,
         SweepSettings(args.seed, args.chunk, args.time_limit, args.method, tuple(args.options)))
     return Sweep(question, args.out), choose_workers(args.scheduler, args.workers)

@@ -12,23 +12,22 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 import numpy as np
-from obc_ros.cli.figures import LINE_COLOURS, save_figure, STYLE
+from obc_ros.cli.results import save_figure
+from obc_ros.core.library.figures import LINE_COLOURS, STYLE, THIN
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.sweep.axes import SAMPLE
-from obc_ros.sweep.dataset import STATUSES
 
 WIDTH, HEIGHT = 6.4, 4.8   # [in]
 LEVELS = 10
 MOST_CURVES = 6            # inputs or switching times in one panel
-# Okabe and Ito's colours, from 'not solved yet' through STATUSES; lightness differs, too.
+# Okabe and Ito's colours, for 'not solved yet' and then the flags of the status.
 STATUS_COLOURS = ('#FFFFFF', '#56B4E9', '#000000', '#E69F00', '#D55E00', '#999999', '#CC79A7',
                   '#009E73')
-STATUS_NAMES = ('not solved yet', *(name.replace('_', ' ') for name in STATUSES))
 
 
 def draw_sweep(dataset: Any, folder: Path) -> list[Path]:
     """
-    Draw the figures of a sweep of a problem.
+    Draw the figures of a sweep of a problem or of a regulator.
 
     Parameters
     ----------
@@ -71,6 +70,9 @@ def _draw_curves(figure: Figure, dataset: Any, keys: list[str], style: str = '.-
     """Draw cost, inputs at 0 and switching times along one number."""
     order = np.argsort(dataset[keys[0]].values, kind='stable')
     x = dataset[keys[0]].values[order]
+    if 'decay' in dataset:
+        _draw_loops(figure, dataset, keys[0], order, style)
+        return
     inputs, times = dataset['inputs'].values[order], dataset['switching_times'].values[order]
     panels = figure.subplots(3 if np.isfinite(times).any() else 2, 1, sharex=True)
     panels[0].plot(x, _solved(dataset, 'J')[order], style, color=LINE_COLOURS[0], markersize=3)
@@ -88,6 +90,23 @@ def _draw_curves(figure: Figure, dataset: Any, keys: list[str], style: str = '.-
     panels[-1].set_xlabel(_label(dataset, keys[0]))
 
 
+def _draw_loops(figure: Figure, dataset: Any, key: str, order: Any, style: str) -> None:
+    """Draw cost, overshoot and decay of closed loops along one number."""
+    x, panels = dataset[key].values[order], figure.subplots(3, 1, sharex=True)
+    panels[0].plot(x, _solved(dataset, 'J')[order], style, color=LINE_COLOURS[0], markersize=3)
+    panels[0].set_ylabel(_label(dataset, 'J', 'cost J'))
+    for k, name in enumerate(dataset['state'].values[:MOST_CURVES]):
+        panels[1].plot(x, dataset['overshoot'].values[order, k], style, markersize=3,
+                       color=LINE_COLOURS[k % 7], label=str(name))
+    panels[1].set_ylabel('overshoot')
+    panels[1].legend()
+    panels[2].plot(x, _solved(dataset, 'decay')[order], style, color=LINE_COLOURS[0],
+                   markersize=3)
+    panels[2].axhline(0.0, **THIN)
+    panels[2].set_ylabel(_label(dataset, 'decay'))
+    panels[2].set_xlabel(_label(dataset, key))
+
+
 def _draw_statuses(figure: Figure, dataset: Any, keys: list[str]) -> None:
     """Draw along one number how the points ended."""
     axes = figure.subplots()
@@ -96,7 +115,7 @@ def _draw_statuses(figure: Figure, dataset: Any, keys: list[str]) -> None:
     for level, code in enumerate(found):
         x = dataset[keys[0]].values[codes == code]
         axes.plot(x, np.full(len(x), level), '|', color=_colour(code), markersize=14)
-    axes.set_yticks(range(len(found)), [STATUS_NAMES[code + 1] for code in found])
+    axes.set_yticks(range(len(found)), [_name(dataset, code) for code in found])
     axes.set_ylim(-0.6, len(found) - 0.4)
     axes.set_xlabel(_label(dataset, keys[0]))
 
@@ -111,7 +130,7 @@ def _draw_value_map(figure: Figure, dataset: Any, keys: list[str]) -> None:
     if _spread(cost) and min(cost.shape) > 1:
         lines = axes.contour(x, y, cost, levels=LEVELS, colors='white', linewidths=0.8)
         axes.clabel(lines, fontsize=7)
-        _draw_surfaces(axes, dataset, x, y)
+        (_draw_limit if 'decay' in dataset else _draw_surfaces)(axes, dataset, x, y)
     _label_plane(axes, dataset, keys)
 
 
@@ -136,14 +155,24 @@ def _draw_surfaces(axes: Axes, dataset: Any, x: Array, y: Array) -> None:
         axes.legend(handles=handles, loc='upper right', frameon=True, framealpha=0.9)
 
 
+def _draw_limit(axes: Axes, dataset: Any, x: Array, y: Array) -> None:
+    """Draw the limit of stability."""
+    decay = _solved(dataset, 'decay').T
+    if np.nanmin(decay) < 0.0 < np.nanmax(decay):
+        axes.contour(x, y, decay, levels=[0.0], colors=LINE_COLOURS[1], linewidths=1.8)
+        axes.legend(handles=[Line2D([], [], color=LINE_COLOURS[1], linewidth=1.8,
+                                    label='limit of stability')],
+                    loc='upper right', frameon=True, framealpha=0.9)
+
+
 def _draw_success_map(figure: Figure, dataset: Any, keys: list[str]) -> None:
     """Draw how the points of a plane ended."""
     axes = figure.subplots()
     codes = dataset['status'].values.T
-    norm = BoundaryNorm(np.arange(-1.5, len(STATUSES)), len(STATUS_COLOURS))
+    norm = BoundaryNorm(np.arange(-1.5, len(STATUS_COLOURS) - 1), len(STATUS_COLOURS))
     axes.pcolormesh(*(dataset[key].values for key in keys), codes, shading='nearest', norm=norm,
                     cmap=ListedColormap(STATUS_COLOURS), rasterized=True)
-    _list_statuses(axes, codes)
+    _list_statuses(axes, dataset)
     _label_plane(axes, dataset, keys)
 
 
@@ -165,7 +194,7 @@ def _draw_success_scatter(figure: Figure, dataset: Any, keys: list[str]) -> None
     codes = dataset['status'].values
     axes.scatter(*(dataset[key].values for key in keys), 8,
                  [_colour(code) for code in codes], rasterized=True)
-    _list_statuses(axes, codes)
+    _list_statuses(axes, dataset)
     _label_plane(axes, dataset, keys)
 
 
@@ -176,12 +205,13 @@ _SCATTERED = {1: (lambda *given: _draw_curves(*given, style='.'), _draw_statuses
 
 
 def _is_solved(dataset: Any) -> Any:
-    return dataset['status'].values == STATUSES.index('solved')
+    return dataset['status'].values == 0   # the first flag is 'solved'
 
 
 def _solved(dataset: Any, name: str) -> Array:
     """Return a quantity at the points that are solved, elsewhere nan."""
-    return np.where(_is_solved(dataset), dataset[name].values, np.nan)
+    values = np.where(np.isfinite(dataset[name].values), dataset[name].values, np.nan)
+    return np.where(_is_solved(dataset), values, np.nan)
 
 
 def _spread(values: Array) -> bool:
@@ -190,15 +220,22 @@ def _spread(values: Array) -> bool:
     return finite.size > 1 and bool(np.ptp(finite) > 0.0)
 
 
+def _name(dataset: Any, code: int) -> str:
+    """Return a status in words."""
+    names = dataset['status'].attrs['flag_meanings'].split()
+    return names[code].replace('_', ' ') if code >= 0 else 'not solved yet'
+
+
 def _colour(code: int) -> str:
     return STATUS_COLOURS[code + 1] if code >= 0 else '#DDDDDD'
 
 
-def _list_statuses(axes: Axes, codes: Any) -> None:
+def _list_statuses(axes: Axes, dataset: Any) -> None:
     """Add a legend with the statuses that occur and their shares."""
+    codes = dataset['status'].values
     axes.legend(handles=[
         Patch(facecolor=STATUS_COLOURS[code + 1], edgecolor='grey',
-              label=f'{STATUS_NAMES[code + 1]}: {np.mean(codes == code):.1%}')
+              label=f'{_name(dataset, code)}: {np.mean(codes == code):.1%}')
         for code in np.unique(codes)], loc='upper right', frameon=True, framealpha=0.9)
 
 

@@ -4,7 +4,8 @@
 The connection to a Dask cluster: one in this process, or one that runs already.
 
 Dask executes what a client sends: who can connect to a scheduler can run programs on its workers.
-A local cluster has no port; its workers are threads, each with a solver process.
+A local cluster can be reached from this process only; its workers are threads, each with a solver
+process.
 """
 
 from importlib import metadata
@@ -15,6 +16,7 @@ from obc_ros.core.text.errors import ObcError, quote, StatementError
 from obc_ros.sweep.cluster.versions import check_versions, tell_version
 
 CONNECT_TIMEOUT = 10.0   # [s]
+LOOPBACK = '127.0.0.1:0'   # for Dask's pages about its state, which cannot be switched off
 SCHEMES = ('tcp://', 'tls://', 'ws://', 'wss://', 'ucx://')
 
 
@@ -99,7 +101,8 @@ def start_local(workers: int) -> Any:
     """
     distributed = _import_distributed()
     cluster = distributed.LocalCluster(
-        n_workers=workers, threads_per_worker=1, processes=False, dashboard_address=None,
+        n_workers=workers, threads_per_worker=1, processes=False, dashboard_address=LOOPBACK,
+        worker_dashboard_address=LOOPBACK, scheduler_kwargs={'dashboard': False},
         memory_limit=None, silence_logs=logging.ERROR)
     return distributed.Client(cluster, set_as_default=False)
 
