@@ -8,7 +8,7 @@ infeasible   an interval or an invariant excludes the terminal constraint, by a 
 convex       the minimum cost is known in closed form, or from a matrix exponential.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 import math
 from typing import Any
 
@@ -264,6 +264,17 @@ def _paths(rng: np.random.Generator, margin: float, names: list[str], inputs: li
     return found
 
 
+def loosened(truth: Truth, rng: np.random.Generator) -> Truth:
+    """Return a feasible problem with initial values within ranges around those of its path."""
+    def around(value: float) -> float | list[float | None] | None:
+        low, high = value - np.abs(rng.normal(size=2)) * [1, -1] * (1e-3 + abs(value))
+        return (value, None, [float(low), None], [float(low), float(high)])[rng.integers(4)]
+
+    start = {name: around(value) for name, value in truth.mapping['initial_state'].items()}
+    return replace(truth, kind=f'{truth.kind}, free start',
+                   mapping=truth.mapping | {'initial_state': start})
+
+
 def infeasible(rng: np.random.Generator) -> tuple[str, Mapping]:
     """Return an infeasible problem, and its kind."""
     margin = float(np.exp(rng.uniform(np.log(1e-2), np.log(0.5))))
@@ -275,13 +286,28 @@ def infeasible(rng: np.random.Generator) -> tuple[str, Mapping]:
         'states': names, 'inputs': ['u'], 'running_cost': 'u**2',
         'initial_state': dict(zip(names, start.tolist(), strict=True)),
         'input_bounds': {'u': [-1, 1]}, 'final_time': {'free': False, 'value': T}}
-    kind = str(rng.choice(['reach', 'rotation', 'population', 'undriven', 'bounds']))
+    kind = str(rng.choice(['reach', 'rotation', 'population', 'undriven', 'bounds', 'free start',
+                           'drift']))
     if kind == 'reach':
         speed = float(10 ** rng.uniform(-1, 1))
         far = float(start[0] + rng.choice([-1, 1]) * speed * T * (1 + margin))
         rates = [f'{speed!r}*sin(x1)*u', *['u'] * (n - 1)]
         return kind, base | {'dynamics': dict(zip(names, rates, strict=True)),
                              'terminal_constraints': [f'x0 - ({far!r})']}
+    if kind == 'free start':
+        # From nowhere in the box of x(0).
+        width = float(rng.exponential())
+        far = float(start[0] + T * (1 + margin))
+        box = dict(zip(names, start.tolist(), strict=True)) | {
+            'x0': [float(start[0] - width), float(start[0])]}
+        return kind, base | {
+            'dynamics': dict(zip(names, ['sin(x1)*u', *['u'] * (n - 1)], strict=True)),
+            'initial_state': box, 'terminal_constraints': [f'x0 - ({far!r})']}
+    if kind == 'drift':
+        # A rate that inputs cannot stop, and a state that must return.
+        return kind, base | {
+            'dynamics': dict(zip(names, [f'{1 + margin!r} + u', *['u'] * (n - 1)], strict=True)),
+            'initial_state': dict.fromkeys(names), 'periodic': ['x0']}
     if kind == 'rotation':
         S, D = ((M - M.T).tolist() for M in rng.normal(size=(2, n, n)))
         rates = [' + '.join(f'(({a!r}) + ({b!r})*u)*x{j}' for j, (a, b) in enumerate(
@@ -312,9 +338,12 @@ def infeasible(rng: np.random.Generator) -> tuple[str, Mapping]:
 
 def convex(rng: np.random.Generator) -> tuple[str, Mapping, float]:
     """Return a convex problem, its kind and its minimum cost."""
-    kind = str(rng.choice(['regulator', 'transfer', 'speed limit']))
+    kind = str(rng.choice(['regulator', 'transfer', 'speed limit', 'initial cost', 'periodic',
+                           'free parameter']))
     if kind == 'speed limit':
         return kind, *_speed_limit(rng)
+    if kind in ('initial cost', 'periodic', 'free parameter'):
+        return kind, *_free_ends(kind, rng)
     n, T = int(rng.integers(1, 4)), float(10 ** rng.uniform(-0.3, 0.5))
     A, b, start = rng.normal(size=(n, n)), rng.normal(size=n), rng.normal(size=n)
     q = np.abs(rng.normal(size=n)) * (kind == 'regulator')
@@ -345,6 +374,58 @@ def convex(rng: np.random.Generator) -> tuple[str, Mapping, float]:
         # Bounds that are inactive at the optimum: the same solution by another method.
         mapping['input_bounds'] = {'u': [-1e3 * (1 + least), 1e3 * (1 + least)]}
     return kind, mapping, least
+
+
+def _free_ends(kind: str, rng: np.random.Generator) -> tuple[Mapping, float]:
+    """Return a linear system that follows a wave, with what is found besides u, and its cost."""
+    n, T = int(rng.integers(1, 4)), float(10 ** rng.uniform(-0.3, 0.4))
+    A, b, g = rng.normal(size=(n, n)), rng.normal(size=n), rng.normal(size=n)
+    q, weight = 0.1 + np.abs(rng.normal(size=n)), 0.1 + float(rng.exponential())
+    pace = float(rng.uniform(0.5, 4))
+    wanted, start = rng.normal(size=n), rng.normal(size=n)
+    names, found = [f'x{i}' for i in range(n)], kind == 'free parameter'
+    rates = [' + '.join([*(f'({a!r})*{name}' for a, name in zip(row, names, strict=True)),
+                         f'({b[i].item()!r})*u', *[f'({g[i].item()!r})*p'] * found])
+             for i, row in enumerate(A.tolist())]
+    mapping: Mapping = {
+        'states': names, 'inputs': ['u'], 'dynamics': dict(zip(names, rates, strict=True)),
+        'running_cost': ' + '.join(['u**2', *(
+            f'({a!r})*({name} - ({c!r})*cos({pace!r}*t))**2'
+            for a, c, name in zip(q.tolist(), wanted.tolist(), names, strict=True))]),
+        'initial_state': dict.fromkeys(names), 'final_time': {'free': False, 'value': T}}
+    if found:
+        mapping |= {'free_parameters': {'p': None}, 'terminal_cost': f'{weight!r}*p**2',
+                    'initial_state': dict(zip(names, start.tolist(), strict=True))}
+    elif kind == 'periodic':
+        mapping['periodic'] = names
+    else:
+        mapping['initial_cost'] = ' + '.join(
+            f'{weight!r}*({name} - ({c!r}))**2'
+            for name, c in zip(names, start.tolist(), strict=True))
+    # y = (x, lam, lam_p, p, cos, sin): dlam_p/dt = -g'lam.
+    N = 2 * n + 4
+    M = np.zeros((N, N))
+    M[:n, :n], M[:n, n:2 * n], M[:n, 2 * n + 1] = A, -np.outer(b, b) / 2, g * found
+    M[n:2 * n, :n], M[n:2 * n, n:2 * n], M[n:2 * n, -2] = -2 * np.diag(q), -A.T, 2 * q * wanted
+    M[2 * n, n:2 * n] = -g * found
+    M[-2, -1], M[-1, -2] = -pace, pace
+    flow, one = expm(M * T), np.eye(N)
+    x, lam = slice(0, n), slice(n, 2 * n)
+    rows, right = [one[2 * n], one[-2], one[-1]], [0.0, 1.0, 0.0]
+    if found:
+        rows += [*one[x], *flow[lam], flow[2 * n] - 2 * weight * one[2 * n + 1]]
+        right += [*start, *np.zeros(n + 1)]
+    else:
+        rows += [one[2 * n + 1], *(flow - one if kind == 'periodic' else flow)[lam]]
+        rows += [*(flow - one)[x]] if kind == 'periodic' else [*(one[lam] + 2 * weight * one[x])]
+        right += [*np.zeros(n + 1), *(2 * weight * start * (kind != 'periodic'))]
+    y = np.linalg.solve(np.array(rows), np.array(right))
+    nodes, weights = np.polynomial.legendre.leggauss(60)
+    path = np.stack([expm(M * s) @ y for s in T * (1 + nodes) / 2])
+    L = (path[:, lam] @ b / 2)**2 + (path[:, x] - np.outer(path[:, -2], wanted))**2 @ q
+    ends = weight * (y[2 * n + 1]**2 if found else
+                     (kind != 'periodic') * float(np.sum((y[x] - start)**2)))
+    return mapping, float(T / 2 * weights @ L + ends)
 
 
 def _speed_limit(rng: np.random.Generator) -> tuple[Mapping, float]:
