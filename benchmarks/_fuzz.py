@@ -76,6 +76,7 @@ def request(data: Any) -> None:
         dynamics=named(3), running_cost=text(data), terminal_cost=text(data),
         initial_state=named(3), free_parameters=bounds(1), initial_cost=text(data),
         initial_constraints=[text(data) for _ in some(1)], periodic=[name() for _ in some(2)],
+        boundary_constraints=[text(data) for _ in some(1)],
         terminal_constraints=[text(data) for _ in some(2)],
         input_bounds=bounds(2), state_bounds=bounds(2),
         path_constraints=[PathConstraint(expr=text(data), lower=text(data), upper=text(data))

@@ -30,6 +30,7 @@ from obc_ros.msg import (
     OptimalControlProblem,
     Optimality,
     PathConstraint,
+    Phase,
     Trajectory,
 )
 from obc_ros.workers.wire import Packet
@@ -93,8 +94,6 @@ def read_statement(problem: OptimalControlProblem) -> dict[str, Any]:
 
     """
     check_size(problem)
-    final_time = problem.final_time
-    guess = problem.initial_guess
     entries = {
         'name': problem.name,
         'system': problem.system,
@@ -111,21 +110,49 @@ def read_statement(problem: OptimalControlProblem) -> dict[str, Any]:
                 'initial_state', problem.initial_state).items()},
         'initial_constraints': list(problem.initial_constraints),
         'terminal_constraints': list(problem.terminal_constraints),
+        'boundary_constraints': list(problem.boundary_constraints),
         'periodic': list(problem.periodic),
         'input_bounds': read_message_bounds('input_bounds', problem.input_bounds),
         'state_bounds': read_message_bounds('state_bounds', problem.state_bounds),
-        'path_constraints': [
-            {'expr': each.expr, 'lower': each.lower or None, 'upper': each.upper or None}
-            for each in problem.path_constraints],
-        'final_time': {'free': final_time.free, **_without_empty(
-            {key: getattr(final_time, key) for key in ('value', 'lower', 'upper', 'guess')})},
-        'initial_guess': _without_empty({
-            'states': _values('initial_guess.states', guess.states),
-            'inputs': _values('initial_guess.inputs', guess.inputs),
-            'parameters': _values('initial_guess.parameters', guess.parameters),
-            'final_time': guess.final_time}),
+        'path_constraints': _read_path_constraints(problem.path_constraints),
+        'final_time': {} if problem.phases else _read_final_time(problem.final_time),
+        'phases': [_read_phase(f'phases[{k}]', phase) for k, phase in enumerate(problem.phases)],
+        'initial_guess': _read_guess('initial_guess', problem.initial_guess),
     }
     return _without_empty(entries)
+
+
+def _read_phase(where: str, phase: Phase) -> dict[str, Any]:
+    return _without_empty({
+        'name': phase.name,
+        'duration': _read_final_time(phase.duration),
+        'link': {name: None if text == _FREE else text
+                 for name, text in read_expressions(f'{where}.link', phase.link).items()},
+        'dynamics': read_expressions(f'{where}.dynamics', phase.dynamics),
+        'running_cost': phase.running_cost,
+        'terminal_cost': phase.terminal_cost,
+        'terminal_constraints': list(phase.terminal_constraints),
+        'input_bounds': read_message_bounds(f'{where}.input_bounds', phase.input_bounds),
+        'state_bounds': read_message_bounds(f'{where}.state_bounds', phase.state_bounds),
+        'path_constraints': _read_path_constraints(phase.path_constraints),
+        'initial_guess': _read_guess(f'{where}.initial_guess', phase.initial_guess)})
+
+
+def _read_final_time(time: FinalTime) -> dict[str, Any]:
+    return {'free': time.free, **_without_empty(
+        {key: getattr(time, key) for key in ('value', 'lower', 'upper', 'guess')})}
+
+
+def _read_path_constraints(rows: Iterable[PathConstraint]) -> list[dict[str, Any]]:
+    return [{'expr': each.expr, 'lower': each.lower or None, 'upper': each.upper or None}
+            for each in rows]
+
+
+def _read_guess(where: str, guess: InitialGuess) -> dict[str, Any]:
+    return _without_empty({
+        **{key: _values(f'{where}.{key}', getattr(guess, key))
+           for key in ('states', 'inputs', 'parameters')},
+        'final_time': guess.final_time})
 
 
 def build_problem_message(mapping: Mapping[str, Any], guess: Guess) -> OptimalControlProblem:
@@ -152,7 +179,7 @@ def build_problem_message(mapping: Mapping[str, Any], guess: Guess) -> OptimalCo
         setattr(message, key, _text(mapping.get(key)))
     for key in ('states', 'inputs', 'periodic'):
         setattr(message, key, list(mapping.get(key) or ()))
-    for key in ('terminal_constraints', 'initial_constraints'):
+    for key in ('terminal_constraints', 'initial_constraints', 'boundary_constraints'):
         setattr(message, key, [_text(each) for each in mapping.get(key) or ()])
     for key in ('parameters', 'dynamics'):
         setattr(message, key, build_named_expressions(mapping.get(key) or {}))
@@ -164,12 +191,11 @@ def build_problem_message(mapping: Mapping[str, Any], guess: Guess) -> OptimalCo
         name: pair or (None, None) for name, pair in free.items()})
     for key in ('input_bounds', 'state_bounds'):
         setattr(message, key, build_named_bounds(mapping.get(key) or {}))
-    message.path_constraints = [
-        PathConstraint(**{key: _text(value) for key, value in each.items()})
-        for each in mapping.get('path_constraints') or ()]
-    final_time = dict(mapping['final_time'])
-    message.final_time = FinalTime(free=final_time.pop('free'), **{
-        key: _text(value) for key, value in final_time.items()})
+    message.path_constraints = _build_path_constraints(mapping)
+    if mapping.get('phases'):
+        message.phases = [_build_phase(each) for each in mapping['phases']]
+        return message
+    message.final_time = _build_final_time(mapping['final_time'])
     message.initial_guess = InitialGuess(
         states=[NamedValues(name=name, values=flatten_doubles(x))
                 for name, x in guess.x.items() if name not in free],
@@ -178,6 +204,37 @@ def build_problem_message(mapping: Mapping[str, Any], guess: Guess) -> OptimalCo
         inputs=[NamedValues(name=name, values=flatten_doubles(u)) for name, u in guess.u.items()],
         final_time=guess.final_time or 0.0)
     return message
+
+
+def _build_phase(phase: Mapping[str, Any]) -> Phase:
+    message = Phase(
+        name=_text(phase.get('name')), duration=_build_final_time(phase['duration']),
+        running_cost=_text(phase.get('running_cost')),
+        terminal_cost=_text(phase.get('terminal_cost')),
+        terminal_constraints=[_text(each) for each in phase.get('terminal_constraints') or ()],
+        link=build_named_expressions({name: _FREE if value is None else value
+                                      for name, value in (phase.get('link') or {}).items()}),
+        dynamics=build_named_expressions(phase.get('dynamics') or {}),
+        path_constraints=_build_path_constraints(phase))
+    for key in ('input_bounds', 'state_bounds'):
+        setattr(message, key, build_named_bounds(phase.get(key) or {}))
+    guess = phase.get('initial_guess') or {}
+    message.initial_guess = InitialGuess(**{
+        key: [NamedValues(name=name, values=flatten_doubles(np.atleast_1d(values)))
+              for name, values in (guess.get(key) or {}).items()]
+        for key in ('states', 'inputs', 'parameters')})
+    return message
+
+
+def _build_final_time(entry: Any) -> FinalTime:
+    entry = dict(entry) if isinstance(entry, Mapping) else {'free': False, 'value': entry}
+    return FinalTime(free=entry.pop('free'), **{
+        key: _text(value) for key, value in entry.items()})
+
+
+def _build_path_constraints(of: Mapping[str, Any]) -> list[PathConstraint]:
+    return [PathConstraint(**{key: _text(value) for key, value in each.items()})
+            for each in of.get('path_constraints') or ()]
 
 
 def read_expressions(where: str, entries: Iterable[NamedExpression]) -> dict[str, str]:

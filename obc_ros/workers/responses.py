@@ -55,7 +55,9 @@ def compute_affinity(request: Packet) -> str:
     given = request.plain.get('statement', {})
     shape = [given.get(key) for key in ('system', 'states', 'inputs', 'dynamics', 'running_cost',
                                         'terminal_cost', 'terminal_constraints')]
-    shape += [given.get(key) for key in ('initial_cost', 'initial_constraints', 'periodic')]
+    shape += [given.get(key) for key in (
+        'initial_cost', 'initial_constraints', 'boundary_constraints', 'periodic',
+        'phases')]
     shape.append(sorted(name for name, value in given.get('initial_state', {}).items()
                         if value is None or isinstance(value, list)))
     names = [sorted(given.get(key, ())) for key in (

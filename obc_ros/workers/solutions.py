@@ -21,7 +21,7 @@ def pack_solution(problem: Problem, solution: Solution, system: str) -> Packet:
          'objective': float(solution.objective), 'interpolation': solution.interpolation,
          'method': solution.method, 'iterations': int(solution.iterations),
          'build_time': float(solution.build_time), 'solve_time': float(solution.solve_time),
-         'system': system, 'states': problem.states[:problem.stated], 'inputs': problem.inputs,
+         'system': system, 'states': problem.shown_states, 'inputs': problem.shown_inputs,
          'free_parameters': dict(solution.free_parameters),
          'certificate': pack_certificate(solution.certificate),
          'optimality': _optimality(solution.optimality),

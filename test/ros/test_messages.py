@@ -47,8 +47,21 @@ BEYOND = {
     'dynamics': {'x': 'v', 'v': 'u/m + sin(t)', 'w': 'k*v'}, 'running_cost': 'u**2*(1 + t)',
     'initial_cost': '(x - 1)**2 + k**2', 'initial_constraints': ['x + v - 3'],
     'initial_state': {'x': None, 'v': [0.1, '7*a'], 'w': [None, 3]}, 'periodic': ['w'],
+    'boundary_constraints': ['x - 2*v_0'],
     'terminal_constraints': ['x - m*t'], 'final_time': {'free': False, 'value': 1},
     'initial_guess': {'states': {'x': [0, 1]}, 'parameters': {'m': 2.5}},
+}
+IN_PHASES = {
+    'name': 'in phases', 'states': ['x', 'v'], 'inputs': ['u'], 'parameters': {'a': 0.1},
+    'dynamics': {'x': 'v', 'v': 'u'}, 'running_cost': 'u**2', 'initial_state': {'x': 0, 'v': 'a'},
+    'terminal_constraints': ['x - 2'], 'state_bounds': {'v': [None, 3]},
+    'phases': [
+        {'name': 'first', 'duration': '10*a', 'terminal_constraints': ['x - 1'],
+         'terminal_cost': 'v**2', 'input_bounds': {'u': [-1, None]}},
+        {'duration': {'free': True, 'lower': 0.5, 'upper': 2, 'guess': 1},
+         'dynamics': {'x': 'v', 'v': 'u - t'}, 'running_cost': 'u**2 + t',
+         'link': {'x': 'x + a', 'v': None}, 'path_constraints': [{'expr': 'x + u', 'upper': 9}],
+         'initial_guess': {'states': {'x': [1, 2]}, 'inputs': {'u': 0.5}}}],
 }
 LINEAR = {
     'name': 'linear', 'system': 'linear',
@@ -64,7 +77,7 @@ def serialized_and_back(message):
 
 
 @pytest.mark.parametrize('mapping', [
-    EVERYTHING, BEYOND, LINEAR, *map(problems.read, problems.NAMES)],
+    EVERYTHING, BEYOND, IN_PHASES, LINEAR, *map(problems.read, problems.NAMES)],
                          ids=lambda mapping: mapping['name'])
 def test_a_statement_is_unchanged_by_the_message(mapping):
     problem = build_problem(mapping)
@@ -77,6 +90,7 @@ def test_a_statement_is_unchanged_by_the_message(mapping):
         assert np.array_equal(getattr(arrived, name), getattr(problem, name)), name
     assert np.array_equal(arrived.start_box, problem.start_box)
     assert (arrived.free_parameters, arrived.added) == (problem.free_parameters, problem.added)
+    assert arrived.phases == problem.phases
     assert repr(arrived.final_time) == repr(problem.final_time)
     assert arrived.guess.final_time == problem.guess.final_time
     for part in ('x', 'u'):
@@ -192,6 +206,33 @@ def test_a_message_without_a_path_is_read_as_a_solution_without_one():
     assert (found.status, found.message, found.certificate, found.optimality) == (
         Status.MALFORMED, 'why', None, None)
     assert not found.t.size
+
+
+def test_a_response_has_the_states_of_the_statement_and_the_free_parameters():
+    problem = build_problem(BEYOND)
+    solution = made_up_solution(problem)
+    response = SolveOptimalControl.Response()
+    messages.fill_answer(response, unpack(pack(solutions.pack_solution(problem, solution, ''))))
+    answer = messages.read_solution(serialized_and_back(response))
+    assert response.trajectory.state_names == ['x', 'v', 'w']
+    assert problem.states[3:6] == ('t', 'm', 'k')
+    assert answer.free_parameters == {'m': solution.x[0, 4], 'k': solution.x[0, 5]}
+    assert np.array_equal(answer.x, solution.x[:, :3])
+    assert np.array_equal(answer.lam, solution.lam[:, :3])
+    assert np.array_equal(answer.hamiltonian, solution.hamiltonian - solution.lam[:, 3])
+
+
+def test_a_response_has_its_phases_in_order_of_time():
+    problem = build_problem(IN_PHASES)
+    solution = made_up_solution(problem, t=np.linspace(0, 1, 5))
+    response = SolveOptimalControl.Response()
+    messages.fill_answer(response, unpack(pack(solutions.pack_solution(problem, solution, ''))))
+    path, length = response.trajectory, solution.x[0, problem.states.index('duration__2')]
+    assert (path.state_names, path.input_names) == (['x', 'v'], ['u'])
+    assert path.t == pytest.approx([*np.linspace(0, 1, 5), *(1 + length * np.linspace(0, 1, 5))])
+    assert np.array_equal(path.x, np.vstack([solution.x[:, :2], solution.x[:, 2:4]]).ravel())
+    assert [(each.name, *each.values) for each in response.free_parameters] == [
+        ('duration of phase 2', length)]
 
 
 def test_a_plan_response_has_the_proof_of_optimality():

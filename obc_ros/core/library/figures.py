@@ -163,30 +163,32 @@ def _slopes(problem: Problem, x: Array, u: Array, lam: Array) -> tuple[Array, Ar
 def _draw_panels(problem: Problem, path: Solution) -> 'Figure':
     shown = hide_added_states(problem, path)
     path = restore_added_states(problem, path)
-    t, x, u, lam = path.t, shown.x, path.u, shown.lam
-    names = problem.states[:problem.stated]
+    t, x, u, lam = shown.t, shown.x, shown.u, shown.lam
+    names, whole = problem.shown_states, problem.phases is None   # H has one phase
     states, inputs = _alike(x), _alike(u)
     costates = _alike(lam) if lam.size else []
-    panels = len(states) + len(inputs) + len(costates) + 2 * bool(lam.size)
+    panels = len(states) + len(inputs) + len(costates) + 2 * bool(lam.size and whole)
     figure = new_figure(7.5, 1.0 + 1.75 * panels)
     axes = figure.subplots(panels, 1, sharex=True)
     waiting = iter(axes)
     for group in states:
         panel = next(waiting)
         _lines(panel, 'states', t, x, '{}', names, group)
-        _bounds(panel, x[:, group], problem.x_lower[group], problem.x_upper[group])
+        if whole:
+            _bounds(panel, x[:, group], problem.x_lower[group], problem.x_upper[group])
     steps = 'steps-post' if path.interpolation == 'zoh' else 'default'
     for group in inputs:
         panel = next(waiting)
-        _lines(panel, 'inputs', t, u, '{}', problem.inputs, group, drawstyle=steps)
-        _bounds(panel, u[:, group], problem.u_lower[group], problem.u_upper[group])
+        _lines(panel, 'inputs', t, u, '{}', problem.shown_inputs, group, drawstyle=steps)
+        if whole:
+            _bounds(panel, u[:, group], problem.u_lower[group], problem.u_upper[group])
     for group in costates:
         _lines(next(waiting), 'costates', t, lam, r'\lambda_{{{}}}', names, group)
-    if lam.size:
+    if lam.size and whole:
         _conditions(next(waiting), next(waiting), problem, (t, path.x, u, path.lam),
                     shown.hamiltonian)
     for panel in axes:
-        for time in path.switching_times:
+        for time in shown.switching_times:
             panel.axvline(time, **THIN)
     axes[-1].set_xlabel('time [s]')
     axes[-1].set_xlim(t[0], t[-1])

@@ -58,6 +58,8 @@ def interpolate(problem: Problem, solution: Solution, times: Array) -> PathValue
         If a time is outside of the path or not a number.
 
     """
+    if problem.phases is not None:
+        raise ObcError('at: a problem with phases has values at the samples `t` only')
     shown, solution, t = solution, restore_added_states(problem, solution), solution.t
     inside = (t[0] <= times) & (times <= t[-1])
     if not inside.all():

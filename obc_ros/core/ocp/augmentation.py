@@ -19,8 +19,11 @@ from dataclasses import dataclass, field, replace
 
 import casadi as ca
 import numpy as np
+from obc_ros.core.ocp.phases import PhaseLayout
 from obc_ros.core.ocp.problem import FreeStart, Problem
 from obc_ros.core.ocp.solution import Solution
+
+_JUMP = 1e-3   # of the range of an input: smaller differences are not jumps
 
 
 @dataclass
@@ -108,7 +111,7 @@ class Augmentation:
 
 def hide_added_states(problem: Problem, solution: Solution) -> Solution:
     """
-    Return a solution with the states of the statement only.
+    Return a solution with the states of the statement only, and with its phases in order.
 
     Parameters
     ----------
@@ -122,18 +125,38 @@ def hide_added_states(problem: Problem, solution: Solution) -> Solution:
     Solution
         Without the columns of additional states in x, lam and state_multipliers, and with
         `free_parameters`. H is that of the statement, which is not constant if the time occurs.
+        With phases, H and multipliers along the path are left out.
 
     """
     n, x = problem.stated, solution.x
-    if not solution.t.size or x.shape[1] == n:
+    if not solution.t.size or x.shape[1] != problem.n or not problem.added:
         return solution
     multipliers, H = solution.state_multipliers, solution.hamiltonian
     values = dict(zip(problem.states, x[0].tolist(), strict=True))
-    return replace(
+    shown = replace(
         solution, x=x[:, :n], lam=solution.lam[:, :n],
         hamiltonian=H - solution.lam[:, n] if problem.has_clock else H,
         state_multipliers=None if multipliers is None else multipliers[:, :n],
         free_parameters={name: values[name] for name in problem.free_parameters})
+    return shown if problem.phases is None else _in_order(problem, problem.phases, shown)
+
+
+def _in_order(problem: Problem, phases: PhaseLayout, shown: Solution) -> Solution:
+    """Return a solution with its phases one after the other."""
+    known = dict(zip(problem.parameters, problem.p_value.tolist(), strict=True))
+    known |= shown.free_parameters
+    durations = np.array([known[name] for name in phases.durations])
+    t, x, u, lam = phases.stack(shown.t, durations, shown.x, shown.u, shown.lam)
+    # Between two phases, and where an input of a phase jumps within it.
+    jumps = (np.diff(t) == 0) & np.any(
+        np.abs(np.diff(u, axis=0)) > _JUMP * np.ptp(u, axis=0), axis=1)
+    times = np.unique(np.append(np.cumsum(durations)[:-1], t[1:][jumps]))
+    names = {name: f'duration of phase {label}'
+             for name, label in zip(phases.durations, phases.names, strict=True)}
+    return replace(
+        shown, t=t, x=x, u=u, lam=lam, hamiltonian=np.zeros(0), switching_times=times,
+        state_multipliers=None, path_multipliers=None, free_parameters={
+            names.get(name, name): value for name, value in shown.free_parameters.items()})
 
 
 def restore_added_states(problem: Problem, solution: Solution) -> Solution:
@@ -151,9 +174,10 @@ def restore_added_states(problem: Problem, solution: Solution) -> Solution:
     -------
     Solution
         The costates of additional states are 0. They act on no other costate and on no input.
+        With phases, the solution as it is.
 
     """
-    if not solution.t.size or solution.x.shape[1] == problem.n:
+    if not solution.t.size or solution.x.shape[1] == problem.n or problem.phases is not None:
         return solution
     known = dict(zip(problem.states, solution.x[0], strict=False))
     kept = {f'{name}(0)': value for name, value in known.items()} | dict(solution.free_parameters)

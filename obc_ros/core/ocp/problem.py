@@ -17,6 +17,7 @@ import casadi as ca
 import numpy as np
 from obc_ros.core.numerics.arrays import Array, Mask
 from obc_ros.core.ocp.guess import Guess
+from obc_ros.core.ocp.phases import PhaseLayout
 
 SYMBOLIC = 'x', 'u', 'p', 'f', 'L', 'V', 'psi', 'path'   # fields that one structure determines
 
@@ -102,6 +103,8 @@ class Problem:
         Names of those of the added states that are parameters to be found.
     has_clock : bool
         Whether the first of the added states is the time.
+    phases : PhaseLayout or None
+        What the states and the inputs are if the statement has phases; T is 1 then.
 
     """
 
@@ -134,6 +137,7 @@ class Problem:
     added: int = 0
     free_parameters: tuple[str, ...] = ()
     has_clock: bool = False
+    phases: PhaseLayout | None = None
 
     @property
     def n(self) -> int:
@@ -144,6 +148,16 @@ class Problem:
     def stated(self) -> int:
         """Return the number of states of the statement, the first ones."""
         return self.n - self.added
+
+    @property
+    def shown_states(self) -> tuple[str, ...]:
+        """Return the names of the states in answers."""
+        return self.states[:self.stated] if self.phases is None else self.phases.states
+
+    @property
+    def shown_inputs(self) -> tuple[str, ...]:
+        """Return the names of the inputs in answers."""
+        return self.inputs if self.phases is None else self.phases.inputs
 
     @property
     def m(self) -> int:

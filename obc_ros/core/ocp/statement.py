@@ -22,6 +22,7 @@ from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.ocp.augmentation import Augmentation
 from obc_ros.core.ocp.guess import Guess
 from obc_ros.core.ocp.method_names import get_method
+from obc_ros.core.ocp.phases import name_phases, state_as_one_phase
 from obc_ros.core.ocp.problem import FinalTime, FreeStart, Problem
 from obc_ros.core.systems import registry
 from obc_ros.core.systems.file import FOR_PEOPLE, OF_A_PLANT
@@ -44,9 +45,10 @@ from obc_ros.core.text.yaml_files import read_entries
 FOR_THE_SOLVER = (
     'name', 'system', 'states', 'inputs', 'parameters', 'free_parameters', 'dynamics',
     'running_cost', 'terminal_cost', 'initial_cost', 'initial_state', 'initial_constraints',
-    'terminal_constraints', 'periodic', 'input_bounds', 'state_bounds', 'path_constraints',
-    'final_time', 'initial_guess', 'method')
+    'terminal_constraints', 'boundary_constraints', 'periodic', 'input_bounds', 'state_bounds',
+    'path_constraints', 'final_time', 'phases', 'initial_guess', 'method')
 
+FIRST = '_0'   # ends the name of x(0) in boundary_constraints
 TIME = 't'   # name of the time in expressions, unless the statement gives it another meaning
 
 MAX_TEXT = 200_000     # characters of all expressions together
@@ -109,6 +111,19 @@ def build_problem(mapping: object) -> Problem:
     """
     given = read_mapping(mapping, 'problem')
     check_keys(given, FOR_THE_SOLVER, OF_A_PLANT + FOR_PEOPLE)
+    if given.get('phases') is None:
+        return _build_problem(given)
+    joined, layout = state_as_one_phase(given)
+    try:
+        problem = replace(_build_problem(joined), phases=layout)
+    except StatementError as error:
+        raise StatementError(name_phases(str(error))) from None
+    _check_durations(given['phases'], problem)
+    return problem
+
+
+def _build_problem(given: Mapping[Any, Any]) -> Problem:
+    """Build a problem without phases."""
     _bounded_text(given)
     plant = _registered_plant(given) if given.get('system') is not None else _own_plant(given)
     given = call_functions(given, STATED_FUNCTIONS, *plant.arguments)
@@ -126,16 +141,16 @@ def build_problem(mapping: object) -> Problem:
     added = more.augment(time, guess)
     V, psi, literals = V + more.cost, [*psi, *more.rows], [*literals, *more.literals]
     unlimited = np.full(added.count, np.inf)
-    symbols = {'x': _column(added.x.values()), 'u': _column(plant.u.values()),
-               'p': _column([*plant.p.values(), *(symbol for symbol, _ in literals)])}
+    x, u = _column(added.x.values()), _column(plant.u.values())
+    p = _column([*plant.p.values(), *(symbol for symbol, _ in literals)])
     f, ends = ca.vertcat(plant.f, added.rates), _column(psi)
-    functions = ca.Function('problem', list(symbols.values()), [f, L, path, V, ends])
+    functions = ca.Function('problem', [x, u, p], [f, L, path, V, ends])
     bounds = (np.append(x_lower, -unlimited), np.append(x_upper, unlimited), u_lower, u_upper,
               path_lower, path_upper)
     problem = Problem(
         name=_name(given), states=tuple(added.x), inputs=plant.inputs,
         parameters=(*plant.p, *(symbol.name() for symbol, _ in literals)),
-        **symbols, f=f, L=L, V=V, psi=ends, path=path, x_lower=bounds[0], x_upper=bounds[1],
+        x=x, u=u, p=p, f=f, L=L, V=V, psi=ends, path=path, x_lower=bounds[0], x_upper=bounds[1],
         u_lower=u_lower, u_upper=u_upper, path_lower=path_lower, path_upper=path_upper,
         p_value=np.array([*plant.values.values(), *(value for _, value in literals)]),
         x0=np.array(added.x0), start=added.start, added=added.count,
@@ -200,7 +215,7 @@ def _bounded_text(given: Mapping[Any, Any]) -> None:
     """Raise an error if the expressions are too long in total, before any of them is parsed."""
     total = 0
     for key in ('dynamics', 'parameters', 'terminal_constraints', 'initial_constraints',
-                'path_constraints'):
+                'boundary_constraints', 'path_constraints'):
         value = given.get(key)
         parts = value.values() if isinstance(value, Mapping) else (
             value if isinstance(value, (list, tuple)) else ())
@@ -357,19 +372,27 @@ def _cost_at_an_end(given: Mapping[Any, Any], plant: _Plant, key: str) -> ca.SX:
     return cost
 
 
-def _end_constraints(given: Mapping[Any, Any], plant: _Plant,
-                     key: str) -> tuple[list[ca.SX], list[tuple[ca.SX, float]]]:
-    """Return constraints with their numbers replaced by symbols, and these with their values."""
+def _end_constraints(given: Mapping[Any, Any], plant: _Plant, key: str,
+                     first: dict[str, ca.SX] | None = None
+                     ) -> tuple[list[ca.SX], list[tuple[ca.SX, float]]]:
+    """
+    Return constraints with their numbers replaced by symbols, and these with their values.
+
+    `first`: symbols of x(0), besides those of the states.
+    """
+    firsts = first or {}
+    names = plant.known | firsts
     value = given.get(key)
     rows: list[ca.SX] = []
     literals: list[tuple[ca.SX, float]] = []
     for index, text in enumerate([] if value is None else list_of(value, key)):
         where = f'{key}[{index}]'
-        row = expressions.parse_expression(text, plant.known, where)
+        row = expressions.parse_expression(text, names, where)
         _states_only(row, plant, where)
-        if not any(ca.depends_on(row, symbol) for symbol in (plant.x | plant.free).values()):
+        if not any(ca.depends_on(row, symbol)
+                   for symbol in (plant.x | plant.free | firsts).values()):
             raise StatementError(f"{where}: '{_short(text)}' does not depend on any state")
-        row, found = expressions.parse_lifted(text, plant.known, where)
+        row, found = expressions.parse_lifted(text, names, where)
         rows.append(row)
         literals.extend(found)
     return rows, literals
@@ -429,6 +452,10 @@ class _Start:
         self._cost = _cost_at_an_end(given, at_start, 'initial_cost')
         self._rows, self.literals = _end_constraints(given, at_start, 'initial_constraints')
         self._periodic = _periodic(given, plant)
+        self._first = {} if given.get('boundary_constraints') is None else _first_symbols(plant)
+        self._between, literals = _end_constraints(
+            given, plant, 'boundary_constraints', self._first)
+        self.literals = self.literals + literals
         self.cost, self.rows = ca.SX(0), list[ca.SX]()
 
     def augment(self, time: ca.SX | None, guess: Guess) -> Augmentation:
@@ -441,11 +468,17 @@ class _Start:
             added.add(TIME, time, (0.0, 0.0, 0.0), 1.0)
         for name, box in self._free.items():
             added.add(name, plant.free[name], _guessed(*box, firsts.get(name)))
+        used = [name for name, symbol in self._first.items()
+                if any(ca.depends_on(row, symbol) for row in self._between)]
         first = added.keep_initial([self._cost, *self._rows, *(
-            plant.x[name] for name in self._periodic)])
-        self.cost, count = first[0], 1 + len(self._rows)
-        self.rows = first[1:count] + [plant.x[name] - kept for name, kept in zip(
-            self._periodic, first[count:], strict=True)]
+            plant.x[name.removesuffix(FIRST)] for name in used), *(
+                plant.x[name] for name in self._periodic)])
+        self.cost, a = first[0], 1 + len(self._rows)
+        b = a + len(used)
+        between = ca.substitute(self._between, [self._first[name] for name in used],
+                                first[a:b]) if used else self._between
+        self.rows = [*first[1:a], *between, *(plant.x[name] - kept for name, kept in zip(
+            self._periodic, first[b:], strict=True))]
         return added
 
 
@@ -463,6 +496,16 @@ def _guessed(lower: float, upper: float, guess: float | None) -> tuple[float, fl
     elif guess is None and math.isfinite(upper):
         guess = upper - max(1.0, abs(upper))
     return min(max(guess or 0.0, lower), upper), lower, upper
+
+
+def _first_symbols(plant: _Plant) -> dict[str, ca.SX]:
+    """Return symbols of x(0) by their names in boundary constraints."""
+    found = {name + FIRST: ca.SX.sym(name + FIRST) for name in plant.states}
+    for name in found:
+        if name in plant.known:
+            raise StatementError(f"boundary_constraints: '{name}' is a name of the statement and "
+                                 f"the initial value of '{name.removesuffix(FIRST)}'; rename one")
+    return found
 
 
 def _periodic(given: Mapping[Any, Any], plant: _Plant) -> tuple[str, ...]:
@@ -532,6 +575,19 @@ def _final_time(given: Mapping[Any, Any], values: Mapping[str, float]) -> FinalT
     if guess is not None:
         guess = min(max(_positive(guess, 'final_time.guess'), found['lower']), upper)
     return FinalTime(free=True, lower=found['lower'], upper=upper, guess=guess)
+
+
+def _check_durations(phases: Iterable[Mapping[Any, Any]], problem: Problem) -> None:
+    """Raise an error if a duration is not valid as a final time."""
+    values = dict(zip(problem.parameters, problem.p_value.tolist(), strict=True))
+    for k, phase in enumerate(phases):
+        value = phase['duration']
+        entry = value if isinstance(value, Mapping) else {'free': False, 'value': value}
+        try:
+            _final_time({'final_time': entry}, values)
+        except StatementError as error:
+            raise StatementError(str(error).replace('final_time', f'phases[{k}].duration')
+                                 ) from None
 
 
 def _positive(value: float, where: str) -> float:

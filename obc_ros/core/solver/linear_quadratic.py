@@ -34,7 +34,7 @@ def solve_lq(problem: Problem) -> Solution | None:
     Equation (2.7).
 
     """
-    if problem.final_time.free or problem.path.numel():
+    if problem.final_time.free or problem.path.numel() or problem.start is not None:
         return None
     form = find_lq_form(problem)
     if form is None:

@@ -58,7 +58,7 @@ class ExactMethod:
     def attempt(self, task: Task) -> Solution | None:
         """Return the result with its certificate, None for other problems; the trace notes it."""
         with task.meter.trace.attempt('exact method', self.name) as attempt:
-            found = self.solve(task.problem) if task.problem.start is None else None
+            found = self.solve(task.problem)
             if found is None:
                 attempt.end(Verdict.REJECTED, 'it does not apply')
                 return None

@@ -11,7 +11,6 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 from obc_ros.core.numerics.arrays import Array
-from obc_ros.core.ocp.convexity import is_convex_problem
 from obc_ros.core.ocp.nonconvexity import has_convex_paths, Uneven
 from obc_ros.core.ocp.problem import Problem, SYMBOLIC
 from obc_ros.core.ocp.solution import Optimality
@@ -26,6 +25,7 @@ from obc_ros.core.solver.adjoint.costates import CostateIntegrator
 from obc_ros.core.solver.adjoint.multipliers import Fitter
 from obc_ros.core.solver.arcs.phase_program import PhasedProgram
 from obc_ros.core.solver.options import DEFAULTS, NeighbourOptions, Options
+from obc_ros.core.solver.proofs.convexity import is_convex_problem
 from obc_ros.core.solver.starts.initial_guess import Guesser
 from obc_ros.core.solver.transcription.absolute_values import build_smooth_twin
 from obc_ros.core.solver.transcription.intervals import Pieces

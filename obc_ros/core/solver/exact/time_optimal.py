@@ -74,7 +74,7 @@ def solve_time_optimal(problem: Problem) -> Solution | None:
 
     """
     began = perf_counter()
-    aim = find_target(problem)
+    aim = find_target(problem) if problem.start is None else None
     plant = find_affine_dynamics(problem) if aim else None
     if aim is None or plant is None:
         return None

@@ -91,7 +91,7 @@ def solve_two_wheeled(problem: Problem) -> Solution | None:
         is ``infeasible``.
 
     """
-    form = _recognise(problem)
+    form = _recognise(problem) if problem.start is None else None
     if form is None:
         return None
     aim, order, inputs = form

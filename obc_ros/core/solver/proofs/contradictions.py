@@ -67,8 +67,6 @@ def explain_contradiction(problem: Problem) -> str:
 
     """
     for check in CONTRADICTIONS:
-        if problem.start is not None and check in _FROM_X0:
-            continue
         for sentence in check(problem):
             return sentence
     return ''
@@ -276,19 +274,21 @@ def _words(problem: Problem) -> list[str]:
 
 def _beyond_control(problem: Problem) -> Iterator[str]:
     """Yield violated constraints on states on which no input acts, directly or indirectly."""
-    yield from find_missed_states(problem, _words(problem))
+    if problem.start is None:
+        yield from find_missed_states(problem, _words(problem))
 
 
 def _beyond_reach(problem: Problem) -> Iterator[str]:
     """Yield violated terminal constraints on uncontrollable modes of a linear system."""
-    end = find_affine_end(problem) if find_affine_dynamics(problem) is not None else None
+    given = problem.start is None and find_affine_dynamics(problem) is not None
+    end = find_affine_end(problem) if given else None
     if end is not None and end.clash is None:
         yield from find_missed_combinations(problem, end, _words(problem))
 
 
 def _too_soon(problem: Problem) -> Iterator[str]:
     """Yield the minimum time of a linear system with bounded inputs if less time is available."""
-    rows = find_affine_rows(problem)
+    rows = find_affine_rows(problem) if problem.start is None else None
     if rows is None or not rows.affine.any() or not problem.boxed.all() or (
             find_affine_dynamics(problem) is None):
         return
@@ -307,5 +307,3 @@ def _too_soon(problem: Problem) -> Iterator[str]:
 CONTRADICTIONS: tuple[Callable[[Problem], Iterator[str]], ...] = (
     _at_start, _at_end, _path_at_end, _beyond_control, _beyond_reach, _too_soon,
     find_unsatisfiable, find_changed_invariants)
-# Those that hold for a given x(0) only.
-_FROM_X0 = _beyond_control, _beyond_reach, _too_soon, find_changed_invariants

@@ -48,7 +48,7 @@ _SEED = 5
 def find_changed_invariants(problem: Problem) -> Iterator[str]:
     """Yield the invariants whose value at the end differs from that at the start, as sentences."""
     states = range(problem.n)
-    if not problem.q or problem.n > _MOST:
+    if not problem.q or problem.n > _MOST or problem.start is not None:
         return
     end = find_affine_end(problem)
     if end is None or not end.is_clear:

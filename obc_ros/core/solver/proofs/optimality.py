@@ -14,10 +14,10 @@ from dataclasses import replace
 
 import numpy as np
 from obc_ros.core.numerics.arrays import optimize
-from obc_ros.core.ocp.convexity import is_convex_problem
 from obc_ros.core.ocp.least_time_form import find_affine_dynamics, find_target
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.ocp.solution import Certificate, MOST_MINIMA, Optimality, Solution
+from obc_ros.core.solver.proofs.convexity import is_convex_problem
 from obc_ros.core.solver.proofs.existence import find_constant_cost
 from obc_ros.core.solver.transcription.local_minima import ANOTHER
 

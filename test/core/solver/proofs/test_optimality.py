@@ -6,8 +6,8 @@ import casadi as ca
 from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
-from obc_ros.core.ocp.convexity import is_convex_problem
 from obc_ros.core.ocp.solution import MOST_MINIMA, Solution, Status
+from obc_ros.core.solver.proofs.convexity import is_convex_problem
 from obc_ros.core.solver.proofs.optimality import add_optimality, describe_local
 from obc_ros.core.solver.solve import Cache, solve
 import problems
