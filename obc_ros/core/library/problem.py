@@ -138,12 +138,12 @@ class Problem:
     @property
     def states(self) -> tuple[str, ...]:
         """Return the names of the states, in order."""
-        return self.built.states[:self.built.stated]
+        return self.built.shown_states
 
     @property
     def inputs(self) -> tuple[str, ...]:
         """Return the names of the inputs, in order."""
-        return self.built.inputs
+        return self.built.shown_inputs
 
     def __repr__(self) -> str:
         """Return name, states, inputs and final time."""

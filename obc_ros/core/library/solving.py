@@ -124,6 +124,9 @@ def certify(problem: Problem | Mapping[str, Any], answer: Answer | None = None, 
     """
     stated = require_problem(problem, {})
     built = stated.built
+    if built.phases is not None:
+        raise StatementError('phases: certify is not for problems with phases; the answer of '
+                             'solve has its certificate')
     if answer is not None:
         if not isinstance(answer, Answer):
             raise StatementError('answer: wanted an Answer, or the arrays t, x, u and lam by '

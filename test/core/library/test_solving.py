@@ -215,3 +215,18 @@ def test_every_public_name_is_found_documented_and_stubbed():
     assert stub.count(' as ') + stub.count(': ') - stub.count('SPDX') == len(obc.__all__)
     with pytest.raises(AttributeError, match="module 'obc_ros.core' has no attribute 'solv'"):
         obc.solv  # noqa: B018
+
+
+def test_an_answer_with_phases_has_their_states_in_order_of_time():
+    statement = {
+        'states': ['x'], 'inputs': ['u'], 'dynamics': {'x': 'u'}, 'running_cost': 'u**2',
+        'initial_state': {'x': 0}, 'terminal_constraints': ['x - 3'],
+        'phases': [{'duration': 1}, {'duration': 1, 'link': {'x': '2*x'}}]}
+    answer = obc.solve(statement)
+    # From 0 by 6/5 to 6/5, from 12/5 by 3/5 to 3: see test_phases.py.
+    assert answer.objective == pytest.approx(9/5, rel=1e-8)
+    assert (answer.states, answer.t[-1]) == (('x',), 2)
+    assert answer.x['x'][[0, -1]] == pytest.approx([0, 3], abs=1e-9)
+    assert len(answer.plot().axes) == 3   # x, u, lam
+    with pytest.raises(StatementError, match='phases'):
+        obc.certify(statement, answer)
