@@ -31,17 +31,21 @@ def needs_ros(path: Path) -> bool:
 
 def imports_ros(path: Path) -> bool:
     """Return whether a Python file imports ROS 2, itself or through files of the repository."""
+    return any(map(_is_ros, list_reached(path)))
+
+
+def list_reached(path: Path) -> set[str]:
+    """Return what a Python file imports, itself or through files of the repository."""
+    reached: set[str] = set()
     seen: set[Path] = set()
     waiting = [path]
     while waiting:
         file = waiting.pop()
         if file not in seen:
             seen.add(file)
-            modules = list_imports(file)
-            if any(map(_is_ros, modules)):
-                return True
-            waiting += [found for module in modules for found in _files(module)]
-    return False
+            reached.update(list_imports(file))
+            waiting += [found for module in list_imports(file) for found in _files(module)]
+    return reached
 
 
 def _is_ros(module: str) -> bool:

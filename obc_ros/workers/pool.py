@@ -23,6 +23,7 @@ import sys
 from threading import Condition, Thread
 import time
 
+from obc_ros.core.text.errors import ObcError
 from obc_ros.workers.wire import Channel, Packet
 
 SHORTEST = 0.01    # [s] shortest time limit of a request
@@ -126,10 +127,18 @@ class Pool:
     has_started : bool
         Whether a worker has been ready, or has failed to start.
 
+    Raises
+    ------
+    ObcError
+        On Windows, where a process cannot inherit a socket.
+
     """
 
     def __init__(self, module: str, size: int, *, queue_length: int = 128,
                  memory: int = 2 << 30, affinities: int = 32, niceness: int = 3) -> None:
+        if sys.platform == 'win32':
+            raise ObcError('worker processes need Linux or macOS: on Windows, use the Windows '
+                           'Subsystem for Linux, or call obc_ros.core in Python')
         self.module = module
         self.queue_length = queue_length
         self.memory = memory

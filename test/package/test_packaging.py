@@ -16,7 +16,7 @@ from xml.etree import ElementTree
 
 import build_backend  # of requirements/
 import pytest
-from selection import imports_ros, list_imports
+from selection import imports_ros, list_imports, list_reached
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -44,6 +44,9 @@ ROSDEP_KEYS = {
     'scipy': 'python3-scipy',
     'yaml': 'python3-yaml',
 }
+# The modules of Python that Windows or macOS lacks, or whose functions it lacks.
+NOT_EVERYWHERE = {'ctypes', 'fcntl', 'grp', 'posix', 'pty', 'pwd', 'resource', 'syslog', 'termios',
+                  'tty'}
 CORE_MAY_IMPORT = {*sys.stdlib_module_names, 'casadi', 'control', 'matplotlib', 'numpy', 'scipy',
                    'yaml'}
 UNSAFE_NAMES = {'__import__', 'eval', 'exec'}
@@ -234,6 +237,14 @@ def test_core_does_not_import_ros():
             allowed = module.split('.')[0] in CORE_MAY_IMPORT or module == 'obc_ros.core' or (
                 module.startswith('obc_ros.core.'))
             assert allowed, f'{name(path)} imports {module}'
+
+
+@pytest.mark.slow
+def test_the_library_imports_on_every_system():
+    commands = [ROOT / 'obc_ros' / each for each in ('cli/obc.py', 'workers/pool.py')]
+    for path in [*CORE, *commands]:
+        reached = {module.split('.')[0] for module in list_reached(path)}
+        assert not NOT_EVERYWHERE & reached, name(path)
 
 
 def test_nodes_do_not_import_the_command_line():

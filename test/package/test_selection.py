@@ -12,11 +12,10 @@ from selection import FOLDERS, imports_ros, needs_ros
 
 ROOT = Path(__file__).resolve().parents[2]
 FILES = sorted((ROOT / 'test').rglob('test_*.py'))
-# Outside of `FOLDERS`; all others run without ROS 2.
+# What may import ROS 2 outside of `FOLDERS`; all others run without it.
 LEFT_OUT = {
     'cli/test_ask.py', 'cli/test_demo.py', 'cli/test_determinism.py', 'cli/test_gallery.py',
-    'cli/test_recording.py', 'cli/test_regulator_figures.py', 'cli/test_search_tree.py',
-    'docs/test_gallery_pages.py'}
+    'cli/test_recording.py', 'cli/test_regulator_figures.py', 'docs/test_gallery_pages.py'}
 # Each module of ROS 2 is hidden before pytest loads conftest.py.
 HIDDEN = ('import sys, pytest, selection\n'
           'names = {*selection.ROS, "obc_ros.msg", "obc_ros.srv", "obc_ros.action", "mcap"}\n'
@@ -25,10 +24,10 @@ HIDDEN = ('import sys, pytest, selection\n'
 
 
 @pytest.mark.slow
-def test_the_files_that_need_ros_are_known():
+def test_no_other_files_are_left_out():
     outside = {str(path.relative_to(ROOT / 'test')) for path in FILES if needs_ros(path)
                and not any(path.is_relative_to(folder) for folder in FOLDERS)}
-    assert outside == LEFT_OUT
+    assert outside <= LEFT_OUT, 'move what imports ROS 2 to a folder for it, or add it here'
 
 
 def test_an_import_is_found_through_other_files():

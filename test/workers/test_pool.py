@@ -15,6 +15,7 @@ import time
 
 from hypothesis import given, settings, strategies
 import numpy as np
+from obc_ros.core.text.errors import ObcError
 from obc_ros.workers import pool as workers
 from obc_ros.workers.pool import Job, Pool, RequestOutcome
 from obc_ros.workers.wire import pack, Packet, unpack
@@ -91,6 +92,13 @@ json_values = strategies.recursive(
     | strategies.floats(allow_nan=False) | strategies.text(),
     lambda inner: strategies.lists(inner) | strategies.dictionaries(strategies.text(), inner),
     max_leaves=10)
+
+
+def test_windows_has_no_workers(monkeypatch):
+    monkeypatch.setattr(sys, 'platform', 'win32')
+    with pytest.raises(ObcError) as raised:
+        Pool('stand_in_worker', 1)
+    assert str(raised.value).startswith('worker processes need Linux or macOS: on Windows, use')
 
 
 @pytest.mark.slow
