@@ -56,7 +56,11 @@ def _is_ros(module: str) -> bool:
 
 @cache
 def list_imports(path: Path) -> tuple[str, ...]:
-    """Return the modules, or names in modules, that a file imports outside of functions."""
+    """
+    Return the modules, or names in modules, that a file imports when it is imported.
+
+    Those that it imports on some systems only do not count.
+    """
     return tuple(_walk(ast.parse(path.read_text(encoding='utf-8'))))
 
 
@@ -65,7 +69,8 @@ def _walk(node: ast.AST) -> Iterator[str]:
         yield from (alias.name for alias in node.names)
     elif isinstance(node, ast.ImportFrom):
         yield from (f'{node.module}.{alias.name}' for alias in node.names)
-    elif not isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+    elif not isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef) and not (
+            isinstance(node, ast.If) and 'sys.platform' in ast.unparse(node.test)):
         for child in ast.iter_child_nodes(node):
             yield from _walk(child)
 

@@ -8,14 +8,17 @@ was not written completely is dropped when the journal is opened again.
 """
 
 from collections.abc import Mapping, Sequence
-import fcntl
 import json
 import os
 from pathlib import Path
+import sys
 from types import TracebackType
 from typing import Any
 
 from obc_ros.core.text.errors import ObcError, quote, StatementError
+
+if sys.platform != 'win32':
+    import fcntl
 
 QUESTION = 'question.json'
 JOURNAL = 'journal.jsonl'
@@ -81,7 +84,8 @@ class Journal:
 
     def _open(self, folder: Path, question: Mapping[str, Any]) -> None:
         try:
-            fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            if sys.platform != 'win32':  # there a sweep ends in words: no worker starts
+                fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
             raise ObcError(f'{folder}: another process writes this sweep') from None
         if not (folder / QUESTION).exists():
