@@ -15,7 +15,7 @@ import sys
 
 from obc_ros.cli.share_folders import share_directory
 from obc_ros.core.text.errors import ObcError
-from obc_ros.ros.installation import explain_missing_ros
+from obc_ros.ros.installation import explain_missing_ros, require_ros
 
 HELPERS = ('baseline', 'timing')  # no benchmarks: a comparison of two versions, and shared code
 NODES = ('fuzz', 'hosts', 'latency', 'real_time', 'scale', 'server', 'soak')  # these need ROS 2
@@ -49,10 +49,10 @@ def run(args: argparse.Namespace) -> int:
         print(f"obc bench: no benchmark '{unknown[0]}'; there are {', '.join(scripts)}",
               file=sys.stderr)
         return 2
-    if missing := explain_missing_ros():
-        wanted = [name for name in args.names if name in NODES]
-        if wanted:
-            raise ObcError(f'{wanted[0]} {missing}')
+    for name in args.names:
+        if name in NODES:
+            require_ros(name)
+    if explain_missing_ros():
         scripts = {name: script for name, script in scripts.items() if name not in NODES}
     if args.list:
         print('\n'.join(scripts))

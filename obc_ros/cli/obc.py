@@ -20,7 +20,7 @@ import sys
 from obc_ros.cli import leave
 from obc_ros.cli.terminal import open_streams
 from obc_ros.core.text.errors import ObcError
-from obc_ros.ros.installation import explain_missing_ros
+from obc_ros.ros.installation import explain_missing_ros, require_ros
 
 SUBCOMMANDS = {
     'demo': 'run a demonstration over DDS: table, figures, recording',
@@ -76,11 +76,11 @@ def parse(arguments: Sequence[str]) -> argparse.Namespace:
     Only the module of this subcommand is imported. A subcommand that needs ROS 2, where there is
     none, raises ObcError.
     """
-    missing = explain_missing_ros()
-    unlisted = NEED_ROS if missing else ROS2   # the epilog lists these
+    pure = bool(explain_missing_ros())
+    unlisted = NEED_ROS if pure else ROS2   # the epilog lists these
     parser = argparse.ArgumentParser(
         prog='obc', description='Optimal control: LQR and certified trajectories.',
-        epilog=_epilog(bool(missing)), formatter_class=argparse.RawDescriptionHelpFormatter)
+        epilog=_epilog(pure), formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument(
         '--version', action=Version, nargs=0, help='print the version and exit')
     commands = parser.add_subparsers(title='commands', metavar='COMMAND', required=True)
@@ -90,8 +90,8 @@ def parse(arguments: Sequence[str]) -> argparse.Namespace:
         command = commands.add_parser(
             name, description=f'{text[:1].upper()}{text[1:]}.', **listed)
         if name == used:
-            if missing and name in NEED_ROS:
-                raise ObcError(f'{name} {missing}')
+            if name in NEED_ROS:
+                require_ros(name)
             module = import_module(_module(name))
             module.add_arguments(command)
             command.set_defaults(run=module.run, command=name)

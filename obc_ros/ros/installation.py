@@ -9,6 +9,8 @@ A pure wheel has the modules of nodes and commands, but neither the messages nor
 from importlib import util
 import sysconfig
 
+from obc_ros.core.text.errors import ObcError
+
 ROS_PLATFORM = 'linux-x86_64'
 
 
@@ -29,6 +31,25 @@ def explain_missing_ros() -> str:
         return ('needs ROS 2, and this interpreter finds no rclpy: source the setup file of the '
                 'workspace, or run `pip install .` in the sources of obc_ros')
     return ''
+
+
+def require_ros(what: str) -> None:
+    """
+    Do nothing where there is ROS 2.
+
+    Parameters
+    ----------
+    what : str
+        What needs it: the beginning of the sentence.
+
+    Raises
+    ------
+    ObcError
+        If there is no ROS 2; the message says why, and how to get it.
+
+    """
+    if missing := explain_missing_ros():
+        raise ObcError(f'{what} {missing}')
 
 
 def _explain_pure_wheel(platform: str) -> str:
