@@ -30,6 +30,9 @@ FOLDERS = ('.ci', '.github', 'benchmarks', 'cmake', 'config', 'docs', 'launch', 
            'requirements', 'test')
 REQUIRED = (*build_backend.DEPENDENCIES, *build_backend.ROS_DEPENDENCIES,
             *build_backend.ROS_WHEELS)
+# What is imported only where it is used: the extras, and pandas if the user has it.
+OPTIONAL = {'pandas', *(re.split(r'[\[<>=~; ]', line)[0] for extra in (
+    PROJECT['project']['optional-dependencies'].values()) for line in extra)}
 HEADER = ('# Copyright 2026 The obc_ros developers\n', '# SPDX-License-Identifier: Apache-2.0\n')
 INTERFACES = [file for kind in ('msg', 'srv', 'action') for file in sorted(ROOT.glob(f'{kind}/*'))]
 # The name in package.xml of an imported module, where the two names differ.
@@ -258,7 +261,7 @@ def test_every_import_is_a_declared_dependency():
     required = set(map(distribution, REQUIRED))
     for path in [path for path in PYTHON if path.is_relative_to(ROOT / 'obc_ros')]:
         for module in {module.split('.')[0] for module in imports(path)}:
-            if module in sys.stdlib_module_names or module == 'obc_ros':
+            if module in sys.stdlib_module_names or module in OPTIONAL or module == 'obc_ros':
                 continue
             assert ROSDEP_KEYS.get(module, module) in declared, f'{name(path)}: {module}'
             wheels = {module, f'ros-{module.replace("_", "-")}', {'yaml': 'PyYAML'}.get(module)}

@@ -97,7 +97,7 @@ def calls(function: ast.expr, arguments: list[ast.expr], name: str) -> Iterator[
 
 def sources() -> list[Path]:
     """Return all Python files of the project."""
-    folders = ('benchmarks', 'launch', 'obc_ros', 'test')
+    folders = ('benchmarks', 'launch', 'obc_ros', 'requirements', 'test')
     return sorted([*ROOT.glob('*.py'), *(
         path for folder in folders for path in (ROOT / folder).rglob('*.py'))])
 

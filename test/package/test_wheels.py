@@ -9,7 +9,6 @@ import re
 import shutil
 import subprocess
 import sys
-import tarfile
 from zipfile import ZipFile
 
 import build_backend  # of requirements/
@@ -86,14 +85,18 @@ def build(kind: str, sources: Path, folder: Path, **environment: str) -> Path:
     return folder / done.stdout.splitlines()[-1]
 
 
+def unpack(module: str, archive: Path, folder: Path) -> None:
+    """Unpack what `build` has made."""
+    subprocess.run([sys.executable, '-m', module, '-e', str(archive), str(folder)], check=True)
+
+
 @pytest.fixture(scope='module')
 def unpacked(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return the folder of an unpacked sdist."""
     folder = tmp_path_factory.mktemp('sdist')
     shutil.copytree(ROOT, folder / 'sources', ignore=NO_SOURCES)
     archive = build('build_sdist', folder / 'sources', folder / 'dist')
-    with tarfile.open(archive) as opened:
-        opened.extractall(folder, filter='data')
+    unpack('tarfile', archive, folder)
     return folder / archive.name.removesuffix('.tar.gz')
 
 
@@ -120,8 +123,7 @@ def test_the_pure_wheel_has_the_modules_and_nothing_compiled(unpacked, tmp_path)
 @pytest.mark.slow
 def test_the_editable_pure_wheel_finds_the_modules_in_the_sources(unpacked, tmp_path):
     wheel = build('build_editable', unpacked, tmp_path / 'dist', OBC_ROS_PURE='1')
-    with ZipFile(wheel) as opened:
-        opened.extractall(tmp_path / 'site')
+    unpack('zipfile', wheel, tmp_path / 'site')
     done = subprocess.run(
         [sys.executable, '-S', '-c', 'import site; site.addsitedir("site"); '
          'import obc_ros.core.text.errors as each; print(each.__file__)'],
