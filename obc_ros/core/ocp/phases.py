@@ -124,7 +124,8 @@ def state_as_one_phase(given: Mapping[Any, Any]) -> tuple[dict[str, Any], PhaseL
 
 def name_phases(message: str) -> str:
     """Return a message about a joined statement in the names of its phases."""
-    return _INDEXED.sub(lambda found: f'{found[1]} of phase {found[2]}', message)
+    return _INDEXED.sub(lambda found: (
+        f'{found[1]} of phase {found[2]}{" at its start" if found[3] else ""}'), message)
 
 
 def _indexed(name: str, k: int) -> str:

@@ -137,3 +137,11 @@ def test_boundary_constraints_link_both_ends():
             'states': ['x', 'x_0'], 'inputs': ['u'], 'dynamics': {'x': 'u', 'x_0': 'u'},
             'boundary_constraints': ['x - x_0'], 'initial_state': {'x': None, 'x_0': 0},
             'final_time': {'free': False, 'value': 1}})
+
+
+def test_a_reason_names_the_phase():
+    problem = build_problem(TWO_RATES | {'phases': [
+        {'duration': 1}, {'duration': 1, 'state_bounds': {'x': [2, None]}}]})
+    found = hide_added_states(problem, solve(problem))
+    assert found.status == 'infeasible'
+    assert 'state bound x of phase 2 >= 2' in found.message

@@ -12,8 +12,8 @@ residual has no unit. Let |.| be the largest absolute value over time. The scali
 of x_i, of the cost, of s_i lam_i and of H. A factor that vanishes is replaced by a lower bound
 from the others (`_Scales`). States that only rounding errors move from the origin have s_i = 0.
 A free x(0) may be so large that all changes of x are small relative to it. Where x_i(0) is free,
-s_i is therefore at most 100 times the integral of |f_i|, unless f_i = 0, and a linked state has
-the s_i of the other.
+s_i is therefore at most 100 times the integral of |f_i|; where f_i = 0 it is at most the width of
+the bounds of x_i(0). A linked state has the s_i of the other one.
 
 An interval lies between two samples. Its input is linear or constant, as the solution's
 `interpolation` says. The equations of x and lam are integrated over it from the returned values
@@ -28,8 +28,8 @@ dynamics       sum over intervals of max_i |defect of x_i| / s_i; where a termin
                x(0) is free, also the rounding error of x_i over s_i
 start          max_i |x_i(0) - x0_i| / s_i, and |t(0)| / T; where x(0) is free, its distance from
                its bounds and from that of a state that is linked with it
-end            max_j |psi_j(x(T))| / (sum_i |dpsi_j/dx_i| s_i), x(T) replayed, without free
-               parameters in the sum if there are other states; for a given T also
+end            max_j |psi_j(x(T))| / (sum_i |dpsi_j/dx_i| s_i), x(T) replayed, without
+               constants of a free value in the sum if there are other states; for a given T also
                |t(T) - T| / T; and 1e-3 |nu|'|psi(x(T))| / (integral of |L| + |V(x(T))|), since a
                constraint that is met only asymptotically has an unbounded multiplier
 bounds         largest excess of u at samples, of x and of the path constraints at samples and,
@@ -287,6 +287,8 @@ class _Judge:
         motion = np.diff(solution.t) @ (rate[:-1] + rate[1:]) / 2
         moves = ~problem.given_at_start & (motion > 0)
         size = np.where(moves, np.minimum(size, _MOST_OF_MOTION * motion), size)
+        lower, upper = problem.start_box
+        size = np.where(self._constants(), np.minimum(size, upper - lower), size)
         for i, j in problem.start.linked:
             size[j] = size[i]
         return np.asarray(size)
@@ -328,11 +330,19 @@ class _Judge:
             return 0.0
         return float((np.spacing(np.abs(self.solution.x).max(axis=0)) / self.scales.x).max())
 
+    def _constants(self) -> Mask:
+        """Return the states that are constant with a free value of their own, (n,)."""
+        problem = self.problem
+        if problem.start is None:
+            return np.zeros(problem.n, dtype=bool)
+        free = ~problem.given_at_start
+        free[[j for _, j in problem.start.linked]] = False
+        return np.asarray(free & [rate.is_zero() for rate in ca.vertsplit(problem.f)])
+
     def _psi_sizes(self, slopes: Array) -> Array:
         """Return the sizes (q,) of the terminal constraints with gradients (q, n)."""
-        size, problem = np.abs(slopes), self.problem
-        constant = np.array([name in problem.free_parameters for name in problem.states])
-        others = size @ np.where(constant, 0.0, self.scales.x)
+        size = np.abs(slopes)
+        others = size @ np.where(self._constants(), 0.0, self.scales.x)
         return np.where(others > 0, others, size @ self.scales.x)
 
     def _correction(self) -> float:
@@ -510,6 +520,9 @@ class _Judge:
         x, (lowest, highest) = solution.x[0], problem.start_box
         near = ACTIVE * self.scales.x
         upper, lower = upper.copy(), lower.copy()
+        # Active in the first interval, and at its start.
+        upper[:n] &= x >= problem.x_upper - ACTIVE * np.maximum(self.scales.x, np.abs(x))
+        lower[:n] &= x <= problem.x_lower + ACTIVE * np.maximum(self.scales.x, np.abs(x))
         upper[:n] |= x >= np.where(problem.given_at_start, -np.inf, highest - near)
         lower[:n] |= x <= np.where(problem.given_at_start, np.inf, lowest + near)
         rest = -solution.lam[0]
