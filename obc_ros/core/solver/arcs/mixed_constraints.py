@@ -19,15 +19,12 @@ from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.solver.arcs.constraint_orders import BoundRates
 from obc_ros.core.solver.arcs.input_arcs import Arc
 from obc_ros.core.solver.arcs.phase_program import PhasedProgram
-from obc_ros.core.solver.arcs.phases import DEGREE, Phased
+from obc_ros.core.solver.arcs.phases import DEGREE, drop_negligible, Phased
 from obc_ros.core.solver.arcs.state_contacts import add_contacts, StateContact
 from obc_ros.core.solver.transcription.program import TranscriptionOutcome
 
 _WEIGHS = 1e-4   # density, relative to the largest one, from which on a constraint is active
 _WRONG = 1e-6    # density of the wrong sign, relative to it, up to which an arc is kept
-# Density, times the change of the constraint by the range of its inputs and relative to the mean
-# cost per second, up to which it is zero.
-_NOTHING = 1e-6
 _STEPS = 3       # Newton steps onto a constraint
 
 
@@ -51,12 +48,9 @@ def compute_densities(outcome: TranscriptionOutcome, slopes: Array, u: Array) ->
         interior-point method leaves on inactive constraints, are set to 0.
 
     """
-    size = (np.abs(slopes) @ np.abs(u).max(axis=0)).max(axis=0)
     h = np.maximum(np.diff(outcome.path.t), 1e-300)
     found = np.concatenate([outcome.inner_path, outcome.sides_path], axis=1) / h[:, None, None]
-    with np.errstate(over='ignore'):   # of constraints that inputs do not change
-        least = _NOTHING * abs(outcome.objective) / (h.sum() * np.maximum(size, 1e-300))
-    return np.asarray(np.where(np.abs(found) > least, found, 0.0))
+    return drop_negligible(found, outcome.objective / h.sum(), slopes, u)
 
 
 def find_active(problem: Problem, outcome: TranscriptionOutcome,
@@ -78,11 +72,8 @@ def find_active(problem: Problem, outcome: TranscriptionOutcome,
     list of StateContact
 
     """
-    path, n, bounds = outcome.path, problem.n, program.bounds
-    t, count = path.t, len(path.ua)
-    slopes = program.rows_u.map(count)(
-        path.x[:-1].T, path.ua.T, ca.repmat(problem.p_value, 1, count)).full()
-    slopes = slopes.reshape(bounds.count, count, problem.m)[n:].swapaxes(0, 1)
+    path, n, bounds, t = outcome.path, problem.n, program.bounds, outcome.path.t
+    slopes = program.input_slopes(problem, path.x[:-1], path.ua)[:, n:]
     weights = compute_densities(outcome, slopes, path.ua)
     found = []
     for row in np.flatnonzero(bounds.orders[n:] == 0).tolist():

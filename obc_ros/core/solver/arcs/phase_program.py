@@ -35,7 +35,7 @@ from obc_ros.core.ocp.structure import find_idle_inputs
 from obc_ros.core.solver.arcs.constraint_orders import BoundRates
 from obc_ros.core.solver.arcs.implied_bounds import build_curvatures, find_implied_bounds
 from obc_ros.core.solver.arcs.input_arcs import Arc, limit_shortening
-from obc_ros.core.solver.arcs.phases import DEGREE, Grazing, OUTWARDS, Phased
+from obc_ros.core.solver.arcs.phases import DEGREE, drop_negligible, Grazing, OUTWARDS, Phased
 from obc_ros.core.solver.nlp.ipopt import build_ipopt, Found, run_ipopt
 from obc_ros.core.solver.nlp.meter import Meter, Watch
 from obc_ros.core.solver.transcription.mesh import Path
@@ -92,6 +92,11 @@ class PhasedProgram:
         x, u, p = self.problem.x, self.problem.u, self.problem.p
         return [ca.Function('held', [x, u, p], [ca.vertcat(*chain[:-1]), chain[-1]])
                 for chain in self.bounds.chains]
+
+    def input_slopes(self, problem: Problem, x: Array, u: Array) -> Array:
+        """Return the derivatives of the rows by u, (K, n + l, m), at x (K, n), u (K, m)."""
+        found = self.rows_u.map(len(x))(x.T, u.T, ca.repmat(problem.p_value, 1, len(x))).full()
+        return np.asarray(found.reshape(self.bounds.count, len(x), problem.m).swapaxes(0, 1))
 
     @cached_property
     def curvatures(self) -> list[ca.Function]:
@@ -519,7 +524,10 @@ class _Solve:
         if problem.path.numel():
             # Multipliers of pure state constraints are impulses, not densities.
             mixed = program.bounds.orders[n:] == 0
-            eta[:, :, n:] = mixed * lam_g[self.at_path].reshape(K, d, -1) / area[:, :, None]
+            slopes = program.input_slopes(problem, x[d::d], u[:, -1])[:, n:]
+            eta[:, :, n:] = drop_negligible(
+                mixed * lam_g[self.at_path].reshape(K, d, -1) / area[:, :, None],
+                found.f * sizes.cost / h.sum(), slopes, u[:, -1])
         for phase, row, slot in self.at_held:
             span = slice(int(self.first[phase]), int(self.first[phase + 1]))
             eta[span, :, row] = np.resize(

@@ -14,6 +14,33 @@ DEGREE = 4   # degree of the polynomials of x in an interval; that of u is DEGRE
 # Relative rate at which a path may cross its bound at a junction. The violation of the bound is
 # of the order of its square.
 OUTWARDS = 1e-4
+# Density, times the change of the constraint by the range of its inputs and relative to the mean
+# cost per second, up to which it is zero.
+_NOTHING = 1e-6
+
+
+def drop_negligible(density: Array, rate: float, slopes: Array, u: Array) -> Array:
+    """
+    Return densities of path constraints without those that are negligible relative to the cost.
+
+    An interior-point method leaves them on inactive constraints.
+
+    Parameters
+    ----------
+    density : ndarray, shape (..., l)
+        Multiplier densities.
+    rate : float
+        Mean cost per second.
+    slopes : ndarray, shape (K, l, m)
+        Derivatives of the constraints by the inputs, at K points.
+    u : ndarray, shape (K, m)
+        The inputs there.
+
+    """
+    size = (np.abs(slopes) @ np.abs(u).max(axis=0)).max(axis=0)
+    with np.errstate(over='ignore'):   # of constraints that inputs do not change
+        least = _NOTHING * abs(rate) / np.maximum(size, 1e-300)
+    return np.asarray(np.where(np.abs(density) > least, density, 0.0))
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,0 +1,76 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""Arcs of state constraints: multipliers of phases, and bounds that are exceeded in between."""
+
+import numpy as np
+from obc_ros.core.solver.arcs.constraint_orders import BoundRates
+from obc_ros.core.solver.arcs.input_arcs import Arc
+from obc_ros.core.solver.arcs.mixed_constraints import hold_constraints
+from obc_ros.core.solver.arcs.phase_program import PhasedProgram
+from obc_ros.core.solver.improve.state_arcs import add_exceeded_bounds
+from obc_ros.core.solver.nlp.meter import Meter
+from obc_ros.core.solver.starts.initial_guess import estimate_scales
+from obc_ros.core.solver.transcription.mesh import build_path
+import problems
+import pytest
+
+LIMIT = 0.1
+FREE = (np.nan,)
+
+
+def bryson_denham(least: float):
+    """
+    Return the problem from 0 back to 0 in 1 s with the least u^2/2 below x = l = 0.1.
+
+    J = 4/(9 l), u(0) = -2/(3 l). There is a bound of u + v, too.
+    """
+    return problems.pose(
+        {'x': 'v', 'v': 'u'}, 'u**2/2', (0, 1), 1, terminal_constraints=['x', 'v + 1'],
+        state_bounds={'x': [None, LIMIT]},
+        path_constraints=[{'expr': 'u + v', 'lower': least, 'upper': None}])
+
+
+def solve_on_phases(problem):
+    ends = np.array([0, 3 * LIMIT, 1 - 3 * LIMIT, 1])
+    t = np.linspace(0, 1, 21)
+    x = LIMIT * np.column_stack([np.sin(np.pi * t), np.cos(np.pi * t) / LIMIT])
+    u = -2 / (3 * LIMIT) * np.maximum(1 - np.minimum(t, 1 - t) / (3 * LIMIT), 0)[:, None]
+    guess = build_path(t, x, u[:-1], u[1:], np.array([1.0]))
+    arcs = [Arc(float(a), float(b), FREE, (on, 0, 0))
+            for a, b, on in zip(ends[:-1], ends[1:], (0, 1, 0), strict=True)]
+    program = PhasedProgram(problem, (False,))
+    return program, program.solve(
+        problem, arcs, [np.full(6, 1 / 6)] * 3, guess, estimate_scales(problem, guess),
+        np.ones(2, dtype=bool), Meter())
+
+
+def test_a_constraint_that_is_never_active_has_no_multiplier():
+    """IPOPT leaves multipliers on it; the arcs would be changed by the largest of these."""
+    program, found = solve_on_phases(bryson_denham(-90.0))
+    assert found.converged
+    assert found.cost == pytest.approx(4 / (9 * LIMIT), rel=1e-7)
+    assert not found.eta[:, :, 2].any()
+    assert hold_constraints(found.arcs, found, program.bounds) == found.arcs
+
+
+def test_a_constraint_that_is_active_keeps_its_multiplier():
+    """Without it u + v ends at -1 - 2/(3 l) = -7.67."""
+    program, found = solve_on_phases(bryson_denham(-7.0))
+    assert found.converged
+    assert found.cost > 4 / (9 * LIMIT)
+    assert found.eta[-1, :, 2].min() < 0
+
+
+@pytest.mark.parametrize('sign', [1, -1])
+def test_a_bound_that_is_exceeded_between_points_becomes_active(sign):
+    problem = problems.pose({'x': 'u', 'y': 'u'}, 'u**2', (0, 0), 3, state_bounds={
+        'x': [-1, 1], 'y': [-1, 1]})
+    bounds, t = BoundRates(problem), np.linspace(0, 3, 301)
+    arcs = [Arc(0.0, 1.0, FREE, (0, 0)), Arc(1.0, 2.0, FREE, (0, sign)),
+            Arc(2.0, 3.0, FREE, (0, 0))]
+    # x exceeds its bound around 0.5, y around 1.5, where it is held anyway.
+    value = sign * np.column_stack([1 + 1e-4 - (t - 0.5)**2, 1 + 1e-4 - (t - 1.5)**2])
+    new = add_exceeded_bounds(problem, arcs, bounds, t, value)
+    assert [arc.on for arc in new] == [(0, 0), (sign, 0), (0, 0), (0, sign), (0, 0)]
+    assert (new[1].start, new[1].end) == pytest.approx((0.49, 0.51), abs=0.011)
+    assert add_exceeded_bounds(problem, arcs, bounds, t, value * (1 - 1e-3)) is arcs
