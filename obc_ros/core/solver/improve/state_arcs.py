@@ -18,7 +18,6 @@ import numpy as np
 from obc_ros.core.numerics.arrays import Array, Mask
 from obc_ros.core.numerics.collocation import build_collocation
 from obc_ros.core.numerics.samples import find_runs
-from obc_ros.core.ocp.certificate.certificate import TOLERANCES
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.ocp.solution import Condition, Solution, Verdict
 from obc_ros.core.solver.adjoint.costates import CostateIntegrator
@@ -394,7 +393,8 @@ def _settled_on(bench: Bench, program: PhasedProgram, outcome: TranscriptionOutc
             continue
         new = reread_arcs(problem, program, judge, found, answer, value, options)
         if get_signature(new) == get_signature(found.arcs):
-            new = add_exceeded_bounds(problem, new, program.bounds, answer.t, value)
+            new = add_exceeded_bounds(problem, new, program.bounds, answer.t, value,
+                                      answer.certificate.tolerances[Condition.BOUNDS])
         if get_signature(new) != get_signature(found.arcs):
             turn = turn.like(found, new)
             continue
@@ -585,18 +585,19 @@ def add_touching_arcs(problem: Problem, arcs: list[Arc], found: Phased, bounds: 
 
 
 def add_exceeded_bounds(problem: Problem, arcs: list[Arc], bounds: BoundRates, times: Array,
-                        value: Array) -> list[Arc]:
+                        value: Array, allowed: float) -> list[Arc]:
     """
     Add boundary arcs inside of arcs on which a path exceeds a bound between the points.
 
     A bound may be active for less than an interval, with a multiplier too small to be seen.
-    `value` (N, n + l) are x and the path constraints at `times` (N,).
+    `value` (N, n + l) are x and the path constraints at `times` (N,), `allowed` the violation
+    relative to their sizes.
     """
     size = np.maximum(np.abs(value).max(axis=0), 1e-300)
     found = []
     for sign, bound in ((1, np.append(problem.x_upper, problem.path_upper)),
                         (-1, np.append(problem.x_lower, problem.path_lower))):
-        over = sign * (value - bound) > TOLERANCES[Condition.BOUNDS] * size
+        over = sign * (value - bound) > allowed * size
         for row in np.flatnonzero(over.any(axis=0) & (bounds.orders > 0)).tolist():
             for first, last in find_runs(over[:, row]):
                 start, end = times[max(first - 1, 0)], times[min(last + 1, len(times) - 1)]

@@ -70,7 +70,7 @@ def test_a_bound_that_is_exceeded_between_points_becomes_active(sign):
             Arc(2.0, 3.0, FREE, (0, 0))]
     # x exceeds its bound around 0.5, y around 1.5, where it is held anyway.
     value = sign * np.column_stack([1 + 1e-4 - (t - 0.5)**2, 1 + 1e-4 - (t - 1.5)**2])
-    new = add_exceeded_bounds(problem, arcs, bounds, t, value)
+    new = add_exceeded_bounds(problem, arcs, bounds, t, value, 1e-6)
     assert [arc.on for arc in new] == [(0, 0), (sign, 0), (0, 0), (0, sign), (0, 0)]
     assert (new[1].start, new[1].end) == pytest.approx((0.49, 0.51), abs=0.011)
-    assert add_exceeded_bounds(problem, arcs, bounds, t, value * (1 - 1e-3)) is arcs
+    assert add_exceeded_bounds(problem, arcs, bounds, t, value * (1 - 1e-3), 1e-6) is arcs
