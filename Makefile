@@ -63,7 +63,7 @@ pure: .venv-pure/.requirements ## the wheel without ROS 2 in .venv-pure, and the
 	@echo 'obc_ros: the pure wheel into .venv-pure'
 	@OBC_ROS_PURE=1 .venv-pure/bin/python -m pip --disable-pip-version-check install -qq \
 		--no-deps --no-build-isolation --force-reinstall .
-	.venv-pure/bin/pytest -n 2 --dist load --maxschedchunk 1 -m check $(ARGS)
+	.venv-pure/bin/pytest -n 2 --dist load --maxschedchunk 1 -m 'check and not nodes' $(ARGS)
 
 kernel: setup ## the solver's tests with another kernel of OpenBLAS (KERNEL=Haswell|Nehalem|...)
 	OPENBLAS_CORETYPE=$(KERNEL) $(BIN)/pytest -n 2 --dist load --maxschedchunk 1 -m 'not nodes' $(ARGS) $(SOLVER)

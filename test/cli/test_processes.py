@@ -77,6 +77,7 @@ def test_logs_go_to_the_temporary_folder_without_a_home(tmp_path, monkeypatch, h
     assert os.environ.get('ROS_LOG_DIR') == (tempfile.gettempdir() if temporary else None)
 
 
+@pytest.mark.ros
 @pytest.mark.slow
 def test_an_output_folder_is_locked_by_its_command(tmp_path):
     folder = tmp_path / 'out'
