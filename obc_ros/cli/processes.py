@@ -20,9 +20,9 @@ import subprocess
 import sys
 import tempfile
 import time
-from types import FrameType, TracebackType
-from typing import ClassVar
+from types import TracebackType
 
+from obc_ros.cli.signals import EndSignals
 from obc_ros.core.text.errors import ObcError
 from obc_ros.ros.middleware import choose_profile
 
@@ -41,10 +41,6 @@ _LIBC = ctypes.CDLL(None, use_errno=True)
 
 class ProcessDiedError(ObcError):
     """A child ended by itself; the message has its name, exit status and last output."""
-
-
-class InterruptedByUserError(ObcError):
-    """The user or the system asked the command to end."""
 
 
 @contextmanager
@@ -201,21 +197,14 @@ class Children:
     later. Each child has a log file for its output. A signal to end reaches all nested instances.
     """
 
-    _open: ClassVar[int] = 0
-    _stop_signal: ClassVar[int] = 0
-
     def __init__(self, log_dir: Path) -> None:
         self._log_dir = log_dir
+        self._signals = EndSignals()
         self._children: dict[str, subprocess.Popen[bytes]] = {}
 
     def __enter__(self) -> 'Children':
         self._log_dir.mkdir(parents=True, exist_ok=True)
-        if not Children._open:
-            Children._stop_signal = 0
-        Children._open += 1
-        self._previous = {
-            number: signal.signal(number, self._on_signal)
-            for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)}
+        self._signals.__enter__()
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None,
@@ -230,13 +219,7 @@ class Children:
             except subprocess.TimeoutExpired:
                 child.kill()
                 child.wait()
-        for number, handler in self._previous.items():
-            signal.signal(number, handler)
-        Children._open -= 1
-
-    @staticmethod
-    def _on_signal(number: int, frame: FrameType | None) -> None:
-        Children._stop_signal = number  # seen by check(): nothing is torn down inside a handler
+        self._signals.__exit__(kind, error, trace)
 
     def start(self, node: str, *arguments: str) -> None:
         """Start one of this package's nodes with its ROS arguments."""
@@ -262,8 +245,7 @@ class Children:
         ProcessDiedError, InterruptedByUserError
 
         """
-        if self._stop_signal:
-            raise InterruptedByUserError(f'ended by {signal.Signals(self._stop_signal).name}')
+        self._signals.check()
         for node, child in self._children.items():
             code = child.poll()
             if code is not None:

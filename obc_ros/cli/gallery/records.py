@@ -16,9 +16,10 @@ from obc_ros.cli.gallery import drawing
 from obc_ros.cli.gallery.entry import GalleryEntry
 from obc_ros.cli.gallery.page import render_page, strip_markup
 from obc_ros.cli.gallery.runner import Desk
-from obc_ros.cli.processes import Children, InterruptedByUserError, isolate, reserve_domain
+from obc_ros.cli.processes import Children, isolate, reserve_domain
 from obc_ros.cli.results import save_figure
 from obc_ros.cli.results import write as write_json
+from obc_ros.cli.signals import InterruptedByUserError
 from obc_ros.core.library.json_values import convert_to_json
 from obc_ros.core.text.errors import ObcError
 
