@@ -114,6 +114,7 @@ $(VENV)/.requirements: $(REQUIRED) | $(BIN)/python
 $(VENV)/.obc_ros: $(VENV)/.requirements $(SOURCES)
 	@$(SHOWN) 'messages, services, action (a minute at first)' \
 		$(PIP) install --no-deps --no-build-isolation --editable .
+	@$(BIN)/python -m compileall -q obc_ros  # pip compiles what it copies; commands start faster
 	@touch $@
 
 $(VENV)/.develop: $(VENV)/.obc_ros requirements/develop.txt
