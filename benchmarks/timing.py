@@ -188,6 +188,7 @@ def _si(seconds: float) -> str:
 
 
 def _processor() -> str:
-    lines = Path('/proc/cpuinfo').read_text(encoding='utf-8').splitlines()
+    file = Path('/proc/cpuinfo')  # of Linux
+    lines = file.read_text(encoding='utf-8').splitlines() if file.exists() else []
     names = [line.split(':', 1)[1].strip() for line in lines if line.startswith('model name')]
     return names[0] if names else platform.machine()
