@@ -1,22 +1,18 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""
-A client of the trajectory server: of a running one, or of one that the command starts.
-
-A server that the command starts runs on an unused domain and ends with the command.
-"""
+"""A client of the trajectory server: of a running one, or of one that the command starts."""
 
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, ExitStack
+from contextlib import contextmanager
 import os
-from pathlib import Path
 import socket
-import tempfile
 from typing import Any
 
 from obc_ros.action import SolveOptimalControl
-from obc_ros.cli.processes import APPEARS, Children, isolate, reserve_domain
+from obc_ros.cli.processes import APPEARS, Children
 from obc_ros.cli.ros_graph import Graph, join_graph, ServerLostError
+from obc_ros.cli.signals import EndSignals
+from obc_ros.core.text.errors import ObcError
 from obc_ros.ros.service_qos import BURST
 from rcl_interfaces.srv import GetParameters
 import rclpy
@@ -39,15 +35,18 @@ class Client(Graph):
     def __init__(self, context: rclpy.Context, check: Callable[[], None]) -> None:
         super().__init__(context, check, 'obc')
 
-    def find(self, timeout: float) -> bool:
+    def find(self, timeout: float, name: str = '') -> bool:
         """Look for a server for `timeout` seconds; return whether one was found."""
         def look() -> str:
-            found = sorted(name for name, types in get_action_names_and_types(self.node)
-                           if ACTION in types)
-            return found[0].rpartition('/')[0] if found else ''
+            return next((each for each in self.list_servers() if name in ('', each)), '')
 
         self.server = self.until(look, timeout)
         return bool(self.server)
+
+    def list_servers(self) -> list[str]:
+        """Return the full names of the known servers, sorted."""
+        return sorted(name.rpartition('/')[0] for name, types in get_action_names_and_types(
+            self.node) if ACTION in types)
 
     def ask(self, service_type: Any, name: str, request: Any) -> Any:
         """Return the response of the server's service `name`."""
@@ -69,34 +68,35 @@ class Client(Graph):
 
 
 @contextmanager
-def connect_client(*parameters: str) -> Iterator[Client]:
+def connect_client(server: str = '') -> Iterator[Client]:
     """
-    Yield a client of a running server, or of one that is started with `parameters`.
+    Yield a client of a running server.
 
     Parameters
     ----------
-    *parameters : str
-        ``name:=value``, for a server that is started here.
+    server : str
+        Its full name; empty: the first one by name.
 
     Raises
     ------
-    ProcessDiedError, InterruptedByUserError, ServerLostError
-        If a started server ends, on a signal, or if the server disappears. Methods of the client
-        raise them, too.
+    InterruptedByUserError, ServerLostError
+        On a signal, or if the server disappears. Methods of the client raise them, too.
     ObcError
-        If ROS 2 does not start in this environment.
+        If no such server is running, or if ROS 2 does not start in this environment.
 
     """
-    with ExitStack() as stack:
-        folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix='obc_')))
-        children = stack.enter_context(Children(folder))
-        look = LOOK_HERE if is_domain_used() else CLIENT_LOOK
-        with join_graph(children.check, Client) as client:
-            if client.find(look):
-                yield client
-                return
-        isolate(stack.enter_context(reserve_domain()))
-        yield stack.enter_context(serve_client(children, *parameters))
+    with EndSignals() as signals, join_graph(signals.check, Client) as client:
+        if not client.find(LOOK_HERE if is_domain_used() else CLIENT_LOOK, server):
+            raise ObcError(_report_servers(server, client.list_servers()))
+        yield client
+
+
+def _report_servers(wanted: str, running: list[str]) -> str:
+    if running:
+        return f'no trajectory_server {wanted} is running; there is {", ".join(running)}'
+    domain = os.environ.get('ROS_DOMAIN_ID') or '0'
+    return (f'no trajectory_server runs on ROS_DOMAIN_ID={domain}: start one '
+            '(obc run obc_ros trajectory_server), or leave out --server')
 
 
 @contextmanager

@@ -12,7 +12,7 @@ import argparse
 import atexit
 from collections.abc import Sequence
 import gc
-from importlib import import_module, metadata, util
+from importlib import import_module, util
 import os
 import signal
 import sys
@@ -54,6 +54,7 @@ class Version(argparse.Action):
 
     def __call__(self, parser: argparse.ArgumentParser, *_: object) -> None:
         """Print the version of the distribution and exit."""
+        from importlib import metadata  # 20 ms
         print(f'obc_ros {metadata.version("obc_ros")}')
         parser.exit()
 

@@ -12,13 +12,15 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 import json
+import math
 from pathlib import Path
 import re
-from typing import Any, TypeVar
+from typing import Any, ClassVar, TypeVar
 
 from obc_ros.core.library.json_values import convert_to_json
 from obc_ros.core.text.errors import DynamicsError, ObcError, quote, StatementError
 from obc_ros.core.text.yaml_files import FileEntry, read_entries
+from obc_ros.workers.wire import Packet
 
 LONGEST = 200  # [bytes] of the name of a result's file, without its extension
 
@@ -30,8 +32,11 @@ class Asked(ABC):
 
     `where` is the file, and the position in a list; `file_name` is that of the result, without
     extension; `label` is the name, with `where` if the name is not unique; `renamed` is set if
-    the file name was taken.
+    the file name was taken. `took` is the time [s] from the request to the result. `kind` is that
+    of the request.
     """
+
+    kind: ClassVar[str]
 
     name: str
     where: str
@@ -40,10 +45,19 @@ class Asked(ABC):
     renamed: bool = False
     status: str = ''
     message: str = ''
+    took: float = math.nan
 
     @abstractmethod
     def take(self, entry: dict[str, Any]) -> None:
         """Check and keep an entry; raise StatementError or DynamicsError."""
+
+    @abstractmethod
+    def make_request(self) -> Packet:
+        """Return the request to a worker."""
+
+    @abstractmethod
+    def take_response(self, response: Packet) -> None:
+        """Keep the response of a worker, which has a status and a message at least."""
 
     @abstractmethod
     def as_json(self) -> dict[str, Any]:
@@ -118,6 +132,17 @@ def add_arguments(parser: argparse.ArgumentParser, what: str) -> None:
                         help='write each result to DIR, as JSON')
     parser.add_argument('--plot', metavar='DIR', type=Path,
                         help='write a figure of each result to DIR')
+    parser.add_argument('--server', metavar='NAME', nargs='?', const='', type=_server_name,
+                        help='ask a running trajectory_server over ROS: any, or that of a name '
+                             '(default: processes of this command, without ROS)')
+
+
+def _server_name(text: str) -> str:
+    """Return the full name of a server; empty: any."""
+    if not re.fullmatch(r'|/?[A-Za-z_]\w*(/[A-Za-z_]\w*)*', text, re.ASCII):
+        raise argparse.ArgumentTypeError(
+            f"wanted the name of a node, found '{quote(text)}'; write --server after the files")
+    return f'/{text.removeprefix("/")}' if text else ''
 
 
 def make_folders(args: argparse.Namespace) -> None:

@@ -50,9 +50,22 @@ class PlainLines:
         print(quote(f'{name}: {text}', None), file=sys.stderr, flush=True)
 
 
+class HiddenLines:
+    """Nothing, for tasks that take milliseconds."""
+
+    def update(self, name: str, text: str) -> None:
+        """Print nothing."""
+
+    def end(self, name: str, text: str) -> None:
+        """Print nothing."""
+
+
 @contextmanager
-def show_progress() -> Iterator[Lines]:
+def show_progress(hidden: bool = False) -> Iterator[Lines]:
     """Yield a display of progress; on a terminal its lines are updated."""
+    if hidden:
+        yield HiddenLines()
+        return
     if not sys.stderr.isatty():
         yield PlainLines()
         return

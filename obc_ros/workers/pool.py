@@ -183,6 +183,11 @@ class Pool:
                 worker.wanted = False
             self._changed.notify_all()
 
+    def wait_for_start(self, timeout: float) -> bool:
+        """Return whether a worker has been ready or failed to start within `timeout` seconds."""
+        with self._changed:
+            return self._changed.wait_for(lambda: self.has_started, timeout)
+
     def submit(self, job: Job) -> None:
         """Accept a request; its time limit counts from now on."""
         with self._changed:

@@ -44,7 +44,7 @@ def compute_affinity(request: Packet) -> str:
     Parameters
     ----------
     request : Packet
-        Of any kind; a statement has no empty sections.
+        Of any kind; it may be invalid.
 
     Returns
     -------
@@ -56,10 +56,11 @@ def compute_affinity(request: Packet) -> str:
     shape = [given.get(key) for key in ('system', 'states', 'inputs', 'dynamics', 'running_cost',
                                         'terminal_cost', 'terminal_constraints')]
     shape += [given.get(key) for key in (
-        'initial_cost', 'initial_constraints', 'boundary_constraints', 'periodic',
-        'phases')]
-    shape.append(sorted(name for name, value in given.get('initial_state', {}).items()
-                        if value is None or isinstance(value, list)))
-    names = [sorted(given.get(key, ())) for key in (
-        'parameters', 'free_parameters', 'input_bounds', 'state_bounds')]
+        'initial_cost', 'initial_constraints', 'boundary_constraints', 'periodic', 'phases')]
+    start = given.get('initial_state')
+    shape.append(sorted(name for name, value in start.items() if value is None or isinstance(
+        value, list)) if isinstance(start, dict) else None)
+    names = [sorted(section) for section in map(given.get, (
+        'parameters', 'free_parameters', 'input_bounds', 'state_bounds'))
+        if isinstance(section, dict)]
     return re.sub(r'[\d.]+', '0', json.dumps([shape, names, given.get('path_constraints')]))

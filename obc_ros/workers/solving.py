@@ -40,7 +40,7 @@ def solve_statement(request: Packet, time_limit: float, report: Report, keep: Ke
     """
     plain = request.plain
     problem, options = build_problem(plain['statement']), read_options(plain.get('options', ()))
-    system = plain['statement'].get('system', '')
+    system = plain['statement'].get('system') or ''
     solution = solve(problem, method=plain['method'], time_limit=time_limit,
                      report=report, cache=get_cache(plain['cache_size']),
                      max_intervals=plain.get('max_intervals', MAX_INTERVALS),

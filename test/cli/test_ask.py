@@ -7,155 +7,75 @@ import json
 import math
 import os
 from pathlib import Path
-import signal
-import time
+import subprocess
+import sys
 
-from _endless import endless  # of benchmarks/
-from diagnostic_msgs.msg import DiagnosticArray
-import numpy as np
-from obc_ros.cli import client, results, ros_graph, terminal
-from obc_ros.cli.ask.problem_requests import Question
+from asking import check_malformed, read_json, SCALAR
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from obc_ros.cli import results, terminal
+from obc_ros.cli.ask.problem_requests import is_plain, Question
 from obc_ros.cli.ask.regulator_requests import Case
 from obc_ros.cli.obc import main
 from obc_ros.core.systems import registry
-from obc_ros.srv import SolveOptimalControl
+from obc_ros.workers.wire import pack, Packet, unpack
 import problems
 import pytest
-from support import children, wait_for
 import yaml
-
-pytestmark = pytest.mark.nodes
-
-KEYS = ['name', 'status', 'message', 'objective', 't', 'x', 'u', 'lam', 'interpolation',
-        'switching_times', 'certificate', 'optimality', 'attempts', 'solve_time', 'build_time',
-        'iterations']
-SCALAR = {
-    'name': 'scalar', 'states': ['x'], 'inputs': ['u'], 'dynamics': {'x': 'u'},
-    'running_cost': 'u**2', 'terminal_cost': 'x**2', 'initial_state': {'x': 1},
-    'final_time': {'free': False, 'value': 1}}
-ENDLESS = endless(12)
-
-
-@pytest.fixture
-def obc(spawn, request, tmp_path):
-    """Return a function that runs `obc` on files and returns status, JSON by name, output."""
-    def run(command, files, *options, server=False, end=lambda process: process.wait(60.0)):
-        if server:
-            spawn('trajectory_server', {'workers': 2})
-            ready(request.getfixturevalue('probe'))
-        folder = tmp_path / 'in'
-        folder.mkdir(exist_ok=True)
-        for name, content in files.items():
-            if content is not None:
-                text = content if isinstance(content, str) else yaml.safe_dump(content)
-                (folder / name).write_text(text)
-        paths = [str(folder / name) for name in files]
-        process = spawn('obc', arguments=[command, *paths, '--json', str(tmp_path), *options])
-        status = end(process)
-        found = {path.stem: read(path) for path in tmp_path.glob('*.json')}
-        return status, found, process.output()
-    return run
-
-
-def ready(probe):
-    """Wait until the server offers its services."""
-    client_ = probe.node.create_client(SolveOptimalControl, '/trajectory_server/solve')
-    probe.wait_for(client_.service_is_ready, what='the server')
-
-
-def read(path):
-    """Return the content of a JSON file; refuse NaN and infinity, which are not JSON."""
-    def refuse(constant):
-        raise AssertionError(f'{constant} in {path.name}')
-    return json.loads(path.read_text(), parse_constant=refuse)
-
-
-def test_certified_solutions_exit_with_0(obc, tmp_path):
-    names = ['lq_scalar_unit', 'di_mintime_rest']
-    status, found, output = obc('solve', {
-        f'{name}.yaml': (problems.FOLDER / f'{name}.yaml').read_text() for name in names},
-        '--plot', str(tmp_path))
-    assert status == 0, output
-    assert sorted(found) == sorted(names)
-    for name in names:
-        problem = problems.read(name)
-        answer = found[name]
-        assert list(answer) == KEYS
-        assert (answer['name'], answer['status']) == (name, 'solved')
-        assert answer['objective'] == pytest.approx(
-            problem['expected']['objective'], abs=problem['expected']['tolerance'])
-        for key, names_ in (('x', 'states'), ('u', 'inputs'), ('lam', 'states')):
-            assert list(answer[key]) == problem[names_]
-            assert {len(column) for column in answer[key].values()} == {len(answer['t'])}
-        certificate = answer['certificate']
-        assert certificate['holds'] is True
-        assert certificate['residuals'].keys() == certificate['tolerances'].keys()
-        assert all(certificate['residuals'][each] <= bound
-                   for each, bound in certificate['tolerances'].items())
-        assert (tmp_path / f'{name}.png').read_bytes().startswith(b'\x89PNG')
-        assert name in output
-        assert answer['optimality']['kind'] == 'global'
-        assert f"global ({answer['optimality']['reason']})" in output
-    assert found['di_mintime_rest']['switching_times'] == pytest.approx([1.0], abs=1e-3)
-
-
-def test_its_own_server_ends_with_the_command(obc):
-    started = []
-
-    def watch(process):
-        [server] = wait_for(lambda: children(process.pid))
-        started.extend([server, *wait_for(lambda: children(server))])
-        return process.wait(60.0)
-
-    assert obc('solve', {'scalar.yaml': SCALAR}, end=watch)[0] == 0
-    wait_for(lambda: not any(Path(f'/proc/{pid}').exists() for pid in started))
-    started.clear()
-
-    def kill(process):
-        [server] = wait_for(lambda: children(process.pid))
-        started.extend([server, *wait_for(lambda: children(server))])
-        process.kill()
-        return 0
-
-    obc('solve', {'endless.yaml': ENDLESS}, end=kill)
-    wait_for(lambda: not any(Path(f'/proc/{pid}').exists() for pid in started))
-
-
-def test_a_running_server_is_used(obc, probe):
-    diagnostics = probe.listen(DiagnosticArray, '/diagnostics')
-    status, found, output = obc('solve', {'list.yaml': [
-        {**SCALAR, 'name': 'one'}, {**SCALAR, 'name': 'two', 'initial_state': {'x': 2}}]},
-        server=True)
-    assert status == 0, output
-    assert sorted(found) == ['one', 'two']
-    assert found['one']['objective'] == pytest.approx(0.5)
-    assert found['two']['objective'] == pytest.approx(2.0)
-    probe.wait_for(lambda: diagnostics and {
-        each.key: each.value for each in diagnostics[-1].status[0].values}['requests'] == '2')
 
 
 @pytest.mark.parametrize('content, words', [
     ('states: [x\n  nonsense: {', ''), ('', 'mapping'), ('- 1', 'mapping'), ('[]', 'empty'),
-    ({**SCALAR, 'gravity': 9.81}, 'gravity'), ({**SCALAR, 'running_cost': '().__class__'}, 'cost'),
-    ({**SCALAR, 'initial_state': {'x': math.nan}}, 'initial_state'),
-    ({**SCALAR, 'states': 7}, 'states'), ('a: 1\na: 2', 'twice'), ('\0\x01', ''),
-    ('!!python/object/apply:os.system [ls]', ''),
+    ('a: 1\na: 2', 'twice'), ('\0\x01', ''), ('!!python/object/apply:os.system [ls]', ''),
 ], ids=str)
-def test_a_malformed_problem_exits_with_2_and_has_its_json(tmp_path, capsys, content, words):
+def test_a_malformed_file_exits_with_2_and_has_its_json(tmp_path, capsys, content, words):
     file = tmp_path / 'bad.yaml'
-    file.write_text(content if isinstance(content, str) else yaml.safe_dump(content))
+    file.write_text(content)
     assert main(['solve', str(file), '--json', str(tmp_path)]) == 2
     output = capsys.readouterr().out
-    [answer] = map(read, tmp_path.glob('*.json'))
-    assert list(answer) == KEYS
-    assert answer['status'] == 'malformed'
+    [answer] = map(read_json, tmp_path.glob('*.json'))
+    check_malformed(answer)
     assert words in answer['message']
     assert answer['message'] in output
-    assert answer['objective'] is None
-    assert answer['certificate'] == {'holds': False, 'residuals': {}, 'tolerances': {}}
-    assert answer['optimality'] == {'kind': '', 'reason': '', 'starts': 0, 'minima': []}
 
 
+@pytest.mark.parametrize('change, words', [
+    ('initial_state: {x: 2020-01-01}', 'initial_state.x: wanted a number or an expression, found '
+     'a date'), ('1: 2', '1: unknown key'), ('states: &a [*a]', 'states'),
+    (f'parameters: {{a: 0x{"f" * 5000}}}', 'parameters.a'),
+    ('\n'.join(['parameters:', *(f'{" " * k}a:' for k in range(1, 60))]), 'parameters.a'),
+    ('\n'.join(['parameters:', '  a0: &a0 [1, 1]', *(
+        f'  a{k}: &a{k} [*a{k - 1}, *a{k - 1}]' for k in range(1, 60))]), 'parameters.a0'),
+    ('states: !!set {x}', 'states: wanted a list'), ('inputs: !!binary eA==', 'inputs')])
+def test_a_statement_that_cannot_be_sent_is_malformed(tmp_path, change, words):
+    """Values that JSON does not have, repetitions without bound, and nesting."""
+    key = change.partition(':')[0]
+    statement = yaml.safe_dump({name: value for name, value in SCALAR.items() if name != key})
+    file = tmp_path / 'bad.yaml'
+    file.write_text(f'{statement}{change}\n')
+    [asked] = results.read_questions(Question, [file])
+    assert asked.status == 'malformed'
+    assert words in asked.message
+
+
+def test_a_note_of_any_type_is_accepted(tmp_path):
+    file = tmp_path / 'dated.yaml'
+    file.write_text(f'{yaml.safe_dump(SCALAR)}source: 2010-01-04\nnotes: {{1: [2, 3]}}\n')
+    [asked] = results.read_questions(Question, [file])
+    assert not asked.status
+    assert asked.make_request().plain['statement'] == SCALAR
+
+
+@settings(max_examples=25)
+@given(st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats(allow_nan=False) | st.text(),
+    lambda inside: st.lists(inside) | st.dictionaries(st.text(), inside)))
+def test_what_is_plain_is_unchanged_by_a_packet(value):
+    assert is_plain(value)
+    assert unpack(pack(Packet({'value': value}))).plain == {'value': value}
+
+
+@pytest.mark.slow
 def test_the_local_minima_and_the_search_are_reported(obc):
     text = (problems.FOLDER / 'aircraft_5.yaml').read_text()
     status, found, output = obc('solve', {'aircraft_5.yaml': text}, '--trace')
@@ -175,87 +95,12 @@ def test_the_local_minima_and_the_search_are_reported(obc):
     assert f"local, best of {len(known['minima'])}" in output
 
 
-def test_a_missing_file_does_not_stop_the_other_files(obc):
-    status, found, _ = obc('solve', {'good.yaml': SCALAR, 'missing.yaml': None}, server=True)
-    assert status == 2
-    assert {name: answer['status'] for name, answer in found.items()} == {
-        'good': 'solved', 'missing': 'malformed'}
-
-
-def test_a_timeout_exits_with_1(obc):
-    status, found, output = obc('solve', {'endless.yaml': ENDLESS, 'scalar.yaml': SCALAR},
-                                '--time-limit', '0.8', server=True)
-    assert status == 1, output
-    assert found['endless']['status'] == 'timed_out'
-    assert found['scalar']['status'] == 'solved'
-    assert found['endless']['message'] in output
-
-
-def test_a_tiny_time_limit_gives_a_timeout(obc):
-    status, found, output = obc('solve', {'endless.yaml': ENDLESS}, '--time-limit', '1e-5')
-    assert status == 1, output
-    assert found['endless']['status'] == 'timed_out', output
-
-
 @pytest.mark.parametrize('line', [
     ['--time-limit', '-1'], ['--time-limit', 'nan'], ['--time-limit', '1e5'], ['--speed']])
 def test_a_malformed_command_line_exits_with_2(line):
     with pytest.raises(SystemExit) as exit_:
         main(['solve', 'scalar.yaml', *line])
     assert exit_.value.code == 2
-
-
-@pytest.mark.parametrize('server', [True, False])
-def test_ctrl_c_cancels_the_requests(obc, probe, clock, server):
-    diagnostics = probe.listen(DiagnosticArray, '/diagnostics')
-
-    def busy():
-        return diagnostics and {
-            each.key: each.value for each in diagnostics[-1].status[0].values}['busy']
-
-    def interrupt(process):
-        if server:
-            probe.wait_for(lambda: busy() == '1', what='the server solves')
-        else:
-            [server_] = wait_for(lambda: children(process.pid))
-            wait_for(lambda: children(server_))
-        begun = time.monotonic()
-        status = process.interrupt()
-        assert clock.since(begun) < 2.5
-        return status
-
-    status, found, output = obc('solve', {'endless.yaml': ENDLESS, 'scalar.yaml': '{'},
-                                server=server, end=interrupt)
-    assert status == 2
-    assert found['scalar']['status'] == 'malformed'
-    assert found['endless']['status'] == 'cancelled', output
-    assert 'Traceback' not in output
-    if server:
-        probe.wait_for(lambda: busy() == '0', what='the server is idle again')
-
-
-def test_the_death_of_its_own_server_is_reported(obc):
-    def kill(process):
-        [server] = wait_for(lambda: children(process.pid))
-        wait_for(lambda: len(children(server)) == 2)
-        os.kill(server, signal.SIGKILL)
-        return process.wait()
-
-    status, found, output = obc('solve', {'endless.yaml': ENDLESS}, end=kill)
-    assert status == 1
-    assert found['endless']['status'] == 'not_converged'
-    assert 'trajectory_server was ended by SIGKILL' in found['endless']['message'], output
-
-
-def test_waiting_for_a_lost_server_ends(probe, clock, monkeypatch):
-    monkeypatch.setattr(ros_graph, 'SILENCE', 0.2)
-    lonely = client.Client(probe.context, lambda: None)
-    begun = time.monotonic()
-    with pytest.raises(client.ServerLostError, match='does not respond any more'):
-        lonely.wait(lambda: False, lambda: time.monotonic() < begun + 0.3)
-    assert time.monotonic() - begun >= 0.45
-    assert clock.since(begun) < 5.0
-    lonely.close()
 
 
 @pytest.mark.parametrize('line', [
@@ -276,20 +121,6 @@ def test_an_unwritable_file_is_reported_after_the_results(tmp_path, capsys):
     output = capsys.readouterr()
     assert 'missing.yaml: cannot be read' in output.out
     assert 'missing.json cannot be written: Is a directory' in output.err
-
-
-@pytest.mark.parametrize(('command', 'status', 'question'), [
-    ('solve', 'not_converged', SCALAR),
-    ('lqr', 'refused', {'A': [[0]], 'B': [[1]], 'Qx': [1], 'Qu': [1]})])
-def test_an_invalid_ros_environment_is_reported(tmp_path, monkeypatch, capsys, command, status,
-                                                question):
-    monkeypatch.setenv('ROS_DOMAIN_ID', 'one')
-    (tmp_path / 'good.yaml').write_text(yaml.safe_dump(question))
-    assert main([command, str(tmp_path / 'good.yaml'), '--json', str(tmp_path)]) == 1
-    answer = read(tmp_path / 'good.json')
-    assert answer['status'] == status
-    assert 'ROS_DOMAIN_ID is not an integral number' in answer['message']
-    assert answer['message'] in capsys.readouterr().out
 
 
 def test_file_names_are_safe_and_unique(tmp_path):
@@ -331,24 +162,9 @@ def test_hostile_names_are_escaped(tmp_path, capsys):
     assert max(map(len, shown.splitlines())) < 200
     assert '\\x1b[31mred' in shown
     assert '\\ud800' in shown
-    found = [read(path) for path in (tmp_path / 'out').glob('*.json')]
+    found = [read_json(path) for path in (tmp_path / 'out').glob('*.json')]
     assert {answer['name'] for answer in found} == set(names)
     assert {answer['status'] for answer in found} == {'malformed'}
-
-
-@pytest.mark.parametrize(('command', 'status', 'question'), [
-    ('solve', 'cancelled', SCALAR),
-    ('lqr', 'refused', {'A': [[0]], 'B': [[1]], 'Qx': [1], 'Qu': [1]})])
-def test_an_interrupt_before_connecting_still_writes_the_json(tmp_path, monkeypatch, command,
-                                                              status, question):
-    def interrupted(*_):
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(client, 'connect_client', interrupted)
-    (tmp_path / 'good.yaml').write_text(yaml.safe_dump(question))
-    assert main([command, str(tmp_path / 'good.yaml'), '--json', str(tmp_path)]) == 1
-    answer = read(tmp_path / 'good.json')
-    assert (answer['status'], answer['message']) == (status, 'ended by SIGINT')
 
 
 @pytest.mark.parametrize('command', ['solve', 'lqr'])
@@ -358,15 +174,7 @@ def test_files_are_written_when_printing_fails(tmp_path, monkeypatch, command):
 
     monkeypatch.setattr(terminal, 'print_table', gone)
     assert main([command, 'missing.yaml', '--json', str(tmp_path)]) == 1
-    assert read(tmp_path / 'missing.json')['status'] == 'malformed'
-
-
-def test_a_bad_problem_in_a_list_does_not_stop_the_others(obc):
-    status, found, _ = obc('solve', {'list.yaml': [
-        {**SCALAR, 'name': 'good'}, 'nonsense', {**SCALAR, 'name': 'bad', 'dynamics': {}}]})
-    assert status == 2
-    assert {name: answer['status'] for name, answer in found.items()} == {
-        'good': 'solved', 'list_2': 'malformed', 'bad': 'malformed'}
+    assert read_json(tmp_path / 'missing.json')['status'] == 'malformed'
 
 
 def test_a_bad_case_in_a_list_does_not_stop_the_others(tmp_path, capsys):
@@ -391,43 +199,15 @@ def test_a_file_with_a_plant_and_a_problem_is_read_as_both(tmp_path):
     file.write_text(yaml.safe_dump({
         **SCALAR, 'units': {'x': 'm'}, 'angles': ['x'], 'setpoint': {'x': 0}}))
     [asked] = results.read_questions(Question, [file])
-    assert asked.problem
+    assert asked.build_problem().states == ('x',)
     assert not asked.status
     assert registry.load_system(file).states[0].unit == 'm'
 
 
 def test_json_has_null_for_nan_and_infinity(tmp_path):
     results.write(tmp_path, 'x', {'a': [1.0, math.nan, {'b': -math.inf}], 'c': (True, None, 'd')})
-    assert read(tmp_path / 'x.json') == {'a': [1.0, None, {'b': None}], 'c': [True, None, 'd']}
-
-
-def test_regulators_are_designed_or_refused(obc, tmp_path):
-    q = 2.0  # Example 2.4: K = (q, sqrt(2 q)), with P and the closed-loop polynomial below
-    cases = [
-        {'name': 'example_2_4', 'A': [[0, 1], [0, 0]], 'B': [[0], [1]],
-         'Qx': [['2**2', 0], [0, 0]], 'Qu': [[1]]},
-        {'name': 'aircraft', 'system': 'aircraft', 'parameters': {'m': '2*2'},
-         'Qx': [100, 1, '2*pi/9', 0, 0, 0], 'Qu': [0.1, 0.1]},
-        {'name': 'bryson', 'system': 'vehicle', 'setpoint_input': [5, 0], 'weights': 'bryson',
-         'x_max': [1, 1, 1], 'u_max': [1, 1]},
-        {'name': 'out_of_reach', 'A': [[1]], 'B': [[0]], 'Qx': [[1]], 'Qu': [[1]]},
-        {'name': 'indefinite', 'A': [[0]], 'B': [[1]], 'Qx': [[1]], 'Qu': [[-1]]}]
-    status, found, output = obc('lqr', {'cases.yaml': cases}, '--plot', str(tmp_path))
-    assert status == 1, output
-    assert {name: each['status'] for name, each in found.items()} == {
-        'example_2_4': 'solved', 'aircraft': 'solved', 'bryson': 'solved',
-        'out_of_reach': 'refused', 'indefinite': 'refused'}
-    assert all(list(each) == ['name', 'status', 'message', 'K', 'P', 'poles']
-               for each in found.values())
-    example = found['example_2_4']
-    assert np.allclose(example['K'], [[q, math.sqrt(2 * q)]], rtol=0, atol=1e-12)
-    assert np.allclose(example['P'], [[math.sqrt(2 * q**3), q], [q, math.sqrt(2 * q)]])
-    poles = [complex(*pole) for pole in example['poles']]
-    assert np.allclose(np.poly(poles), [1, math.sqrt(2 * q), q])
-    assert 'uncontrollable' in found['out_of_reach']['message']
-    assert 'Qu[0] = -1' in found['indefinite']['message']
-    assert len(found['aircraft']['K']) == 2
-    assert {path.stem for path in tmp_path.glob('*.png')} == {'example_2_4', 'aircraft', 'bryson'}
+    assert read_json(tmp_path / 'x.json') == {
+        'a': [1.0, None, {'b': None}], 'c': [True, None, 'd']}
 
 
 @pytest.mark.parametrize('changes, words', [
@@ -443,12 +223,13 @@ def test_a_malformed_case_exits_with_2_and_has_its_json(tmp_path, changes, words
     file = tmp_path / 'bad.yaml'
     file.write_text(yaml.safe_dump({**case, **changes}))
     assert main(['lqr', str(file), '--json', str(tmp_path)]) == 2
-    answer = read(tmp_path / 'bad.json')
+    answer = read_json(tmp_path / 'bad.json')
     assert answer['status'] == 'malformed'
     assert words in answer['message']
     assert (answer['K'], answer['P'], answer['poles']) == ([], [], [])
 
 
+@pytest.mark.slow
 def test_an_option_steers_the_search(obc):
     text = (problems.FOLDER / 'aircraft_5.yaml').read_text()
     status, found, output = obc('solve', {'aircraft_5.yaml': text},
@@ -457,3 +238,63 @@ def test_an_option_steers_the_search(obc):
     starts = [each for each in found['aircraft_5']['attempts']
               if each['method'] == 'initial guess']
     assert len(starts) == 1
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(('command', 'asked'), [
+    ('solve', SCALAR), ('lqr', {'A': [[0]], 'B': [[1]], 'Qx': [1], 'Qu': [1]})])
+def test_no_package_of_ros_is_imported(tmp_path, command, asked):
+    """Neither by the command nor by its workers, with a figure and a file."""
+    (tmp_path / 'asked.yaml').write_text(yaml.safe_dump(asked))
+    blocker = tmp_path / 'blocker'
+    blocker.mkdir()
+    (blocker / 'sitecustomize.py').write_text(
+        'import sys\n'
+        'from importlib.machinery import ModuleSpec\n'
+        'class Blocker:\n'
+        '    def find_spec(self, name, path=None, target=None):\n'
+        '        top, _, rest = name.partition(".")\n'
+        '        if top.startswith(("rcl", "rosidl", "ament")) or top.endswith("_msgs") or (\n'
+        '                top == "obc_ros" and rest in ("msg", "srv", "action")):\n'
+        '            return ModuleSpec(name, self)\n'
+        '    def create_module(self, spec):\n'
+        '        raise ImportError(f"{spec.name} belongs to ROS")\n'
+        '    def exec_module(self, module):\n'
+        '        raise NotImplementedError\n'
+        'sys.meta_path.insert(0, Blocker())\n')
+    program = 'import sys; from obc_ros.cli.obc import main; sys.exit(main(sys.argv[1:]))'
+    done = subprocess.run(
+        [sys.executable, '-c', program, command, str(tmp_path / 'asked.yaml'), '--json',
+         str(tmp_path), '--plot', str(tmp_path)],
+        env={**os.environ, 'PYTHONPATH': str(blocker)}, capture_output=True, text=True,
+        check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert read_json(tmp_path / 'asked.json')['status'] == 'solved'
+    assert (tmp_path / 'asked.png').exists()
+    refused = subprocess.run(
+        [sys.executable, '-c', 'import rclpy'], env={**os.environ, 'PYTHONPATH': str(blocker)},
+        capture_output=True, text=True, check=False)
+    assert 'rclpy belongs to ROS' in refused.stderr
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(('program', 'unwanted'), [
+    ('import obc_ros.workers.solving, obc_ros.workers.designing',
+     {'scipy', 'control', 'matplotlib'}),
+    ('from obc_ros.cli.obc import main; assert main(["solve", "asked.yaml"]) == 0',
+     {'casadi', 'scipy', 'control', 'matplotlib', 'rich', 'rclpy', 'importlib.metadata'})])
+def test_heavy_packages_are_imported_only_when_they_are_used(tmp_path, program, unwanted):
+    (tmp_path / 'asked.yaml').write_text(yaml.safe_dump(SCALAR))
+    done = subprocess.run(
+        [sys.executable, '-c', f'{program}\n'
+         f'import sys\nprint(sorted({unwanted} & {{*sys.modules}}))'],
+        cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert done.stdout.endswith('[]\n'), done.stdout + done.stderr
+
+
+@pytest.mark.parametrize('name', ['a.yaml', 'a b', '1st', 'a//b', 'a/'])
+def test_a_malformed_name_of_a_server_exits_with_2(capsys, name):
+    with pytest.raises(SystemExit) as exit_:
+        main(['solve', 'scalar.yaml', '--server', name])
+    assert exit_.value.code == 2
+    assert 'write --server after the files' in capsys.readouterr().err

@@ -101,6 +101,13 @@ def test_the_help_without_ros_lists_apart_what_does_not_work(pure, capsys):
         assert re.search(rf'[:,] {name}\b', apart)
 
 
+@pytest.mark.parametrize('command', ['solve', 'lqr'])
+def test_a_server_without_ros_is_an_error_in_words(pure, tmp_path, capsys, command):
+    (tmp_path / 'asked.yaml').write_text('{A: [[0]], B: [[1]], Qx: [1], Qu: [1]}')
+    assert obc.main([command, str(tmp_path / 'asked.yaml'), '--server']) == 1
+    assert '--server needs ROS 2, and obc_ros is installed without it' in capsys.readouterr().out
+
+
 @pytest.mark.slow
 def test_benchmarks_that_need_ros_are_known():
     scripts = bench.find_benchmarks()

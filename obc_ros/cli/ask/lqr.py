@@ -3,13 +3,16 @@
 """The command ``obc lqr``: verified gains for the plants and weights of files."""
 
 import argparse
+from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from obc_ros.cli import results, terminal
+from obc_ros.cli.ask.pool_batch import answer_all
 from obc_ros.cli.ask.regulator_requests import Case
 from obc_ros.core.lqr.design.report import read_matrices
-from obc_ros.core.text.errors import ObcError, quote
+from obc_ros.core.text.errors import quote
 
 HEADER = ('case', 'status', 'gain K', 'poles')
 DESIGN_COLOURS = {'solved': 'green', 'refused': 'red', 'malformed': 'red'}
@@ -24,10 +27,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Design all regulators of all files; return the exit status."""
     results.make_folders(args)
-    asked = results.read_questions(Case, args.files)
-    answerable = [case for case in asked if case.given]
-    if answerable:
-        _design(answerable)
+    asked = answer_all(
+        lambda: results.read_questions(Case, args.files), 'obc_ros.workers.designing',
+        ('refused', 'refused'), None if args.server is None else partial(_ask_server, args.server),
+        hidden=True)
     try:
         _show(asked)
     finally:  # also if the reader of a pipe has closed it
@@ -35,24 +38,19 @@ def run(args: argparse.Namespace) -> int:
     return results.get_exit_status(case.status for case in asked)
 
 
-def _design(asked: list[Case]) -> None:
-    """Send the cases to a server; each has a status afterwards."""
-    try:
-        from obc_ros.cli.client import connect_client  # ROS is imported only if it is needed
-        from obc_ros.srv import DesignLqr
-        with connect_client('workers:=1') as client:
-            for case in asked:
-                response = client.ask(DesignLqr, 'design_lqr', _request(DesignLqr, case.given))
-                status, _, words = response.message.partition(': ')
-                if response.success:
-                    case.design, status, words = response.design, 'solved', response.message
-                elif status != 'malformed':
-                    status, words = 'refused', words or response.message
-                case.end(status, words)
-    except (ObcError, KeyboardInterrupt) as error:
+def _ask_server(server: str, asked: Sequence[Case]) -> None:
+    from obc_ros.cli.client import connect_client  # ROS is imported only if needed
+    from obc_ros.srv import DesignLqr
+    with connect_client(server) as client:
         for case in asked:
-            if not case.status:
-                case.end('refused', str(error) or 'ended by SIGINT')
+            response = client.ask(DesignLqr, 'design_lqr', _request(DesignLqr, case.given))
+            if response.success:
+                case.design = response.design
+                case.end('solved', response.message)
+            else:
+                status, _, words = response.message.partition(': ')
+                case.end(status if status == 'malformed' else 'refused',
+                         words or response.message)
 
 
 def _show(asked: list[Case]) -> None:

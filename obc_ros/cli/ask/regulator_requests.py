@@ -12,7 +12,8 @@ be an expression.
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, ClassVar
 
 import numpy as np
 from obc_ros.cli.results import Asked
@@ -24,6 +25,7 @@ from obc_ros.core.systems.file import FOR_PEOPLE
 from obc_ros.core.text.errors import describe_type, StatementError, suggest_name
 from obc_ros.core.text.expressions import parse_number
 from obc_ros.core.text.fields import check_keys
+from obc_ros.workers.wire import Packet
 
 PLANT = ('A', 'B')
 SYSTEM = ('parameters', 'setpoint', 'setpoint_input')
@@ -38,8 +40,10 @@ class Case(Asked):
     A regulator to be designed, and its design.
 
     `given` holds the entries of the file by key (arrays, numbers and names); it is None if the
-    case is malformed. `design` is the LqrDesign message of the server, None if there is none.
+    case is malformed. `design` has the fields of the message LqrDesign; None if there is none.
     """
+
+    kind: ClassVar[str] = 'design_lqr'
 
     given: dict[str, Any] | None = None
     design: Any = field(default=None, repr=False)
@@ -47,6 +51,22 @@ class Case(Asked):
     def take(self, entry: dict[str, Any]) -> None:
         """Check the entries of the case, and keep them."""
         self.given = check_case(entry)
+
+    def make_request(self) -> Packet:
+        """Return the request to a worker."""
+        given = self.given or {}
+        return Packet(
+            {'system': given.get('system', ''), 'parameters': given.get('parameters', {}),
+             'weights': given['weights'], **{key: given.get(key, 0.0) for key in NUMBERS}},
+            {key.lower(): given.get(key, np.zeros(0)) for key in (
+                *PLANT, *SYSTEM[1:], 'Qx', 'Qu', *LISTS)})
+
+    def take_response(self, response: Packet) -> None:
+        """Keep the design of a worker; without one, the case is refused or malformed."""
+        status, message = response.plain['status'], response.plain['message']
+        if status == 'solved':
+            self.design = SimpleNamespace(**response.plain['design'], **response.arrays)
+        self.end(status if status in ('solved', 'malformed') else 'refused', message)
 
     def as_json(self) -> dict[str, Any]:
         """Return the contents of ``NAME.json``; without a design, the matrices are empty."""

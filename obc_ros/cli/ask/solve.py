@@ -4,6 +4,8 @@
 
 import argparse
 from collections.abc import Sequence
+from functools import partial
+from importlib import import_module
 import math
 from pathlib import Path
 import shutil
@@ -11,11 +13,12 @@ import sys
 from typing import Any
 
 from obc_ros.cli import results, terminal
+from obc_ros.cli.ask.pool_batch import answer_all
 from obc_ros.cli.ask.problem_requests import Question
 from obc_ros.core.ocp.method_names import get_method, NAMES
-from obc_ros.core.solver.options import list_options, read_options
-from obc_ros.core.text.errors import ObcError, quote, StatementError
-from obc_ros.workers.pool import LONGEST_LIMIT, SHORTEST
+from obc_ros.core.ocp.solution import Optimality
+from obc_ros.core.text.errors import quote, StatementError
+from obc_ros.workers.pool import LONGEST_LIMIT, TIME_LIMIT
 
 HEADER = ('problem', 'status', 'cost', 'certificate', 'optimum', 'method', 'time')
 STATUS_COLOURS = dict.fromkeys(('solved', 'holds'), 'green') | dict.fromkeys(
@@ -28,7 +31,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of `obc solve`."""
     results.add_arguments(parser, 'problems')
     parser.add_argument('--time-limit', metavar='S', type=_seconds, default=0.0,
-                        help='time limit of each problem in seconds (default: that of the server)')
+                        help='time limit of each problem in seconds (default: '
+                             f'{TIME_LIMIT:g}, or that of the server)')
     parser.add_argument('--method', metavar='NAME', type=_method,
                         help=f"{', '.join(NAMES)}; overrides the key 'method' of the files")
     parser.add_argument('--option', metavar='NAME=VALUE', type=_option, action='append',
@@ -44,10 +48,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Solve all problems of all files; return the exit status."""
     results.make_folders(args)
-    asked = results.read_questions(Question, args.files)
-    answerable = [question for question in asked if question.problem]
-    if answerable:
-        _solve(answerable, args.time_limit, args.method or '', args.options)
+    asked = answer_all(
+        lambda: _read(args), 'obc_ros.workers.solving', ('cancelled', 'not_converged'),
+        None if args.server is None else partial(_ask_server, args), args.time_limit)
     try:
         _show(asked)
         if args.trace:
@@ -55,8 +58,9 @@ def run(args: argparse.Namespace) -> int:
     finally:  # also if the reader of a pipe has closed it
         results.save_answers(asked, args, _draw)
     return results.get_exit_status(
-        'solved' if question.result and question.result.success else
-        'malformed' if question.status == 'malformed' else 'unanswered' for question in asked)
+        question.status if question.status != 'solved' or (
+            question.solution and question.solution.certified) else 'unanswered'
+        for question in asked)
 
 
 def _seconds(text: str) -> float:
@@ -83,6 +87,7 @@ def _write(value: float | tuple[float, ...]) -> str:
 
 
 def _option(text: str) -> str:
+    from obc_ros.core.solver.options import read_options  # 10 ms
     try:
         read_options([text])
     except StatementError as error:
@@ -97,79 +102,70 @@ class _ListOptions(argparse.Action):
         super().__init__(option_strings, dest, nargs=0, **settings)
 
     def __call__(self, parser: argparse.ArgumentParser, *_: Any) -> None:
+        from obc_ros.core.solver.options import list_options
         rows = [(each.name, _write(each.value), each.unit, each.meaning, each.needed_by)
                 for each in list_options()]
         terminal.print_table(('option', 'default', 'unit', 'meaning', 'needed by'), rows)
         parser.exit()
 
 
-def _solve(asked: list[Question], time_limit: float, method: str,
-           options: Sequence[str]) -> None:
-    """Send the problems to a server; each has a status afterwards."""
-    from obc_ros.cli.processes import InterruptedByUserError
-    # For a server that is started here. Its default may be below the limit that is asked for; a
-    # second worker process has nothing to do for one problem.
-    parameters = [f'time_limit:={max(time_limit, SHORTEST)}'] if time_limit else []
-    parameters += ['workers:=1'] if len(asked) == 1 else []
-    try:
-        from obc_ros.cli.ask.batch import RequestBatch  # ROS is imported only if it is needed
-        from obc_ros.cli.client import connect_client
-        with connect_client(*parameters) as client, terminal.show_progress() as lines:
-            RequestBatch(client, asked, time_limit, lines, method, options).work()
-    except (InterruptedByUserError, KeyboardInterrupt) as error:
-        _end(asked, 'cancelled', str(error) or 'ended by SIGINT')
-    except ObcError as error:
-        _end(asked, 'not_converged', str(error))
-
-
-def _end(asked: list[Question], status: str, message: str) -> None:
-    """End all problems that have no status yet."""
+def _read(args: argparse.Namespace) -> list[Question]:
+    asked = results.read_questions(Question, args.files)
     for question in asked:
-        if not question.status:
-            question.end(status, message)
+        question.method, question.options = args.method or '', args.options
+    if args.json or args.plot or args.trace:
+        import_module('obc_ros.core.library.answer')  # while the worker starts
+    return asked
+
+
+def _ask_server(args: argparse.Namespace, asked: Sequence[Question]) -> None:
+    from obc_ros.cli.ask.server_batch import answer_by_server  # ROS is imported only if needed
+    answer_by_server(args.server, asked, args.time_limit)
 
 
 def _draw(path: Path, question: Question) -> None:
-    answer = question.answer
-    if answer.has_path:
+    if question.solution and question.solution.t.size:
+        answer = question.read_answer(with_problem=True)
         results.save_figure(answer.plot(), path)
         if answer.trace.costs > 1:
             results.save_figure(answer.plot_search(), path.with_suffix('.search.png'))
 
 
 def _print_trees(asked: Sequence[Question]) -> None:
-    """Print what was tried for each problem that a server has worked on."""
+    """Print what was tried for each problem that was worked on."""
     width = (max(NARROW, shutil.get_terminal_size().columns) if sys.stdout.isatty() else None)
     for question in asked:
-        if question.result is not None:
+        if question.solution:
             print(f'\n{question.label}: what was tried')
-            print(question.answer.trace.format(width))
+            print(question.read_answer().trace.format(width))
 
 
 def _show(asked: list[Question]) -> None:
     terminal.print_table(HEADER, [_row(question) for question in asked], STATUS_COLOURS)
     for question in asked:
-        if found := question.result and question.result.free_parameters:
+        if found := question.solution and question.solution.free_parameters:
             print(f'{question.label}: ' + ', '.join(
-                f'{each.name} = {each.values[0]:.10g}' for each in found))
+                f'{name} = {value:.10g}' for name, value in found.items()))
         if question.status != 'solved' and question.message:
             print(quote(f'{question.label}: {question.message}', None))
 
 
 def _row(question: Question) -> tuple[str, ...]:
-    result = question.result
-    if not result or not result.trajectory.t:
+    found = question.solution
+    if not found or not found.t.size:
         return question.label, question.status, '', '', '', '', _time(question.took)
-    certificate = result.certificate
-    verdict = 'holds' if certificate.holds else certificate.sentence
-    return (question.label, question.status, f'{result.objective:.10g}', verdict,
-            _optimum(result.optimality), result.method, _time(question.took))
+    verdict = ('holds' if found.certified else
+               found.certificate.sentence if found.certificate else '')
+    return (question.label, question.status, f'{found.objective:.10g}', verdict,
+            _optimum(found.optimality), found.method, _time(question.took))
 
 
-def _optimum(known: Any) -> str:
-    """Return an Optimality message in a few words."""
+def _optimum(known: Optimality | None) -> str:
+    """Return the optimality in a few words."""
+    if known is None:
+        return ''
     if known.kind != 'local':
-        return known.kind and f'{known.kind} ({known.reason})'
+        return f'{known.kind} ({known.reason})'
     return f'local, best of {len(known.minima)}' if len(known.minima) > 1 else 'local, 1 found'
 
 
