@@ -157,14 +157,19 @@ def test_a_moving_obstacle_is_followed():
         64 * t * (t - 0.5)**2 + 64/3 * (0.5 - t)**3, rel=1e-6)
 
 
-def test_a_parameter_of_a_system_can_be_free():
-    statement = {
-        'system': 'double_integrator', 'free_parameters': {'m': [0.5, 2]},
-        'running_cost': 'u**2', 'terminal_cost': '-24*m', 'initial_state': {'x1': 0, 'x2': 0},
-        'terminal_constraints': ['x1 - 1', 'x2'], 'final_time': lasting(1)}
-    problem = build_problem(statement)
-    names = problem.states[:2], problem.free_parameters
-    assert names == (('x1', 'x2'), ('m',))
+@pytest.mark.parametrize(('cost', 'wheelbase'), [('l', 1), ('-l', 3)])
+@pytest.mark.slow
+def test_a_parameter_of_a_system_can_be_free(cost, wheelbase):
+    # At full speed and steering the angle is reached with a wheelbase of 3, at less with 1.
+    problem, found = solved({
+        'system': 'vehicle', 'free_parameters': {'l': [1, 5]}, 'running_cost': '0',
+        'terminal_cost': cost, 'initial_state': {'px': 0, 'py': 0, 'theta': 0},
+        'input_bounds': {'v': [0, 1], 'phi': [0, 0.1]}, 'final_time': lasting(1),
+        'terminal_constraints': [f'theta - {math.tan(0.1) / 3!r}']})
+    assert problem.shown_states == ('px', 'py', 'theta')
+    assert 'l' not in problem.parameters
+    shown = hide_added_states(problem, found)
+    assert shown.free_parameters == pytest.approx({'l': wheelbase}, rel=1e-5)
 
 
 @pytest.mark.parametrize('pinned', [0.3, 0.6])
