@@ -2,16 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """All requests that a worker of the trajectory server handles, by kind."""
 
-from dataclasses import replace
-import time
-
 from obc_ros.core.numerics.arrays import integrate, linalg, optimize, special
-from obc_ros.core.ocp.solution import MAX_INTERVALS, Report, Status
-from obc_ros.core.ocp.statement import build_problem
-from obc_ros.core.solver.motion_planning import Motion, state_motion
+from obc_ros.core.ocp.solution import MAX_INTERVALS, Report
+from obc_ros.core.solver.motion_planning import Motion, solve_motion
 from obc_ros.core.solver.nlp.minimize import minimize
-from obc_ros.core.solver.solve import Cache, solve
-from obc_ros.core.text.errors import ObcError
 from obc_ros.workers.designing import design_regulator
 from obc_ros.workers.kinds import answer_by, Handler, Keep
 from obc_ros.workers.solutions import pack_certificate, pack_solution
@@ -33,26 +27,11 @@ def _plan(request: Packet, time_limit: float, report: Report, keep: Keep) -> Pac
         system=plain['system'], start=arrays['start'], goal=arrays['goal'],
         objective=plain['objective'], parameters=plain['parameters'], Qx=arrays['qx'],
         Qu=arrays['qu'], final_time=plain['final_time'], input_bounds=plain['input_bounds'])
-    cache = get_cache(plain['cache_size'])
-    begun = time.monotonic()
-    if motion.objective != 'time' and not motion.final_time:
-        motion = replace(motion, final_time=_ample_time(motion, time_limit / 2, report, cache))
-    problem = build_problem(state_motion(motion))
-    left = time_limit - (time.monotonic() - begun)
-    solution = solve(problem, time_limit=left, report=report, cache=cache,
-                     max_intervals=plain.get('max_intervals', MAX_INTERVALS),
-                     keep=lambda path: keep(pack_solution(problem, path, motion.system)))
+    problem, solution = solve_motion(
+        motion, time_limit, report=report, cache=get_cache(plain['cache_size']),
+        max_intervals=plain.get('max_intervals', MAX_INTERVALS),
+        keep=lambda problem, path: keep(pack_solution(problem, path, motion.system)))
     return pack_solution(problem, solution, motion.system)
-
-
-def _ample_time(motion: Motion, time_limit: float, report: Report, cache: Cache) -> float:
-    """Return twice the minimum time of a motion; 0 if there is none or it is not found."""
-    try:
-        problem = build_problem(state_motion(replace(motion, objective='time')))
-    except ObcError:
-        return 0.0  # such as inputs without bounds; other errors are found again when it is solved
-    solution = solve(problem, time_limit=time_limit, report=report, cache=cache)
-    return 2.0 * solution.objective if solution.status is Status.SOLVED else 0.0
 
 
 KINDS: dict[str, Handler] = {

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import control
 import matplotlib
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -19,7 +20,6 @@ from obc_ros.core.lqr.sampled import discretize_plant, sampled_lqr
 from obc_ros.core.lqr.weights import Weights
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.text.errors import RefusedDesignError
-from scipy.linalg import expm
 
 SAMPLES = 400
 SHOWN = 200                            # samples below which a step has markers
@@ -89,13 +89,12 @@ def _steps(axes: Axes, loop: LinearLoop, names: list[str]) -> None:
     length, M = SETTLING / -loop.poles.real.max(), A - B @ loop.K
     count = max(2, min(10_000, round(length / loop.period))) if loop.period else SAMPLES
     dt = loop.period or length / SAMPLES
-    transition = M if loop.period else expm(M * dt)
-    powers = [np.eye(len(A))]
-    for _ in range(count):
-        powers.append(transition @ powers[-1])
+    t, none = dt * np.arange(count + 1), np.zeros((len(A), 1))
+    closed = control.ss(M, none, np.eye(len(A)), none, loop.period)
     states = list(find_held_states(loop.A, loop.B))
     for index, i in enumerate(states):
-        axes.plot(loop.delay + dt * np.arange(count + 1), 1.0 - np.array(powers)[:, i, i],
+        free = control.initial_response(closed, t, np.eye(len(A))[i]).outputs[i]
+        axes.plot(loop.delay + t, 1.0 - free,
                   label=f'${typeset_symbol(names[i])}$',
                   color=LINE_COLOURS[index % len(LINE_COLOURS)],
                   marker='.' if count < SHOWN else '')
@@ -111,11 +110,10 @@ def _frequency(magnitude: Axes, phase: Axes, loop: LinearLoop, names: list[str])
     (A, B), K, size = loop.plant, loop.K, np.abs(loop.poles)
     top = np.pi / loop.period if loop.period else size.max() * 1e2
     w = np.geomspace(min(size.min() * 1e-2, top * 1e-2), top, SAMPLES)
-    s = np.exp(1j * w * loop.period) if loop.period else 1j * w
     for j, name in enumerate(names):
         others = [k for k in range(len(names)) if k != j]
-        opened = s[:, None, None] * np.eye(len(A)) - A + B[:, others] @ K[others]
-        gain = (K[j] @ np.linalg.solve(opened, B[:, [j]]))[:, 0]
+        opened = control.ss(A - B[:, others] @ K[others], B[:, [j]], K[[j]], 0, loop.period)
+        gain = control.frequency_response(opened, w).frdata[0, 0]
         style = {'color': LINE_COLOURS[j % len(LINE_COLOURS)],
                  'label': f'${typeset_symbol(name)}$'}
         magnitude.loglog(w, np.abs(gain), **style)

@@ -6,7 +6,7 @@ Figures of an answer: its path and conditions, and the costs that its search has
 matplotlib is imported when a figure is drawn.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import cache
 import io
 import re
@@ -86,6 +86,41 @@ def draw_search(solution: Solution, title: str) -> 'Figure':
         figure = new_figure(7.5, 3.8)
         _draw_costs(figure.subplots(), solution)
         figure.suptitle(f'{title}\ncosts that the search has found')
+    return figure
+
+
+def draw_columns(t: Array, groups: Mapping[str, tuple[Sequence[str], Array]], title: str
+                 ) -> 'Figure':
+    """
+    Draw columns of values over time, those of similar magnitude in one panel.
+
+    Parameters
+    ----------
+    t : ndarray, shape (N,)
+        Times [s].
+    groups : mapping
+        Names and values (N, k) of the columns, by the label of their panels.
+    title : str
+        Above the figure.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        A notebook shows it; ``savefig`` writes it into a file.
+
+    """
+    import matplotlib
+    panels = [(label, *columns, group) for label, columns in groups.items()
+              for group in _alike(columns[1])]
+    with matplotlib.rc_context(STYLE):
+        figure = new_figure(7.5, 1.0 + 1.75 * len(panels))
+        axes = figure.subplots(len(panels), 1, sharex=True, squeeze=False)[:, 0]
+        for panel, (label, names, values, group) in zip(axes, panels, strict=True):
+            _lines(panel, label, t, values, '{}', names, group)
+        axes[-1].set_xlabel('time [s]')
+        axes[-1].set_xlim(t[0], t[-1])
+        figure.align_ylabels()
+        figure.suptitle(title)
     return figure
 
 

@@ -8,19 +8,30 @@ Objectives: 'time' minimises T, 'effort' the integral of (u - ug)'Qu (u - ug), '
 that holds the system at the goal; without one, the set point input of the system.
 """
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 import math
+import time
 from typing import Any
 
 import numpy as np
 from obc_ros.core.lqr.lqr import lqr
 from obc_ros.core.lqr.weights import square
 from obc_ros.core.numerics.arrays import Array
+from obc_ros.core.ocp.problem import Problem
+from obc_ros.core.ocp.solution import MAX_INTERVALS, Report, Solution, Status
+from obc_ros.core.ocp.statement import build_problem
+from obc_ros.core.solver.solve import Cache, solve
 from obc_ros.core.systems import registry
 from obc_ros.core.systems.equilibrium import check_numbers, find_equilibrium, linearize
 from obc_ros.core.systems.system import System
-from obc_ros.core.text.errors import DynamicsError, quote, RefusedDesignError, StatementError
+from obc_ros.core.text.errors import (
+    DynamicsError,
+    ObcError,
+    quote,
+    RefusedDesignError,
+    StatementError,
+)
 from obc_ros.core.text.expressions import parse_number
 
 OBJECTIVES = ('time', 'effort', 'quadratic')
@@ -114,8 +125,57 @@ def state_motion(motion: Motion) -> dict[str, Any]:
     if motion.objective == 'quadratic':
         terms = _quadratic(found['parameters'], 'x', system.state_names, 'goal', Qx) + terms
     found['running_cost'] = ' + '.join(terms) or '0'
-    time = motion.final_time or _settling_time(system, goal, held, Qx, Qu)
-    return found | {'final_time': {'free': False, 'value': float(time)}}
+    duration = motion.final_time or _settling_time(system, goal, held, Qx, Qu)
+    return found | {'final_time': {'free': False, 'value': float(duration)}}
+
+
+def solve_motion(motion: Motion, time_limit: float, *, report: Report | None = None,
+                 cache: Cache | None = None, max_intervals: int = MAX_INTERVALS,
+                 keep: Callable[[Problem, Solution], None] | None = None
+                 ) -> tuple[Problem, Solution]:
+    """
+    Solve a motion; without a final time, 'effort' and 'quadratic' take twice the minimum time.
+
+    Parameters
+    ----------
+    motion : Motion
+        With names as users give them.
+    time_limit : float
+        Limit of the wall-clock time [s].
+    report, cache, max_intervals
+        As for `solve.solve`.
+    keep : callable, optional
+        Called with the problem and each path that is better than those before.
+
+    Returns
+    -------
+    Problem, Solution
+
+    Raises
+    ------
+    StatementError, DynamicsError
+        As `state_motion`.
+
+    """
+    begun = time.monotonic()
+    if motion.objective != 'time' and not motion.final_time:
+        motion = replace(motion, final_time=_ample_time(motion, time_limit / 2, report, cache))
+    problem = build_problem(state_motion(motion))
+    left = time_limit - (time.monotonic() - begun)
+    return problem, solve(
+        problem, time_limit=left, report=report, cache=cache, max_intervals=max_intervals,
+        keep=None if keep is None else lambda path: keep(problem, path))
+
+
+def _ample_time(motion: Motion, time_limit: float, report: Report | None, cache: Cache | None
+                ) -> float:
+    """Return twice the minimum time of a motion; 0 if there is none or it is not found."""
+    try:
+        problem = build_problem(state_motion(replace(motion, objective='time')))
+    except ObcError:
+        return 0.0  # such as inputs without bounds; other errors are found again when it is solved
+    solution = solve(problem, time_limit=time_limit, report=report, cache=cache)
+    return 2.0 * solution.objective if solution.status is Status.SOLVED else 0.0
 
 
 def find_registered(name: str, parameters: Mapping[str, Any]) -> System:

@@ -24,9 +24,11 @@ from obc_ros.core.text.fields import (
     check_unique,
     Given,
     read_bounds,
+    read_mapping,
     read_names,
     read_section,
 )
+from obc_ros.core.text.stated_functions import call_functions
 from obc_ros.core.text.yaml_files import read_yaml
 
 OF_A_PLANT = ('units', 'angles', 'setpoint', 'setpoint_input', 'parameter_bounds', 'plane',
@@ -76,13 +78,29 @@ def load_system(path: str | Path) -> System:
         raise StatementError(f'{path}: {error}') from None
 
 
+def build_system(statement: object) -> System:
+    """
+    Return the system of a mapping with the keys of a system file.
+
+    Parameters
+    ----------
+    statement : object
+        The mapping. `dynamics` may be a Python function of named CasADi symbols
+        (`stated_functions`).
+
+    Raises
+    ------
+    StatementError
+        If a key is unknown, or a value is malformed. The message begins with the key.
+
+    """
+    return _system(read_mapping(statement, 'system'), 'system', {})
+
+
 def _system(given: Given, stem: str, chosen: Values) -> System:
     check_keys(given, PLANT, TASK + FOR_PEOPLE)
     states, inputs = read_names(given, 'states'), read_names(given, 'inputs')
     values = _parameters(given, (*states, *inputs), chosen)
-    equations = _by_name(given, 'dynamics', states)
-    for missing in (name for name in states if name not in equations):
-        raise StatementError(f"dynamics: no equation for the state '{missing}'")
     units = _texts(given, 'units', (*states, *inputs, *values))
     angles = _chosen(given, 'angles', states)
     ranges = _bounds(given, 'parameter_bounds', tuple(values), values)
@@ -90,7 +108,13 @@ def _system(given: Given, stem: str, chosen: Values) -> System:
     u_limits = _bounds(given, 'input_bounds', inputs, values)
 
     def dynamics(x: list[ca.SX], u: list[ca.SX], p: list[ca.SX]) -> list[ca.SX]:
-        symbols = dict(zip((*states, *inputs, *values), (*x, *u, *p), strict=True))
+        by_name = [dict(zip(names, symbols, strict=True)) for names, symbols in (
+            (states, x), (inputs, u), (values, p))]
+        called = call_functions(given, ('dynamics',), by_name[0], by_name[1], by_name[2], None)
+        equations = _by_name(called, 'dynamics', states)
+        for missing in (name for name in states if name not in equations):
+            raise StatementError(f"dynamics: no equation for the state '{missing}'")
+        symbols = by_name[0] | by_name[1] | by_name[2]
         return [expressions.parse_expression(equations[name], symbols, f'dynamics.{name}')
                 for name in states]
 

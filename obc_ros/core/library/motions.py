@@ -1,0 +1,123 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""Motions of registered systems, shortest paths of a car, and minima of functions."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from obc_ros.core.library.answer import Answer
+from obc_ros.core.library.problem import convert_numbers
+from obc_ros.core.numerics.arrays import Array
+from obc_ros.core.ocp.augmentation import hide_added_states
+from obc_ros.core.solver.exact.reeds_shepp import CarPath, find_shortest_path
+from obc_ros.core.solver.motion_planning import Motion, solve_motion
+from obc_ros.core.solver.nlp import minimize as static
+from obc_ros.core.solver.nlp.minimize import Minimum
+from obc_ros.core.text.errors import describe_type, StatementError
+
+
+def plan(system: str, start: Sequence[float] | Array, goal: Sequence[float] | Array,
+         objective: str = 'time', *, parameters: Mapping[str, Any] | None = None,
+         Qx: Sequence[float] | Array = (), Qu: Sequence[float] | Array = (),
+         final_time: float = 0.0, input_bounds: Mapping[str, Any] | None = None,
+         time_limit: float = 60.0) -> Answer:
+    """
+    Plan a motion of a registered system from a start to a goal.
+
+    Parameters
+    ----------
+    system : str
+        Name of a registered system, such as 'vehicle'.
+    start, goal : array_like, shape (n,)
+        States at 0 and T.
+    objective : str
+        'time' (minimum time), 'effort' (input cost) or 'quadratic' (state and input cost).
+    parameters : mapping, optional
+        Values of parameters of the system.
+    Qx, Qu : array_like, optional
+        Weights about the goal: diagonals, or full matrices row by row; default: the identity.
+    final_time : float
+        T [s] of 'effort' and 'quadratic'; 0: twice the minimum time.
+    input_bounds : mapping, optional
+        ``{'v': [lower, upper]}``, tighter than the limits of the system.
+    time_limit : float
+        Limit of the wall-clock time [s].
+
+    Returns
+    -------
+    Answer
+        As of `solve`.
+
+    Raises
+    ------
+    StatementError, DynamicsError
+        If an argument is invalid.
+
+    """
+    if not isinstance(system, str):
+        raise StatementError(f'system: wanted a name, found {describe_type(system)}')
+    motion = Motion(
+        system=system, start=convert_numbers(start), goal=convert_numbers(goal),
+        objective=objective, parameters=convert_numbers(parameters or {}), Qx=Qx, Qu=Qu,
+        final_time=final_time, input_bounds=convert_numbers(input_bounds or {}))
+    problem, solution = solve_motion(motion, time_limit)
+    return Answer(problem.name, problem.states[:problem.stated], problem.inputs,
+                  hide_added_states(problem, solution), problem)
+
+
+def reeds_shepp(start: Sequence[float] | Array, goal: Sequence[float] | Array, radius: float
+                ) -> CarPath:
+    """
+    Return the shortest path of a car that goes forwards and backwards.
+
+    Parameters
+    ----------
+    start, goal : sequence of 3 float
+        (x, y, theta) [m, m, rad].
+    radius : float
+        Smallest turning radius [m], > 0.
+
+    Returns
+    -------
+    CarPath
+        ``length`` [m], ``word``, ``segments``, ``sample(n)``, ``at(distance)``.
+
+    Raises
+    ------
+    StatementError
+        If a pose is not three finite numbers or the radius is not a positive one.
+
+    """
+    return find_shortest_path(start, goal, radius)
+
+
+def minimize(statement: Mapping[str, Any] | None = None, *, time_limit: float = 10.0, **keys: Any
+             ) -> Minimum:
+    """
+    Minimise a function of several variables, with a certificate.
+
+    Parameters
+    ----------
+    statement : mapping, optional
+        The keys below.
+    time_limit : float
+        Limit of the wall-clock time [s].
+    **keys
+        `variables`: names; `cost`: an expression; `equalities`, `inequalities`: expressions that
+        are 0, and at most 0; `bounds`: ``{'x': [lower, upper]}``; `parameters`; `guess`.
+
+    Returns
+    -------
+    Minimum
+        ``status``, ``x`` in the order of the variables, ``objective``, multipliers ``lam`` and
+        ``mu``, ``certificate``.
+
+    Raises
+    ------
+    StatementError
+        If the statement is invalid.
+
+    """
+    if statement is not None and not isinstance(statement, Mapping):
+        raise StatementError(f'statement: wanted a mapping, found {describe_type(statement)}')
+    return static.minimize(convert_numbers({**(statement or {}), **keys}), time_limit=time_limit)

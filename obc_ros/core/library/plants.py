@@ -1,0 +1,334 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""Controlled systems as a user states them, and python-control's systems as such."""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from obc_ros.core.library.problem import convert_numbers, NAMED_AT_MOST
+from obc_ros.core.numerics.arrays import Array
+from obc_ros.core.systems import registry
+from obc_ros.core.systems import system as plant
+from obc_ros.core.systems.equilibrium import Equilibrium, find_equilibrium, linearize
+from obc_ros.core.systems.file import build_system
+from obc_ros.core.text.errors import describe_type, DynamicsError, quote, StatementError
+from obc_ros.core.text.expressions import check_name
+from obc_ros.core.text.tables import format_table
+
+# Errors of a function that was written for numbers and is called with symbols.
+_FAULTS = (ArithmeticError, AttributeError, LookupError, NotImplementedError, RuntimeError,
+           TypeError, ValueError)
+
+
+_SIZES = 0.1, 1.0, 1.0, 10.0   # of states and inputs at which functions are compared
+
+
+class System:
+    """
+    A controlled system dx/dt = f(x, u) with named states, inputs and parameters.
+
+    ``System(states=['q', 'v'], inputs=['F'], parameters={'m': 2}, dynamics={'q': 'v',
+    'v': 'F/m'})`` has the keys of a system file (docs/systems.md). `dynamics` may be a function of
+    named CasADi symbols: ``lambda x, u, p: {'q': x.v, 'v': u.F / p.m}``.
+
+    Parameters
+    ----------
+    **statement
+        The keys of a system file.
+
+    Raises
+    ------
+    StatementError
+        If the statement is invalid; the message begins with the key at fault.
+
+    Attributes
+    ----------
+    name : str
+        Name of the system.
+    states, inputs : tuple of str
+        Names, in order.
+
+    """
+
+    def __init__(self, **statement: Any) -> None:
+        self._set(build_system(convert_numbers(statement)))
+
+    def _set(self, model: plant.System | None, name: str = '', states: tuple[str, ...] = (),
+             inputs: tuple[str, ...] = (),
+             rates: Callable[[Array, Array], Array] | None = None) -> 'System':
+        self._model, self._rates = model, rates
+        self.name = name if model is None else model.name
+        self.states = states if model is None else model.state_names
+        self.inputs = inputs if model is None else model.input_names
+        return self
+
+    @classmethod
+    def _of(cls, model: plant.System) -> 'System':
+        return cls.__new__(cls)._set(model)
+
+    @classmethod
+    def from_name(cls, name: str, **parameters: Any) -> 'System':
+        """
+        Return a registered system, such as 'aircraft'; `obc_ros.core.systems()` lists them.
+
+        Parameters
+        ----------
+        name : str
+            Its name.
+        **parameters
+            Values of its parameters, and options, such as A and B of 'linear'.
+
+        Raises
+        ------
+        DynamicsError
+            If the system or a parameter is unknown, or a value is out of its range.
+
+        """
+        return cls._of(registry.get_registered(name, convert_numbers(parameters)))
+
+    @classmethod
+    def from_dict(cls, statement: Mapping[str, Any]) -> 'System':
+        """Return the system of a mapping with the keys of a system file."""
+        return cls._of(build_system(convert_numbers(statement)))
+
+    @classmethod
+    def from_file(cls, path: str | Path) -> 'System':
+        """Return the system of a YAML file; StatementError if it is invalid."""
+        return cls._of(registry.load_system(path))
+
+    @classmethod
+    def from_control(cls, system: Any) -> 'System':
+        """
+        Return a system of python-control.
+
+        Parameters
+        ----------
+        system : control.StateSpace or control.NonlinearIOSystem
+            In continuous time. Of a StateSpace, A and B are used. The function of a
+            NonlinearIOSystem is called with CasADi symbols; if it does not accept them, the
+            system can be simulated, and nothing else. States have the names of `system`; those
+            that are no names of a problem become x1, x2, ...
+
+        Raises
+        ------
+        DynamicsError
+            If it is something else, or in discrete time.
+
+        """
+        if not is_of_control(system) or not hasattr(system, 'nstates'):
+            raise DynamicsError('from_control: wanted a StateSpace or a NonlinearIOSystem of '
+                                f'python-control, found {describe_type(system)}')
+        if system.dt:
+            raise DynamicsError(f'from_control: {quote(str(system.name))} is in discrete time')
+        states = choose_names(system.state_labels, 'x')
+        inputs = choose_names(system.input_labels, 'u')
+        if len(states) == 0 or len(inputs) == 0:
+            raise DynamicsError(f'from_control: {quote(str(system.name))} has no '
+                                f'{"inputs" if len(states) else "states"}')
+        x_signals, u_signals = ([plant.Signal(name) for name in names]
+                                for names in (states, inputs))
+        if hasattr(system, 'A'):
+            A, B = np.array(system.A), np.array(system.B)
+            return cls._of(plant.define(
+                str(system.name), x_signals, u_signals, [], lambda x, u, p: ca.vertsplit(
+                    ca.mtimes(ca.DM(A), ca.vertcat(*x)) + ca.mtimes(ca.DM(B), ca.vertcat(*u)))))
+
+        def rates(x: Any, u: Any) -> Any:
+            return np.atleast_1d(system.updfcn(0.0, x, u, system.params)).ravel()
+
+        def symbolic(x: list[ca.SX], u: list[ca.SX], p: list[ca.SX]) -> list[Any]:
+            x_, u_ = (np.empty(len(each), dtype=object) for each in (x, u))
+            x_[:], u_[:] = x, u
+            return [ca.SX(each) for each in rates(x_, u_)]
+
+        numeric = cls.__new__(cls)._set(
+            None, str(system.name), states, inputs,
+            lambda x, u: np.asarray(rates(x, u), dtype=np.float64))
+        try:
+            found = cls._of(plant.define(str(system.name), x_signals, u_signals, [], symbolic))
+        except _FAULTS:   # it was written for numbers
+            return numeric
+        return found if _is_equal(found, numeric) else numeric
+
+    @property
+    def model(self) -> plant.System:
+        """
+        Return the system with its CasADi expressions.
+
+        Raises
+        ------
+        DynamicsError
+            If it has none: a function that python-control had.
+
+        """
+        if self._model is None:
+            raise DynamicsError(f'{self.name}: its function does not accept CasADi symbols, so '
+                                'that it can only be simulated; state it with System(...)')
+        return self._model
+
+    @property
+    def parameters(self) -> dict[str, float]:
+        """Return the values of the parameters by name."""
+        return {} if self._model is None else {
+            each.name: each.value for each in self._model.parameters}
+
+    def with_parameters(self, **values: float) -> 'System':
+        """Return the system with other values of parameters; DynamicsError if one is invalid."""
+        return System._of(self.model.with_parameters(convert_numbers(values)))
+
+    def f(self, x: Sequence[float] | Array, u: Sequence[float] | Array) -> Array:
+        """Return dx/dt, shape (n,), at a state (n,) and an input (m,)."""
+        state, force = np.asarray(x, dtype=np.float64), np.asarray(u, dtype=np.float64)
+        return self._rates(state, force) if self._rates else self.model.f(state, force)
+
+    @cached_property
+    def limits(self) -> tuple[Array, Array]:
+        """Return the lower and upper limits of the inputs, (m,) each."""
+        if self._model is None:
+            return np.full(len(self.inputs), -np.inf), np.full(len(self.inputs), np.inf)
+        return self._model.u_min, self._model.u_max
+
+    def linearize(self, x: Sequence[float] | Array | None = None,
+                  u: Sequence[float] | Array | None = None) -> tuple[Array, Array]:
+        """
+        Return A = df/dx and B = df/du at the equilibrium of a set point.
+
+        Parameters
+        ----------
+        x, u : array_like, shape (n,), (m,), optional
+            As for `equilibrium`.
+
+        """
+        at = equilibrium(self, x, u)
+        return linearize(self.model, at.x, at.u)
+
+    def to_control(self) -> Any:
+        """
+        Return the system for python-control.
+
+        Returns
+        -------
+        control.NonlinearIOSystem
+            With the names of states and inputs, the states as outputs, and the parameters as
+            `params`. Limits of inputs are not part of it.
+
+        """
+        import control
+        if self._model is None:
+            def update(t: float, x: Array, u: Array, params: Mapping[str, float]) -> Array:
+                return self.f(x, u)
+        else:
+            model = self._model
+            f = ca.Function('f', [model.x, model.u, model.p], [model.xdot])
+
+            def update(t: float, x: Array, u: Array, params: Mapping[str, float]) -> Array:
+                p = [params.get(name, value) for name, value in self.parameters.items()]
+                return np.asarray(f(x, u, p).full().ravel())
+        return control.NonlinearIOSystem(
+            update, None, states=list(self.states), inputs=list(self.inputs),
+            outputs=list(self.states), params=self.parameters,
+            name=self.name or 'system')
+
+    def __repr__(self) -> str:
+        """Return name, states and inputs."""
+        states, inputs = (quote(', '.join(names), NAMED_AT_MOST)
+                          for names in (self.states, self.inputs))
+        return f'<System {quote(self.name)}: states {states}; inputs {inputs}>'
+
+
+def _is_equal(one: System, other: System) -> bool:
+    """Return whether the rates of two systems are equal; math.sin of a symbol is nan."""
+    chance = np.random.default_rng(1)
+    for size in _SIZES:
+        x, u = (size * chance.standard_normal(len(names)) for names in (one.states, one.inputs))
+        if not np.allclose(one.f(x, u), other.f(x, u), rtol=1e-9, atol=1e-12, equal_nan=False):
+            return False
+    return True
+
+
+class SystemNames(Mapping[str, System]):
+    """The registered systems by name; called, they are returned with what they are."""
+
+    def __call__(self) -> dict[str, str]:
+        """Return a line about each system by its name."""
+        return {name: _describe(name) for name in self}
+
+    def __getitem__(self, name: str) -> System:
+        """Return a system with its default parameters; KeyError if it is unknown."""
+        if name not in registry.list_systems():
+            raise KeyError(f'{quote(str(name))}: there are {", ".join(self)}')
+        return System.from_name(name)
+
+    def __iter__(self) -> Iterator[str]:
+        """Yield the names."""
+        return iter(registry.list_systems())
+
+    def __len__(self) -> int:
+        """Return the number of systems."""
+        return len(registry.list_systems())
+
+    def __repr__(self) -> str:
+        """Return a table of names and what they are."""
+        return format_table(('system', 'description'), self().items())
+
+
+def _describe(name: str) -> str:
+    """Return what a registered system is; of one that needs options, their names."""
+    needed = [key for key, value in registry.get_options(name).items() if value == ()]
+    return f'needs {", ".join(needed)}' if needed else System.from_name(name).model.description
+
+
+systems = SystemNames()
+
+
+def equilibrium(system: System, x: Sequence[float] | Array | None = None,
+                u: Sequence[float] | Array | None = None) -> Equilibrium:
+    """
+    Find the state and the input at which a system rests, or drifts evenly.
+
+    Parameters
+    ----------
+    system : System
+        The system.
+    x : array_like, shape (n,), optional
+        Set point; default: that of the system.
+    u : array_like, shape (m,), optional
+        Initial guess of the input. Inputs that the set point does not determine keep it.
+
+    Returns
+    -------
+    Equilibrium
+        ``x`` (n,), ``u`` (m,) and ``drift`` (n,), f(x, u) of states that f does not depend on.
+
+    Raises
+    ------
+    DynamicsError
+        If no input within the limits holds the system there.
+
+    """
+    return find_equilibrium(require_system(system).model, x, u)
+
+
+def require_system(system: object) -> System:
+    """Return a System; DynamicsError if it is something else."""
+    if not isinstance(system, System):
+        raise DynamicsError(f'system: wanted a System, found {describe_type(system)}; '
+                            "System.from_name('aircraft') is one")
+    return system
+
+
+def is_of_control(value: object) -> bool:
+    """Return whether an object is one of python-control; it is not imported."""
+    return type(value).__module__.partition('.')[0] == 'control'
+
+
+def choose_names(labels: Sequence[str], letter: str) -> tuple[str, ...]:
+    """Return labels if all are names of a statement, otherwise x1, x2, ... of a letter."""
+    try:
+        return tuple(check_name(label, 'from_control') for label in labels)
+    except StatementError:
+        return tuple(f'{letter}{k + 1}' for k in range(len(labels)))

@@ -1,0 +1,221 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""Simulation of a system under a control law or given inputs."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+import math
+from typing import Any, TYPE_CHECKING
+
+import numpy as np
+from obc_ros.core.library.answer import Answer
+from obc_ros.core.library.figures import draw_columns
+from obc_ros.core.library.plants import require_system, System
+from obc_ros.core.library.regulators import RegulatorDesign
+from obc_ros.core.numerics.arrays import Array, integrate
+from obc_ros.core.systems.equilibrium import check_numbers
+from obc_ros.core.text.errors import describe_type, ObcError, StatementError
+
+if TYPE_CHECKING:   # half a second
+    from matplotlib.figure import Figure
+
+ControlLaw = Callable[[float, Array], Any]
+
+_RELATIVE, _ABSOLUTE = 1e-9, 1e-12   # errors of the integration of a step
+_MOST_HOLDS = 100_000                # sampling periods of a simulation
+_FAR = 1e12                          # times the state: it grows without bound
+_SAME = 1e-9                         # of a period: times so close count as equal
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Simulation:
+    """
+    A simulated path: `t` (N,) [s], `states` (N, n) and `forces` (N, m) by columns of names.
+
+    Attributes
+    ----------
+    t : ndarray, shape (N,)
+        Times [s].
+    system : System
+        What was simulated.
+    states, forces : ndarray, shape (N, n), (N, m)
+        States, and the inputs within their limits.
+
+    """
+
+    t: Array
+    system: System
+    states: Array
+    forces: Array
+
+    @cached_property
+    def x(self) -> Mapping[str, Array]:
+        """Return each state, shape (N,), by its name."""
+        return dict(zip(self.system.states, self.states.T, strict=True))
+
+    @cached_property
+    def u(self) -> Mapping[str, Array]:
+        """Return each input, shape (N,), by its name."""
+        return dict(zip(self.system.inputs, self.forces.T, strict=True))
+
+    def plot(self) -> 'Figure':
+        """Draw states and inputs; a notebook shows the figure, `savefig` writes it."""
+        return draw_columns(self.t, {'states': (self.system.states, self.states),
+                                     'inputs': (self.system.inputs, self.forces)},
+                            self.system.name)
+
+    def __repr__(self) -> str:
+        """Return the system, the number of times and the duration."""
+        return f'<Simulation of {self.system.name}: {len(self.t)} times to {self.t[-1]:g} s>'
+
+
+def simulate(system: System, law: Any, x0: Sequence[float] | Array, t: Sequence[float] | Array
+             ) -> Simulation:
+    """
+    Simulate a system.
+
+    Parameters
+    ----------
+    system : System
+        The plant. Inputs are held within its limits.
+    law : callable, RegulatorDesign, Answer or array_like
+        A function of (t, x) that returns the input (m,); a design of `lqr`, or of `dlqr`, whose
+        input is held for its period; an answer, whose inputs are applied without feedback; or
+        inputs: (m,) constant, or (N, m) at the times `t`, linear in between.
+    x0 : array_like, shape (n,)
+        State at the first time.
+    t : array_like, shape (N,)
+        Increasing times [s] at which states are returned.
+
+    Returns
+    -------
+    Simulation
+        ``t``, ``x['p']``, ``u['a']``, ``plot()``.
+
+    Raises
+    ------
+    StatementError
+        If an argument is invalid.
+    ObcError
+        If the integration fails, such as for a state that grows without bound.
+
+    """
+    plant = require_system(system)
+    start = check_numbers('x0', x0, plant.states)
+    times = np.asarray(t, dtype=np.float64) if np.ndim(t) == 1 else np.zeros(0)
+    if len(times) < 2 or not np.isfinite(times).all() or (np.diff(times) <= 0.0).any():
+        raise StatementError('t: wanted at least two increasing times')
+    control, edges = _read_law(plant, law, times)
+    if isinstance(law, RegulatorDesign) and law.period:
+        return _simulate_held(plant, law, start, times)
+    low, high = plant.limits
+
+    def limited(s: float, x: Array) -> Array:
+        u = np.asarray(control(s, x), dtype=np.float64).reshape(-1)
+        if u.shape != (len(plant.inputs),) or np.isnan(u).any():
+            raise StatementError(f'law: wanted {len(plant.inputs)} numbers for the inputs at '
+                                 f't = {s:g} s')
+        return np.clip(u, low, high)
+
+    states = _integrate(plant, limited, start, times, edges)
+    return Simulation(times, plant, states, np.array(
+        [limited(s, x) for s, x in zip(times.tolist(), states, strict=True)]))
+
+
+def _read_law(plant: System, law: Any, times: Array) -> tuple[ControlLaw, Array]:
+    """Return a law as a function, and the times at which it has kinks or jumps."""
+    m, none = len(plant.inputs), np.zeros(0)
+    if isinstance(law, RegulatorDesign):
+        if (len(law.states), len(law.inputs)) != (len(plant.states), m):
+            raise StatementError(f'law: a design of {len(law.states)} states and '
+                                 f'{len(law.inputs)} inputs; the system has {len(plant.states)} '
+                                 f'and {m}')
+        return law, none
+    if isinstance(law, Answer):
+        if law.inputs != plant.inputs or not law.has_path:
+            raise StatementError('law: wanted an answer with a path and the inputs '
+                                 f'{", ".join(plant.inputs)}')
+        if times[0] < law.t[0] or times[-1] > law.t[-1]:
+            raise StatementError(f't: wanted times of the answer, from {law.t[0]:g} s to '
+                                 f'{law.t[-1]:g} s')
+        held = law.solution.interpolation == 'zoh'
+        return _interpolated(law.t, law.solution.u, held), law.t
+    if callable(law):
+        return law, none
+    try:
+        values = np.asarray(law, dtype=np.float64)
+    except (TypeError, ValueError):
+        values = np.full(1, np.nan)
+    if values.shape == (m,) and np.isfinite(values).all():
+        return _hold(values), none
+    if values.shape == (len(times), m) and np.isfinite(values).all():
+        return _interpolated(times, values, held=False), times
+    raise StatementError('law: wanted a function of (t, x), a design, an answer, or inputs of '
+                         f'shape ({m},) or ({len(times)}, {m}), found {describe_type(law)}')
+
+
+def _interpolated(t: Array, u: Array, held: bool) -> ControlLaw:
+    """Return inputs between samples; at a jump, those after it."""
+    def law(s: float, x: Array) -> Array:
+        k = int(np.searchsorted(t, s, side='right')) - 1
+        if k + 1 == len(t) or held:
+            return np.asarray(u[k])
+        return np.asarray(u[k] + (s - t[k]) / (t[k + 1] - t[k]) * (u[k + 1] - u[k]))
+    return law
+
+
+def _integrate(plant: System, law: ControlLaw, x: Array, times: Array, edges: Array) -> Array:
+    """Return the states at the times, (N, n); the integration restarts at the edges."""
+    found, inner = [x], edges[(edges > times[0]) & (edges < times[-1])]
+    stops = np.unique(np.concatenate([times[[0, -1]], inner]))
+    for begin, end in zip(stops[:-1].tolist(), stops[1:].tolist(), strict=True):
+        wanted = times[(times > begin) & (times <= end)]
+        until = np.append(wanted, end) if not wanted.size or wanted[-1] < end else wanted
+        with np.errstate(all='ignore'):
+            result = integrate.solve_ivp(
+                _guard(plant, law, math.nextafter(end, begin), _FAR * (1.0 + np.abs(x).max())),
+                (begin, end), x, method='LSODA', t_eval=until, rtol=_RELATIVE, atol=_ABSOLUTE)
+        if not result.success:
+            raise ObcError(f'the simulation fails after t = {begin:g} s: {result.message}')
+        x = result.y[:, -1]
+        found += list(result.y.T[:len(wanted)])
+    return np.array(found)
+
+
+def _guard(plant: System, law: ControlLaw, last: float, far: float) -> ControlLaw:
+    """
+    Return dx/dt as a function of (t, x) that raises an error if it is not finite, or x is far.
+
+    An input that jumps at the end of the interval has its value before it, at `last`, up to there.
+    """
+    def rates(s: float, z: Array) -> Array:
+        found = plant.f(z, law(min(s, last), z))
+        if not np.isfinite(found).all() or np.abs(z).max() > far:
+            raise ObcError(f'the simulation ends at t = {s:g} s: the state grows without bound, '
+                           'or dx/dt is not finite')
+        return found
+    return rates
+
+
+def _simulate_held(plant: System, law: RegulatorDesign, x: Array, times: Array) -> Simulation:
+    """Simulate a design in discrete time: each input is held for its period."""
+    count = math.ceil((times[-1] - times[0]) / law.period - _SAME)
+    if count > _MOST_HOLDS:
+        raise StatementError(f't: {count} sampling periods; at most {_MOST_HOLDS} are simulated')
+    begins, states, held = times[0] + law.period * np.arange(count), [x], []
+    for begin, end in zip(begins, np.append(begins[1:], times[-1]), strict=True):
+        held.append(np.clip(law(begin, x), *plant.limits))
+        inside = times[(times > begin) & (times <= end)]
+        grid = np.unique(np.concatenate([[begin, end], inside]))
+        path = _integrate(plant, _hold(held[-1]), x, grid, np.zeros(0))
+        states += list(path[np.searchsorted(grid, inside)])
+        x = path[-1]
+    held.append(np.clip(law(times[-1], x), *plant.limits))
+    holds = np.floor((times - times[0]) / law.period + _SAME).astype(int)
+    return Simulation(times, plant, np.array(states), np.array(held)[holds])
+
+
+def _hold(u: Array) -> ControlLaw:
+    """Return the law of a constant input."""
+    return lambda s, x: u

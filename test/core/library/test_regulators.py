@@ -1,0 +1,148 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""Regulators of the public interface against closed forms and python-control."""
+
+import control
+from hypothesis import given, settings
+from hypothesis import strategies as st
+import numpy as np
+import obc_ros.core as obc
+from obc_ros.core.text.errors import DynamicsError, RefusedDesignError, StatementError
+import pytest
+
+A, B = np.array([[0.0, 1.0], [0.0, 0.0]]), np.array([[0.0], [1.0]])
+SPACE = control.ss(A, B, np.eye(2), 0, states=['p', 'v'], inputs=['F'], outputs=['p', 'v'])
+
+
+def test_the_double_integrator_has_the_gain_of_its_closed_form():
+    """With Qx = I and Qu = 1: K = (1, sqrt 3), P = ((sqrt 3, 1), (1, sqrt 3))."""
+    design = obc.lqr(A, B, [1, 1], [1])
+    s = np.sqrt(3)
+    np.testing.assert_allclose(design.K, [[1, s]], rtol=1e-12)
+    np.testing.assert_allclose(design.P, [[s, 1], [1, s]], rtol=1e-12)
+    np.testing.assert_allclose(np.poly(design.E), [1, s, 1], rtol=1e-12)
+    assert (design.states, design.inputs, design.period) == (('x1', 'x2'), ('u1',), 0.0)
+    assert design(0.0, [1, 0]) == pytest.approx([-1])
+    assert str(design).splitlines()[-1].split() == ['u1', '1', '1.73205']
+
+
+@settings(max_examples=20, deadline=None)
+@given(st.integers(1, 4), st.integers(1, 2), st.integers(0, 10_000))
+def test_the_gain_is_that_of_python_control(n, m, seed):
+    random = np.random.default_rng(seed)
+    A, B = random.normal(size=(n, n)), random.normal(size=(n, m))
+    Qx, Qu = np.diag(random.uniform(0.5, 2, n)), np.diag(random.uniform(0.5, 2, m))
+    K, P, E = control.lqr(A, B, Qx, Qu)
+    design = obc.lqr(control.ss(A, B, np.eye(n), 0), np.diag(Qx), Qu)
+    np.testing.assert_allclose(design.K, K, rtol=1e-6, atol=1e-8)
+    np.testing.assert_allclose(design.P, P, rtol=1e-6, atol=1e-8)
+    np.testing.assert_allclose(np.sort_complex(design.E), np.sort_complex(E), rtol=1e-6, atol=1e-8)
+    for loop in ('setpoint', 'disturbance'):
+        np.testing.assert_allclose(np.sort_complex(design.to_control(loop).poles()),
+                                   np.sort_complex(E), rtol=1e-6, atol=1e-8)
+
+
+def test_a_sampled_gain_is_that_of_python_control():
+    Ad, Bd = np.array([[1, 0.1], [0, 1]]), np.array([[0.005], [0.1]])
+    K, P, _ = control.dlqr(Ad, Bd, np.eye(2), np.eye(1))
+    for design in (obc.dlqr(Ad, Bd, np.eye(2), [1], period=0.1),
+                   obc.dlqr(control.ss(Ad, Bd, np.eye(2), 0, 0.1), [1, 1], [1])):
+        np.testing.assert_allclose(design.K, K, rtol=1e-9)
+        np.testing.assert_allclose(design.P, P, rtol=1e-9)
+        assert design.to_control().dt == design.period == 0.1
+
+
+def test_a_sampled_design_of_a_continuous_plant_tends_to_that_in_continuous_time():
+    design = obc.dlqr(SPACE, [1, 1], [1], period=1e-3)
+    np.testing.assert_allclose(design.A, [[1, 1e-3], [0, 1]], atol=1e-15)
+    np.testing.assert_allclose(design.K, [[1, np.sqrt(3)]], rtol=2e-3)
+
+
+def test_names_of_a_state_space_are_those_of_the_loop():
+    loop = obc.lqr(SPACE, [1, 1], [1]).to_control()
+    assert loop.input_labels == ['p_set', 'v_set']
+    assert (loop.state_labels, loop.output_labels) == (['p', 'v'], ['p', 'v', 'F'])
+
+
+def test_a_step_of_the_set_point_is_the_closed_form():
+    """P after a unit step of its set point: 1 - exp(M t) e1 with M of the closed loop."""
+    design = obc.lqr(SPACE, [1, 1], [1])
+    t = np.linspace(0, 8, 50)
+    response = control.forced_response(design.to_control(), t, np.vstack([0*t + 1, 0*t]))
+    w = 0.5   # poles -sqrt(3)/2 +- w i
+    decay = np.exp(-np.sqrt(3)/2 * t)
+    p = 1 - decay * (np.cos(w*t) + np.sqrt(3) * np.sin(w*t))
+    np.testing.assert_allclose(response.outputs[0], p, atol=1e-9)
+
+
+def test_the_open_loop_has_the_margins_of_the_design():
+    design = obc.lqr(SPACE, [1, 1], [1])
+    _, phase, _, _ = control.margin(design.to_control('loop'))
+    assert phase == pytest.approx(np.rad2deg(design.margins.phase_margin[0]), abs=1e-3)
+    assert phase > 60   # of every such regulator
+    plant = design.to_control('plant')
+    np.testing.assert_allclose(plant.A, A)
+    np.testing.assert_allclose(plant.B, B)
+
+
+def test_a_system_is_linearised_at_a_set_point():
+    """The aircraft hovers at any position with f2 = m g."""
+    design = obc.lqr(obc.systems['aircraft'], np.ones(6), np.ones(2), at=[1, 2, 0, 0, 0, 0])
+    np.testing.assert_allclose(design.xe, [1, 2, 0, 0, 0, 0])
+    np.testing.assert_allclose(design.ue, [0, 4 * 9.8], atol=1e-9)
+    assert design.inputs == ('f1', 'f2')
+    np.testing.assert_allclose(design(0.0, design.xe), design.ue)
+
+
+def test_a_finite_horizon_of_the_scalar_system_is_the_closed_form():
+    """dx/dt = u, Qx = Qu = 1, P1 = 0: P = tanh(T - t) = K."""
+    found = obc.finite_horizon([[0]], [[1]], [1], [1], [0], 2.0)
+    np.testing.assert_allclose(found.P[:, 0, 0], np.tanh(2 - found.t), atol=1e-12)
+    np.testing.assert_allclose(found.K[:, 0, 0], np.tanh(2 - found.t), atol=1e-12)
+    assert (len(found.t), found.t[-1]) == (201, 2.0)
+    few = obc.finite_horizon(control.ss(0, 1, 1, 0), [1], [1], [0], 2, t=[0, 0.5])
+    np.testing.assert_allclose(few.P[:, 0, 0], np.tanh([2, 1.5]), atol=1e-12)
+
+
+def test_long_horizons_reach_the_stationary_gain():
+    found = obc.finite_horizon(SPACE, [1, 1], [1], [1, 1], 40, t=[0])
+    np.testing.assert_allclose(found.K[0], obc.lqr(SPACE, [1, 1], [1]).K, rtol=1e-9)
+
+
+@pytest.mark.parametrize(('call', 'error', 'said'), [
+    (lambda: obc.lqr(A, B, [1, 1]), StatementError, '^lqr: wanted A and B, a StateSpace'),
+    (lambda: obc.lqr(A, B), StatementError, '^lqr: wanted A, B, Qx, Qu or a plant, Qx, Qu, '
+                                            'found 2 arguments'),
+    (lambda: obc.lqr(A, B, [1, 1], [0]), RefusedDesignError, '^Qu'),
+    (lambda: obc.lqr(A, 0*B, [1, 1], [1]), RefusedDesignError, ''),
+    (lambda: obc.lqr(A, B, [1, np.nan], [1]), StatementError, '^Qx'),
+    (lambda: obc.lqr(A, B, np.eye(3), [1]), StatementError, '^Qx'),
+    (lambda: obc.lqr(A, B, 'heavy', [1]), StatementError, '^Qx'),
+    (lambda: obc.lqr(control.ss(A, B, np.eye(2), 0, True), [1, 1], [1]), StatementError,
+     'in discrete time; use dlqr'),
+    (lambda: obc.lqr(control.tf([1], [1, 1]), [1], [1]), StatementError,
+     'found a TransferFunction'),
+    (lambda: obc.lqr(A, B, [1, 1], [1], at=[0, 0]), StatementError, 'set point of a System'),
+    (lambda: obc.lqr(obc.systems['aircraft'], np.ones(6), np.ones(2), at=[0, 0, 1, 0, 0, 0]),
+     DynamicsError, 'found no equilibrium'),
+    (lambda: obc.dlqr(SPACE, [1, 1], [1]), StatementError, ''),
+    (lambda: obc.dlqr(control.ss(A, B, np.eye(2), 0, 0.1), [1, 1], [1], period=0.2),
+     StatementError, 'period 0.2 s, but that of the plant is 0.1 s'),
+    (lambda: obc.finite_horizon(A, B, [1, 1], [1], [1, 1]), StatementError,
+     '^finite_horizon: wanted A and B'),
+    (lambda: obc.finite_horizon(A, B, [1, 1], [1], [1, 1], -1), StatementError, '^T: wanted'),
+    (lambda: obc.finite_horizon(A, B, [1, 1], [1], [1, 1], 1, t=[1, 0]), StatementError, '^t: '),
+    (lambda: obc.lqr(A, B, [1, 1], [1]).to_control('opened'), StatementError,
+     "^loop: wanted one of setpoint, disturbance, loop, plant, found str 'opened'"),
+])
+def test_a_design_is_refused_in_words(call, error, said):
+    with pytest.raises(error, match=said):
+        call()
+
+
+def test_the_html_of_a_design_is_escaped():
+    space = control.ss(A, B, np.eye(2), 0, inputs=['<b>'], states=['p', 'v'], outputs=2)
+    design = obc.lqr(space, [1, 1], [1])
+    assert '<b>' not in design._repr_html_()
+    assert design.inputs == ('u1',)   # '<b>' is not a name
+    assert design._repr_html_().startswith('<table><caption>RegulatorDesign: 2 states')
