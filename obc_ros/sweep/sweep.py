@@ -21,6 +21,7 @@ import time
 from typing import Any
 
 import numpy as np
+from obc_ros.core.library.problem import Problem
 from obc_ros.core.ocp.method_names import get_method
 from obc_ros.core.ocp.statement import load_file
 from obc_ros.core.solver.options import read_options
@@ -332,7 +333,8 @@ class Sweep:
         return dataset
 
 
-def sweep(problem: Mapping[str, Any] | str | Path, over: Mapping[str, Any] | None = None, *,
+def sweep(problem: Problem | Mapping[str, Any] | str | Path,
+          over: Mapping[str, Any] | None = None, *,
           sample: Mapping[str, str] | None = None, count: int = 0, seed: int = 0,
           out: str | Path | None = None, resume: bool = False, scheduler: str = '',
           workers: int = 0,
@@ -344,8 +346,9 @@ def sweep(problem: Mapping[str, Any] | str | Path, over: Mapping[str, Any] | Non
 
     Parameters
     ----------
-    problem : mapping, str or Path
-        A statement, or a case of `obc lqr`, or a YAML file with one; see docs/problems.md.
+    problem : Problem, mapping, str or Path
+        A problem, a statement, or a case of `obc lqr`, or a YAML file with one; see
+        docs/problems.md.
     over : mapping, optional
         Axes of a grid: key and values. Keys are ``x0.NAME`` for an initial state, ``NAME`` for a
         parameter, ``input_bounds.NAME.upper``, ``T``; see `problem_numbers`. Values are numbers or
@@ -404,14 +407,15 @@ def sweep(problem: Mapping[str, Any] | str | Path, over: Mapping[str, Any] | Non
     return dataset
 
 
-def load_numbers(problem: Mapping[str, Any] | str | Path) -> ProblemNumbers | RegulatorNumbers:
+def load_numbers(problem: Problem | Mapping[str, Any] | str | Path
+                 ) -> ProblemNumbers | RegulatorNumbers:
     """
     Return the numbers of a problem, or of a regulator, that can be varied.
 
     Parameters
     ----------
-    problem : mapping, str or Path
-        A statement, or a case of `obc lqr`, or a YAML file with one.
+    problem : Problem, mapping, str or Path
+        A problem, a statement, or a case of `obc lqr`, or a YAML file with one.
 
     Raises
     ------
@@ -419,8 +423,12 @@ def load_numbers(problem: Mapping[str, Any] | str | Path) -> ProblemNumbers | Re
         If it is malformed, or if the file cannot be read or has several entries.
 
     """
-    if isinstance(problem, Mapping):
-        statement = dict(problem)
+    if isinstance(problem, Problem | Mapping):
+        statement = dict(problem.statement if isinstance(problem, Problem) else problem)
+        for key, value in statement.items():
+            if callable(value):
+                raise StatementError(f'{key}: a sweep sends statements to other processes; write '
+                                     'expressions as texts, not as functions')
     else:
         entries = load_file(problem)
         if len(entries) != 1:

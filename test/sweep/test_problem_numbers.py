@@ -3,10 +3,12 @@
 """The numbers of a problem by key: each can be varied, and nothing else changes with it."""
 
 import numpy as np
+from obc_ros.core.library.problem import Problem
 from obc_ros.core.ocp.statement import build_problem
 from obc_ros.core.solver.program_cache import collect_numbers
 from obc_ros.core.text.errors import StatementError
 from obc_ros.sweep.problem_numbers import ProblemNumbers
+from obc_ros.sweep.sweep import load_numbers
 import pytest
 
 STATEMENT = {
@@ -86,3 +88,9 @@ def test_an_unknown_key_is_refused_in_words(statement, key, words):
 def test_units_are_those_of_the_statement():
     numbers = ProblemNumbers(STATEMENT)
     assert [numbers.unit(key) for key in ('x0.p', 'm', 'x0.v', 'T')] == ['m', 'kg', '', 's']
+
+
+def test_a_problem_of_the_library_is_swept_by_its_statement():
+    assert isinstance(load_numbers(Problem(**STATEMENT)), ProblemNumbers)
+    with pytest.raises(StatementError, match='^running_cost: a sweep sends statements to other'):
+        load_numbers(Problem(**STATEMENT | {'running_cost': lambda x, u: u.a**2}))
