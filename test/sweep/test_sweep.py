@@ -7,6 +7,7 @@ import os
 import signal
 
 import numpy as np
+import obc_ros.core as obc
 from obc_ros.core.text.errors import StatementError
 from obc_ros.sweep.dataset import read_dataset, STATUSES
 from obc_ros.sweep.journal import JOURNAL
@@ -141,6 +142,12 @@ def test_a_bad_question_is_refused_before_anything_is_written(over, more, words,
         sweep(REST, over, **out, **more)
     assert words in str(caught.value)
     assert not list(tmp_path.iterdir())
+
+
+def test_a_problem_of_the_library_can_be_swept():
+    problem = obc.Problem(**SCALAR)
+    found = obc.sweep(problem, {'x0.x': np.array([1.0, 2.0])}, workers=1)
+    np.testing.assert_allclose(found['J'], [0.5, 2.0], rtol=1e-8)
 
 
 def test_the_dataset_keeps_the_question(tmp_path):
