@@ -78,6 +78,9 @@ class Settings:
         32, 'number of problem structures whose solvers each worker keeps', lower=1, upper=10_000)
     queue_length: int = declare_field(
         128, 'maximum number of waiting requests; others are rejected', lower=0, upper=10_000)
+    scheduler: str = declare_field(
+        '', 'address of a Dask scheduler, such as tcp://host:8786, whose workers solve the '
+        'requests; empty: the processes of this node')
     hardware_id: str = declare_field(
         '', 'hardware_id of the diagnostics; empty: the namespace, or else the name of the node')
     state_timeout: float = declare_field(
@@ -90,15 +93,16 @@ class TrajectoryServer(Node):
     """The node; see the module's text."""
 
     _pools: tuple[Pool, ...] = ()  # until the parameters are accepted
+    _cluster: Any = None           # a ClusterPool, if there is a scheduler
 
     def __init__(self, **options: Any) -> None:
         super().__init__('trajectory_server', allow_undeclared_parameters=True, **options)
-        self._settings = Parameters(self, Settings, lambda settings: settings, self._adopt)
+        self._settings = Parameters(self, Settings, _judge, self._adopt)
         self._solvers = Pool(ANSWERS, 0)
         self._designers = Pool(ANSWERS, 1, niceness=0)  # short designs do not wait for solves
         self._pools = self._solvers, self._designers
         self._adopt(self._settings.settings)
-        self._jobs: dict[bytes, Job] = {}
+        self._jobs: dict[bytes, tuple[Any, Job]] = {}   # with their pools
         self._asked = 0
         self._arrived: deque[tuple[Future, RequestAnswer]] = deque()
         self._statuses: Counter[str] = Counter()
@@ -140,14 +144,17 @@ class TrajectoryServer(Node):
 
     def owes(self) -> bool:
         """Cancel all requests without a response; return whether there are any."""
-        for pool in self._pools:
-            pool.close()
+        self._close_pools()
         return self._asked > 0
+
+    def _close_pools(self) -> None:
+        for pool in filter(None, (self._cluster, *self._pools)):
+            pool.close()
 
     def destroy_node(self) -> None:
         """End the workers, then the node."""
-        for pool in self._pools:
-            pool.close()
+        if self._pools:
+            self._close_pools()
         if self._pools and self._action:
             self._action.destroy()
         super().destroy_node()
@@ -221,8 +228,9 @@ class TrajectoryServer(Node):
         return result
 
     def _cancel(self, goal: Any) -> CancelResponse:
-        if job := self._jobs.get(bytes(goal.goal_id.uuid)):
-            self._solvers.cancel(job)
+        if bytes(goal.goal_id.uuid) in self._jobs:
+            pool, job = self._jobs[bytes(goal.goal_id.uuid)]
+            pool.cancel(job)
         return CancelResponse.ACCEPT
 
     async def _ask(self, kind: str, request: Any, time_limit: float = 0.0,
@@ -242,12 +250,13 @@ class TrajectoryServer(Node):
             done=lambda answer: self._deliver(future, answer), progress=progress,
             affinity=compute_affinity(packet))
         quick = kind == 'design_lqr' and len(request.a) <= QUICK
-        (self._designers if quick else self._solvers).submit(job)
+        pool = self._designers if quick else self._cluster or self._solvers
+        pool.submit(job)
         if goal:
             key = bytes(goal.goal_id.uuid)
-            self._jobs[key] = job
+            self._jobs[key] = pool, job
             if goal.is_cancel_requested:  # before the job existed
-                self._solvers.cancel(job)
+                pool.cancel(job)
         self._asked += 1
         answer: RequestAnswer = await future
         self._asked -= 1
@@ -294,6 +303,21 @@ class TrajectoryServer(Node):
         self._solvers.queue_length = settings.queue_length
         self._solvers.affinities = settings.cache_size
         self._solvers.resize(settings.workers)
+        if settings.scheduler == (self._cluster.address if self._cluster else ''):
+            return
+        if self._cluster:
+            self._cluster.close()
+            self._cluster = None
+        if settings.scheduler:
+            from obc_ros.sweep.cluster.requests_on_cluster import ClusterPool
+            self._cluster = ClusterPool(settings.scheduler, ANSWERS, self._solvers, self._tell)
+
+    def _tell(self, sentence: str, good: bool) -> None:
+        """Log that a cluster is found or lost."""
+        if good:
+            self.get_logger().info(quote(sentence, 500))
+        else:   # rclpy wants a severity of its own at each place
+            self.get_logger().warning(quote(sentence, 500))
 
     def _diagnose(self) -> None:
         """Publish the state of the workers and the numbers of requests by status."""
@@ -308,6 +332,13 @@ class TrajectoryServer(Node):
         elif len(pool.pids) < pool.size:
             status.level = DiagnosticStatus.WARN
             status.message += f'; {pool.size - len(pool.pids)} workers are being started'
+        if self._cluster and self._cluster.fault:
+            status.level = max(status.level, DiagnosticStatus.WARN)
+            status.message += (f'; the cluster {self._cluster.address} cannot be used: '
+                               f'{self._cluster.fault}')
+        elif self._cluster:
+            status.message += (f'; {self._cluster.busy} requests are on the cluster '
+                               f'{self._cluster.address}, {self._cluster.threads} threads')
         if pool.waiting >= pool.queue_length:
             status.level = max(status.level, DiagnosticStatus.WARN)
             status.message += '; the queue is full'
@@ -321,6 +352,16 @@ class TrajectoryServer(Node):
         identify(array.status, self, self._settings.settings.hardware_id, self.get_name())
         array.header.stamp = self.get_clock().now().to_msg()
         self._diagnostics.publish(array)
+
+
+def _judge(settings: Settings) -> Settings:
+    """Return the settings; raise ObcError if the address of the scheduler cannot be used."""
+    if settings.scheduler:
+        from obc_ros.sweep.cluster.connection import check_address, has_dask
+        check_address(settings.scheduler)
+        if not has_dask():
+            raise StatementError("scheduler: Dask is missing: pip install 'obc-ros[cluster]'")
+    return settings
 
 
 def main() -> int:

@@ -3,11 +3,8 @@
 """Sweeps on a Dask cluster: the same answers, and nothing lost when workers or scheduler end."""
 
 from contextlib import contextmanager
-import socket
-import subprocess
-import sys
-import time
 
+from dask_cluster import Cluster, free_port
 from obc_ros.core.text.errors import ObcError, StatementError
 from obc_ros.sweep.cluster.connection import check_address, connect
 from obc_ros.sweep.cluster.versions import check_versions, tell_version
@@ -20,44 +17,6 @@ pytest.importorskip('distributed')
 
 REST = problems.FOLDER / 'di_mintime_rest.yaml'
 OVER = {'x0.x': '-1:1:12', 'x0.v': '-1:1:12'}
-
-
-def free_port():
-    """Return a port that nobody uses now."""
-    with socket.socket() as probe:
-        probe.bind(('127.0.0.1', 0))
-        return probe.getsockname()[1]
-
-
-class Cluster:
-    """A scheduler and workers, each a process."""
-
-    def __init__(self):
-        self.address = f'tcp://127.0.0.1:{free_port()}'
-        self.processes = []
-        self.scheduler = self.start(
-            'scheduler', '--host', self.address, '--no-dashboard', '--no-show')
-        end = time.monotonic() + 60.0
-        host, port = self.address.removeprefix('tcp://').split(':')
-        while True:
-            try:
-                socket.create_connection((host, int(port)), timeout=1.0).close()
-                return
-            except OSError:
-                assert time.monotonic() < end and self.scheduler.poll() is None
-                time.sleep(0.1)
-
-    def start(self, kind, *arguments):
-        """Start a process of Dask and return it."""
-        self.processes.append(subprocess.Popen(
-            [sys.executable, '-m', f'distributed.cli.dask_{kind}', *arguments],
-            stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL))
-        return self.processes[-1]
-
-    def add_worker(self):
-        """Start a worker, whose process has no nanny that would start it again."""
-        return self.start('worker', self.address, '--nthreads', '1', '--no-nanny',
-                          '--no-dashboard', '--death-timeout', '60')
 
 
 @contextmanager
