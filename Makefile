@@ -25,7 +25,8 @@ TESTS := $(BIN)/pytest -n 3 --dist load --maxschedchunk 1
 PIP := $(BIN)/python -m pip --disable-pip-version-check
 # What takes minutes shows what it does, and for how long.
 SHOWN := $(BIN)/python requirements/progress.py
-REQUIRED := $(addprefix requirements/,$(DISTRO).txt ros.txt run.txt test.txt)
+TESTED := $(addprefix requirements/,run.txt test.txt notebooks.txt)
+REQUIRED := $(addprefix requirements/,$(DISTRO).txt ros.txt) $(TESTED)
 # Python files are no prerequisite: the installation is editable, a change is seen at once.
 SOURCES := setup.py pyproject.toml package.xml CMakeLists.txt requirements/build_backend.py \
 	cmake resource \
@@ -63,7 +64,7 @@ pure: .venv-pure/.requirements ## the wheel without ROS 2 in .venv-pure, and the
 	@echo 'obc_ros: the pure wheel into .venv-pure'
 	@OBC_ROS_PURE=1 .venv-pure/bin/python -m pip --disable-pip-version-check install -qq \
 		--no-deps --no-build-isolation --force-reinstall .
-	.venv-pure/bin/pytest -n 2 --dist load --maxschedchunk 1 -m 'check and not nodes' $(ARGS)
+	.venv-pure/bin/pytest -n 2 --dist load --maxschedchunk 1 -m '(check or notebook) and not nodes' $(ARGS)
 
 kernel: setup ## the solver's tests with another kernel of OpenBLAS (KERNEL=Haswell|Nehalem|...)
 	OPENBLAS_CORETYPE=$(KERNEL) $(BIN)/pytest -n 2 --dist load --maxschedchunk 1 -m 'not nodes' $(ARGS) $(SOLVER)
@@ -81,7 +82,8 @@ bench: setup ## the benchmarks
 gallery: setup ## run the gallery and keep its pages in docs/gallery (ARGS='2.5' for one entry)
 	$(BIN)/python docs/keep_gallery.py $(ARGS)
 
-docs: .venv-docs/.requirements ## the documentation, in out/docs
+docs: setup .venv-docs/.requirements ## the documentation, in out/docs
+	@$(BIN)/python docs/run_notebooks.py
 	@.venv-docs/bin/sphinx-build -aE -W --keep-going -q -d out/doctrees docs out/docs
 	@echo 'obc_ros: out/docs/index.html'
 
@@ -98,7 +100,7 @@ $(VENV)/.requirements: $(REQUIRED) | $(BIN)/python
 		$(PIP) install --progress-bar off $(addprefix -r ,$(REQUIRED))
 	@touch $@
 
-.venv-pure/.requirements: requirements/run.txt requirements/test.txt
+.venv-pure/.requirements: $(TESTED)
 	@$(PYTHON) -m venv .venv-pure
 	@$(PYTHON) requirements/progress.py 'pinned packages into .venv-pure (a minute or two)' \
 		.venv-pure/bin/python -m pip --disable-pip-version-check install --progress-bar off \

@@ -23,8 +23,10 @@ author = 'The obc_ros developers'
 copyright = f'2026, {author}'
 release = version = ElementTree.parse(ROOT / 'package.xml').findtext('version') or ''
 
-extensions = ['myst_parser', *(
+# `make docs` has run the notebooks; myst_nb, where it is installed, shows their results.
+extensions = ['myst_nb' if util.find_spec('myst_nb') else 'myst_parser', *(
     name for name in ('sphinx_copybutton',) if util.find_spec(name))]
+nb_execution_mode = 'off'
 # What rosdoc2 adds of its own says nothing that is not here.
 exclude_patterns = ['_*', '[A-Z]*', 'action', 'msg', 'srv']
 
@@ -50,7 +52,7 @@ rosdoc2_settings = {'allow_other_extensions': True, 'enable_autodoc': False,
 
 
 def list_others(app: Any, page: str, source: list[str]) -> None:
-    """Add to the contents the pages that they do not name, and to the gallery its pages."""
+    """Add to the contents the pages that they do not name; to two pages, those of their folder."""
     if page == 'index':
         named = {line.strip() for line in source[0].splitlines()}
         others = sorted(each for each in app.env.found_docs - named - {page} if '/' not in each)
@@ -58,6 +60,8 @@ def list_others(app: Any, page: str, source: list[str]) -> None:
             f'   {each}\n' for each in others))
     if page == 'gallery':
         source[0] += '\n```{toctree}\n:hidden:\n:glob:\n\ngallery/*\n```\n'
+    if page == 'notebooks' and any(each.startswith('notebooks/') for each in app.env.found_docs):
+        source[0] += '\n```{toctree}\n:maxdepth: 1\n:glob:\n\nnotebooks/*\n```\n'
 
 
 def setup(app: Any) -> None:
