@@ -66,6 +66,7 @@ def test_a_note_of_any_type_is_accepted(tmp_path):
     assert asked.make_request().plain['statement'] == SCALAR
 
 
+@pytest.mark.slow
 @settings(max_examples=25)
 @given(st.recursive(
     st.none() | st.booleans() | st.integers() | st.floats(allow_nan=False) | st.text(),

@@ -287,6 +287,7 @@ def test_every_dependency_is_used():
     assert required <= wheels, f'build_backend.py: {sorted(required - wheels)}'
 
 
+@pytest.mark.slow
 def test_modules_without_ros_import_what_the_pure_wheel_requires():
     """An import of ROS 2 in a function does not count."""
     wheels = {'PyYAML': 'yaml'}
@@ -301,7 +302,7 @@ def test_modules_without_ros_import_what_the_pure_wheel_requires():
 
 @pytest.mark.parametrize('distro', ['jazzy', 'kilted'])
 def test_every_wheel_is_pinned(distro):
-    for part in (distro, 'ros', 'run', 'test', 'develop', 'docs'):
+    for part in (distro, 'ros', 'run', 'test', 'notebooks', 'develop', 'docs'):
         for line in (ROOT / 'requirements' / f'{part}.txt').read_text().splitlines():
             assert not line or line.startswith('#') or re.match(r'[\w.\[\]-]+==[\w.]+', line), line
 

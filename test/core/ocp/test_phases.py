@@ -29,6 +29,7 @@ def solved(statement):
     return hide_added_states(problem, found)
 
 
+@pytest.mark.slow
 def test_the_time_of_a_switch_is_found():
     # With speeds 4 u and u, J = 4/(1 + 3 s) + s, which is least where 1 + 3 s = sqrt(12).
     found = solved(TWO_RATES)
