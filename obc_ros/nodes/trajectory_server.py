@@ -360,7 +360,7 @@ def _judge(settings: Settings) -> Settings:
         from obc_ros.sweep.cluster.connection import check_address, has_dask
         check_address(settings.scheduler)
         if not has_dask():
-            raise StatementError("scheduler: Dask is missing: pip install 'obc-ros[cluster]'")
+            raise StatementError('scheduler: Dask is missing: pip install distributed')
     return settings
 
 

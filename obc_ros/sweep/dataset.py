@@ -95,7 +95,7 @@ def import_xarray() -> Any:
     try:
         import xarray
     except ImportError as error:
-        raise ObcError(f"a sweep needs xarray: pip install 'obc-ros[sweep]' ({error})") from None
+        raise ObcError(f'a sweep needs xarray: pip install xarray ({error})') from None
     return xarray
 
 

@@ -31,7 +31,7 @@ _SAME = 1e-9                         # of a period: times so close count as equa
 @dataclass(frozen=True, eq=False, repr=False)
 class Simulation:
     """
-    A simulated path: `t` (N,) [s], `states` (N, n) and `forces` (N, m) by columns of names.
+    A simulated path: each state and input at the times `t`.
 
     Attributes
     ----------
@@ -39,30 +39,40 @@ class Simulation:
         Times [s].
     system : System
         What was simulated.
-    states, forces : ndarray, shape (N, n), (N, m)
-        States, and the inputs within their limits.
+    state_rows, input_rows : ndarray, shape (N, n), (N, m)
+        States, and the inputs within their limits, in the order of `states` and `inputs`.
 
     """
 
     t: Array
     system: System
-    states: Array
-    forces: Array
+    state_rows: Array
+    input_rows: Array
+
+    @property
+    def states(self) -> tuple[str, ...]:
+        """Return the names of the states."""
+        return self.system.states
+
+    @property
+    def inputs(self) -> tuple[str, ...]:
+        """Return the names of the inputs."""
+        return self.system.inputs
 
     @cached_property
     def x(self) -> Mapping[str, Array]:
         """Return each state, shape (N,), by its name."""
-        return dict(zip(self.system.states, self.states.T, strict=True))
+        return dict(zip(self.states, self.state_rows.T, strict=True))
 
     @cached_property
     def u(self) -> Mapping[str, Array]:
         """Return each input, shape (N,), by its name."""
-        return dict(zip(self.system.inputs, self.forces.T, strict=True))
+        return dict(zip(self.inputs, self.input_rows.T, strict=True))
 
     def plot(self) -> 'Figure':
         """Draw states and inputs; a notebook shows the figure, `savefig` writes it."""
-        return draw_columns(self.t, {'states': (self.system.states, self.states),
-                                     'inputs': (self.system.inputs, self.forces)},
+        return draw_columns(self.t, {'states': (self.states, self.state_rows),
+                                     'inputs': (self.inputs, self.input_rows)},
                             self.system.name)
 
     def __repr__(self) -> str:

@@ -111,6 +111,5 @@ def _import_distributed() -> Any:
     try:
         import distributed
     except ImportError as error:
-        raise ObcError(f"a cluster needs Dask: pip install 'obc-ros[cluster]' ({error})"
-                       ) from None
+        raise ObcError(f'a cluster needs Dask: pip install distributed ({error})') from None
     return distributed

@@ -6,6 +6,7 @@ import dataclasses
 from html.parser import HTMLParser
 import json
 import math
+import sys
 
 from hypothesis import given
 from hypothesis import strategies as st
@@ -51,6 +52,22 @@ class Seen(HTMLParser):
 
     def handle_data(self, data):
         self.text += data
+
+
+@pytest.mark.slow
+def test_a_table_of_pandas_has_a_row_for_each_time():
+    table = ANSWER.to_dataframe()
+    assert table.index.name == 't'
+    np.testing.assert_array_equal(table.index, T)
+    assert list(table.columns) == [
+        ('x', 'p'), ('x', 'v'), ('u', 'u'), ('costates', 'p'), ('costates', 'v')]
+    np.testing.assert_array_equal(table['costates', 'v'], 4 * T)
+
+
+def test_without_pandas_a_table_is_refused_in_words(monkeypatch):
+    monkeypatch.setitem(sys.modules, 'pandas', None)
+    with pytest.raises(ObcError, match='needs pandas, which is not installed: pip install'):
+        ANSWER.to_dataframe()
 
 
 def test_columns_have_the_names_of_states_and_inputs():

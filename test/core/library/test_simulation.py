@@ -51,7 +51,7 @@ def test_a_regulator_follows_the_closed_loop_of_python_control():
     design = obc.lqr(MASS, [1, 1], [1])
     found = obc.simulate(MASS, design, [1, 0], T)
     free = control.initial_response(design.to_control(), T, [1, 0])
-    np.testing.assert_allclose(found.states.T, free.states, atol=1e-7)
+    np.testing.assert_allclose(found.state_rows.T, free.states, atol=1e-7)
     np.testing.assert_allclose(found.u['F'], free.outputs[2], atol=1e-7)
 
 
@@ -63,7 +63,7 @@ def test_a_sampled_regulator_holds_its_input():
     expected = [np.array([1.0, 0.0])]
     for _ in range(12):
         expected.append((design.A - design.B @ design.K) @ expected[-1])
-    np.testing.assert_allclose(found.states[::2], expected, atol=1e-8)
+    np.testing.assert_allclose(found.state_rows[::2], expected, atol=1e-8)
 
 
 def test_a_nonlinear_system_of_python_control_is_simulated_as_there():
@@ -73,7 +73,7 @@ def test_a_nonlinear_system_of_python_control_is_simulated_as_there():
     found = obc.simulate(obc.System.from_control(other), [0.1], [1, 0], T)
     theirs = control.input_output_response(other, T, 0.1 + 0*T, [1, 0],
                                            solve_ivp_kwargs={'rtol': 1e-9, 'atol': 1e-12})
-    np.testing.assert_allclose(found.states.T, theirs.states, atol=1e-6)
+    np.testing.assert_allclose(found.state_rows.T, theirs.states, atol=1e-6)
 
 
 @pytest.mark.slow
