@@ -106,7 +106,8 @@ def test_a_malformed_command_line_exits_with_2(line):
 
 @pytest.mark.parametrize('line', [
     ['solve', 'missing.yaml', '--json'], ['solve', 'missing.yaml', '--plot'],
-    ['lqr', 'missing.yaml', '--json'], ['demo', 'aircraft', '--out']], ids=' '.join)
+    ['lqr', 'missing.yaml', '--json'],
+    pytest.param(['demo', 'aircraft', '--out'], marks=pytest.mark.ros)], ids=' '.join)
 def test_an_output_folder_is_checked_before_any_request(tmp_path, capsys, line):
     (tmp_path / 'file').write_text('')
     assert main([*line, str(tmp_path / 'file' / 'out')]) == 1

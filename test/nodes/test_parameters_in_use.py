@@ -87,7 +87,7 @@ PLANT: dict[str, tuple[Any, Values]] = {
 SERVER: dict[str, tuple[Any, Values]] = {
     'workers': (3, {}), 'time_limit': (5.0, {}), 'max_intervals': (100, {}),
     'cache_size': (3, {}), 'queue_length': (3, {}), 'hardware_id': ('h1', {}),
-    'state_timeout': (0.2, {})}
+    'scheduler': ('tcp://127.0.0.1:9', {}), 'state_timeout': (0.2, {})}
 TABLES = {'lqr_node': LQR, 'plant_simulator': PLANT, 'trajectory_server': SERVER}
 CASES = [(node, name) for node, table in TABLES.items() for name in table]
 # The parameters that have an effect only under a condition, and start values under which they have

@@ -93,7 +93,7 @@ def _steps(axes: Axes, loop: LinearLoop, names: list[str]) -> None:
     closed = control.ss(M, none, np.eye(len(A)), none, loop.period)
     states = list(find_held_states(loop.A, loop.B))
     for index, i in enumerate(states):
-        free = control.initial_response(closed, t, np.eye(len(A))[i]).outputs[i]
+        free = control.initial_response(closed, t, np.eye(len(A))[i], squeeze=False).outputs[i]
         axes.plot(loop.delay + t, 1.0 - free,
                   label=f'${typeset_symbol(names[i])}$',
                   color=LINE_COLOURS[index % len(LINE_COLOURS)],

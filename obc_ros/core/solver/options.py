@@ -99,7 +99,8 @@ class DescentOptions:
     enough: float = steer(
         1e-5, 'excess at which a certified path is not refined', 'relative', 'aircraft_5')
     enough_bounded: float = steer(
-        2e-6, 'the same with state constraints; below it a certificate is computed', 'relative')
+        1e-6, 'the same with state constraints; below it a certificate is computed', 'relative',
+        'around_a_disc')
     back_off: float = steer(
         1e-3, 'violation of bounds alone up to which a path within tighter bounds is sought; '
         'error of its cost', 'relative', 'test_back_off.py')
