@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import cached_property
 from importlib import import_module
-from typing import Any, TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 from obc_ros.core.library.figures import draw_path, draw_search
@@ -18,9 +18,6 @@ from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.ocp.solution import Certificate, Optimality, Solution
 from obc_ros.core.text.errors import describe_type, ObcError, quote
 from obc_ros.core.text.tables import format_html_table
-
-if TYPE_CHECKING:   # half a second
-    from matplotlib.figure import Figure
 
 
 @dataclass(frozen=True)
@@ -199,7 +196,7 @@ class Answer:
                    for name, values in getattr(self, kind).items()}
         return pandas.DataFrame(columns, index=pandas.Index(self.t, name='t'))
 
-    def plot(self) -> 'Figure':
+    def plot(self) -> Any:
         """
         Draw states, inputs, costates, the switching function and the Hamiltonian.
 
@@ -220,7 +217,7 @@ class Answer:
         return draw_path(problem, self.solution, f'{self._heading}\nJ = {self.objective:.8g}, '
                          f'T = {self.t[-1]:.8g} s, {verdict}')
 
-    def plot_search(self) -> 'Figure':
+    def plot_search(self) -> Any:
         """
         Draw the costs that the search has found against its work.
 

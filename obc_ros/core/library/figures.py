@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping, Sequence
 from functools import cache
 import io
 import re
-from typing import Any, TYPE_CHECKING
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -18,10 +18,6 @@ from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.ocp.augmentation import hide_added_states, restore_added_states
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.ocp.solution import Attempt, Solution, Verdict
-
-if TYPE_CHECKING:   # half a second
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 # Okabe and Ito's colours, distinct with any colour vision; after them, dashes differ.
 LINE_COLOURS = ('#0072B2', '#D55E00', '#009E73', '#CC79A7', '#E69F00', '#56B4E9', '#000000')
@@ -38,7 +34,7 @@ _SEARCH_MARKS = (('initial guess, coarse mesh', 'o', LINE_COLOURS[0]),
 _CONTRAST = 50.0  # ratio of magnitudes above which lines get panels of their own
 
 
-def draw_path(problem: Problem, solution: Solution, title: str) -> 'Figure':
+def draw_path(problem: Problem, solution: Solution, title: str) -> Any:
     """
     Draw states, inputs, costates, the switching function and the Hamiltonian of a solution.
 
@@ -64,7 +60,7 @@ def draw_path(problem: Problem, solution: Solution, title: str) -> 'Figure':
     return figure
 
 
-def draw_search(solution: Solution, title: str) -> 'Figure':
+def draw_search(solution: Solution, title: str) -> Any:
     """
     Draw the costs that a search has found against its work.
 
@@ -90,7 +86,7 @@ def draw_search(solution: Solution, title: str) -> 'Figure':
 
 
 def draw_columns(t: Array, groups: Mapping[str, tuple[Sequence[str], Array]], title: str
-                 ) -> 'Figure':
+                 ) -> Any:
     """
     Draw columns of values over time, those of similar magnitude in one panel.
 
@@ -124,13 +120,13 @@ def draw_columns(t: Array, groups: Mapping[str, tuple[Sequence[str], Array]], ti
     return figure
 
 
-def new_figure(width: float, height: float) -> 'Figure':
+def new_figure(width: float, height: float) -> Any:
     """Return an empty figure of a size [inch] in `STYLE`, which a notebook shows."""
     return _figure_class()(figsize=(width, height), layout='constrained')
 
 
 @cache
-def _figure_class() -> type['Figure']:
+def _figure_class() -> type[Any]:
     """Return a class of figures that keep `STYLE` and need no pyplot to be shown."""
     import matplotlib
     from matplotlib.backend_bases import RendererBase
@@ -149,7 +145,7 @@ def _figure_class() -> type['Figure']:
     return StyledFigure
 
 
-def _draw_costs(axes: 'Axes', solution: Solution) -> None:
+def _draw_costs(axes: Any, solution: Solution) -> None:
     """Draw costs of initial guesses, meshes and certified solutions, and the local minima."""
     minima = solution.optimality.minima if solution.optimality else ()
     choices: tuple[Callable[[Attempt], bool], ...] = (
@@ -195,7 +191,7 @@ def _slopes(problem: Problem, x: Array, u: Array, lam: Array) -> tuple[Array, Ar
     return values.full().T, sizes.full().T
 
 
-def _draw_panels(problem: Problem, path: Solution) -> 'Figure':
+def _draw_panels(problem: Problem, path: Solution) -> Any:
     shown = hide_added_states(problem, path)
     path = restore_added_states(problem, path)
     t, x, u, lam = shown.t, shown.x, shown.u, shown.lam
@@ -231,7 +227,7 @@ def _draw_panels(problem: Problem, path: Solution) -> 'Figure':
     return figure
 
 
-def _conditions(above: 'Axes', below: 'Axes', problem: Problem, path: tuple[Array, ...],
+def _conditions(above: Any, below: Any, problem: Problem, path: tuple[Array, ...],
                 hamiltonian: Array) -> None:
     """Draw the switching function and the Hamiltonian."""
     t, x, u, lam = path
@@ -258,7 +254,7 @@ def _alike(values: Array) -> list[list[int]]:
     return sorted(sorted(group) for group in groups)
 
 
-def _lines(axes: 'Axes', label: str, t: Array, values: Array, template: str,
+def _lines(axes: Any, label: str, t: Array, values: Array, template: str,
            names: Sequence[str], group: Sequence[int] | None = None, **style: Any) -> None:
     """Draw the columns of a group, or all; a name has the same colour in every panel."""
     shown = range(len(names)) if group is None else group
@@ -292,7 +288,7 @@ def typeset_symbol(name: str) -> str:
     return f'{letter}_{{{index}}}' if index else letter
 
 
-def _bounds(axes: 'Axes', values: Array, lower: Array, upper: Array) -> None:
+def _bounds(axes: Any, values: Array, lower: Array, upper: Array) -> None:
     """Draw the bounds that are at most a tenth of the range of the values outside it."""
     for bound in np.unique(np.concatenate([lower, upper])):
         low, high = values.min(), values.max()
@@ -300,7 +296,7 @@ def _bounds(axes: 'Axes', values: Array, lower: Array, upper: Array) -> None:
             axes.axhline(bound, **THIN)
 
 
-def _widen(axes: 'Axes', values: Array, size: float) -> None:
+def _widen(axes: Any, values: Array, size: float) -> None:
     """Widen the limits of an axis: variations far below `size` are rounding errors."""
     middle, half = (values.max() + values.min()) / 2, (values.max() - values.min()) / 2
     half = max(half * 1.1, 0.05 * max(size, abs(middle)) or 0.05)

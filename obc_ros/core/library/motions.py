@@ -9,7 +9,7 @@ from obc_ros.core.library.answer import Answer
 from obc_ros.core.library.problem import convert_numbers
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.ocp.augmentation import hide_added_states
-from obc_ros.core.solver.exact.reeds_shepp import CarPath, find_shortest_path
+from obc_ros.core.solver.exact.reeds_shepp import find_shortest_path
 from obc_ros.core.solver.motion_planning import Motion, solve_motion
 from obc_ros.core.solver.nlp import minimize as static
 from obc_ros.core.solver.nlp.minimize import Minimum
@@ -65,32 +65,6 @@ def plan(system: str, start: Sequence[float] | Array, goal: Sequence[float] | Ar
                   hide_added_states(problem, solution), problem)
 
 
-def reeds_shepp(start: Sequence[float] | Array, goal: Sequence[float] | Array, radius: float
-                ) -> CarPath:
-    """
-    Return the shortest path of a car that goes forwards and backwards.
-
-    Parameters
-    ----------
-    start, goal : sequence of 3 float
-        (x, y, theta) [m, m, rad].
-    radius : float
-        Smallest turning radius [m], > 0.
-
-    Returns
-    -------
-    CarPath
-        ``length`` [m], ``word``, ``segments``, ``sample(n)``, ``at(distance)``.
-
-    Raises
-    ------
-    StatementError
-        If a pose is not three finite numbers or the radius is not a positive one.
-
-    """
-    return find_shortest_path(start, goal, radius)
-
-
 def minimize(statement: Mapping[str, Any] | None = None, *, time_limit: float = 10.0, **keys: Any
              ) -> Minimum:
     """
@@ -121,3 +95,6 @@ def minimize(statement: Mapping[str, Any] | None = None, *, time_limit: float = 
     if statement is not None and not isinstance(statement, Mapping):
         raise StatementError(f'statement: wanted a mapping, found {describe_type(statement)}')
     return static.minimize(convert_numbers({**(statement or {}), **keys}), time_limit=time_limit)
+
+
+reeds_shepp = find_shortest_path   # the name of the library

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 import math
-from typing import Any, TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 from obc_ros.core.library.answer import Answer
@@ -16,9 +16,6 @@ from obc_ros.core.library.regulators import RegulatorDesign
 from obc_ros.core.numerics.arrays import Array, integrate
 from obc_ros.core.systems.equilibrium import check_numbers
 from obc_ros.core.text.errors import describe_type, ObcError, StatementError
-
-if TYPE_CHECKING:   # half a second
-    from matplotlib.figure import Figure
 
 ControlLaw = Callable[[float, Array], Any]
 
@@ -69,7 +66,7 @@ class Simulation:
         """Return each input, shape (N,), by its name."""
         return dict(zip(self.inputs, self.input_rows.T, strict=True))
 
-    def plot(self) -> 'Figure':
+    def plot(self) -> Any:
         """Draw states and inputs; a notebook shows the figure, `savefig` writes it."""
         return draw_columns(self.t, {'states': (self.states, self.state_rows),
                                      'inputs': (self.inputs, self.input_rows)},
