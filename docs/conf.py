@@ -5,6 +5,7 @@
 from importlib import util
 import os
 from pathlib import Path
+import re
 import sys
 from typing import Any
 from xml.etree import ElementTree
@@ -59,7 +60,8 @@ def list_others(app: Any, page: str, source: list[str]) -> None:
         source[0] = source[0].replace('   (all others)\n', ''.join(
             f'   {each}\n' for each in others))
     if page == 'gallery':
-        source[0] += '\n```{toctree}\n:hidden:\n:glob:\n\ngallery/*\n```\n'
+        entries = re.findall(r'\]\((gallery/.*)\.md\)', source[0])  # in the order of the book
+        source[0] += '\n```{toctree}\n:hidden:\n\n' + '\n'.join(entries) + '\n```\n'
     if page == 'notebooks' and any(each.startswith('notebooks/') for each in app.env.found_docs):
         source[0] += '\n```{toctree}\n:maxdepth: 1\n:glob:\n\nnotebooks/*\n```\n'
 

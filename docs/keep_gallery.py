@@ -48,12 +48,11 @@ def main(names: list[str]) -> int:
     records = {each['name']: each for each in json.loads(
         (OUT / 'gallery.json').read_text(encoding='utf-8'))['entries']}
     PAGES.mkdir(exist_ok=True)
-    for number, entry in enumerate(ENTRIES, start=1):
+    for entry in ENTRIES:
         if not names or entry.name in names:
-            stem = f'{number:02}-{entry.name}'
-            text = '\n\n'.join(sections(records[entry.name], stem, commit)) + '\n'
-            (PAGES / f'{stem}.md').write_text(text, encoding='utf-8')
-            keep_figure(OUT / records[entry.name]['figure'], PAGES / f'{stem}.png')
+            text = '\n\n'.join(sections(records[entry.name], commit)) + '\n'
+            (PAGES / f'{entry.name}.md').write_text(text, encoding='utf-8')
+            keep_figure(OUT / records[entry.name]['figure'], PAGES / f'{entry.name}.png')
     return 0
 
 
@@ -68,13 +67,13 @@ def keep_figure(source: Path, target: Path) -> None:
             target, optimize=True)
 
 
-def sections(record: Record, stem: str, commit: str) -> Iterator[str]:
+def sections(record: Record, commit: str) -> Iterator[str]:
     """Yield the parts of the page of an entry."""
     name = f'{record["label"]}: {strip_markup(record["title"])}'
     yield f'# {name}'
     yield paragraph(f'{record["source"]} of R. M. Murray, Optimization-Based Control, chapter 2.')
     yield from map(paragraph, record['statement'])
-    yield f'![Figure of {name}]({stem}.png)'
+    yield f'![Figure of {name}]({record["name"]}.png)'
     yield from map(paragraph, record['notes'])
     if record['erratum']:
         yield '## Errata of the book'

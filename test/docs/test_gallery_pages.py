@@ -20,27 +20,27 @@ import pytest
 ROOT = Path(__file__).resolve().parents[2]
 DOCS = ROOT / 'docs'
 PAGES = DOCS / 'gallery'
-STEMS = {entry.name: f'{number:02}-{entry.name}' for number, entry in enumerate(ENTRIES, start=1)}
+NAMES = [entry.name for entry in ENTRIES]
 EACH_ENTRY = pytest.mark.parametrize('entry', ENTRIES, ids=lambda entry: entry.name)
 ROW = re.compile(r'^\| (.*) \| (\S+) \| (\S+) \| (\S+)( \(relative\))? \| (.*) \|$', re.MULTILINE)
 
 
 def read(entry: GalleryEntry) -> str:
     """Return the text of the page of an entry."""
-    return (PAGES / f'{STEMS[entry.name]}.md').read_text(encoding='utf-8')
+    return (PAGES / f'{entry.name}.md').read_text(encoding='utf-8')
 
 
 def test_each_entry_has_exactly_one_page_and_one_figure() -> None:
     assert {path.name for path in PAGES.iterdir()} == {
-        f'{stem}{ending}' for stem in STEMS.values() for ending in ('.md', '.png')}
+        f'{name}{ending}' for name in NAMES for ending in ('.md', '.png')}
 
 
 def test_the_index_has_the_order_of_the_book() -> None:
     text = (DOCS / 'gallery.md').read_text(encoding='utf-8')
-    assert re.findall(r'\]\(gallery/(.*)\.md\)', text) == list(STEMS.values())
+    assert re.findall(r'\]\(gallery/(.*)\.md\)', text) == NAMES
     found = re.findall(r'^(\d+)\. \[(.*)\]', text, re.MULTILINE)
     assert found == [(str(number), records.label(name))
-                     for number, name in enumerate(STEMS, start=1)]
+                     for number, name in enumerate(NAMES, start=1)]
 
 
 @EACH_ENTRY
@@ -48,7 +48,7 @@ def test_a_page_has_the_title_and_figure_of_its_entry(entry: GalleryEntry) -> No
     text = read(entry)
     name = f'{records.label(entry.name)}: {strip_markup(entry.title)}'
     assert text.startswith(f'# {name}\n')
-    assert f'![Figure of {name}]({STEMS[entry.name]}.png)' in text
+    assert f'![Figure of {name}]({entry.name}.png)' in text
     assert f'`obc gallery {entry.name}`' in text
     assert ('## Errata of the book' in text) == bool(entry.erratum)
 
@@ -94,7 +94,7 @@ def test_the_commands_fit_the_interfaces(entry: GalleryEntry) -> None:
 
 @EACH_ENTRY
 def test_a_figure_has_high_resolution_and_a_small_file(entry: GalleryEntry) -> None:
-    path = PAGES / f'{STEMS[entry.name]}.png'
+    path = PAGES / f'{entry.name}.png'
     with Image.open(path) as figure:
         assert figure.width >= 1600
     assert path.stat().st_size < 200_000
