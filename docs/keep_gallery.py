@@ -52,7 +52,10 @@ def main(names: list[str]) -> int:
         if not names or entry.name in names:
             text = '\n\n'.join(sections(records[entry.name], commit)) + '\n'
             (PAGES / f'{entry.name}.md').write_text(text, encoding='utf-8')
-            keep_figure(OUT / records[entry.name]['figure'], PAGES / f'{entry.name}.png')
+            for stale in PAGES.glob(f'{entry.name}-*.png'):
+                stale.unlink()
+            for figure in records[entry.name]['figures']:
+                keep_figure(OUT / figure, PAGES / figure)
     return 0
 
 
@@ -73,7 +76,8 @@ def sections(record: Record, commit: str) -> Iterator[str]:
     yield f'# {name}'
     yield paragraph(f'{record["source"]} of R. M. Murray, Optimization-Based Control, chapter 2.')
     yield from map(paragraph, record['statement'])
-    yield f'![Figure of {name}]({record["name"]}.png)'
+    for figure in record['figures']:
+        yield f'![Figure of {name}]({figure})'
     yield from map(paragraph, record['notes'])
     if record['erratum']:
         yield '## Errata of the book'

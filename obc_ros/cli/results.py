@@ -17,6 +17,7 @@ from pathlib import Path
 import re
 from typing import Any, ClassVar, TypeVar
 
+from obc_ros.core.library.figures.files import FORMATS, parse_formats
 from obc_ros.core.library.json_values import convert_to_json
 from obc_ros.core.text.errors import DynamicsError, ObcError, quote, StatementError
 from obc_ros.core.text.yaml_files import FileEntry, read_entries
@@ -132,9 +133,31 @@ def add_arguments(parser: argparse.ArgumentParser, what: str) -> None:
                         help='write each result to DIR, as JSON')
     parser.add_argument('--plot', metavar='DIR', type=Path,
                         help='write a figure of each result to DIR')
+    add_format(parser)
     parser.add_argument('--server', metavar='NAME', nargs='?', const='', type=_server_name,
                         help='ask a running trajectory_server over ROS: any, or that of a name '
                              '(default: processes of this command, without ROS)')
+
+
+def add_format(parser: argparse.ArgumentParser) -> None:
+    """
+    Declare the argument `--format` of figures.
+
+    Parameters
+    ----------
+    parser : ArgumentParser
+        Of the command.
+
+    """
+    parser.add_argument('--format', metavar='NAMES', type=_formats, default=FORMATS[:1],
+                        help=f'of the figures: {",".join(FORMATS)} (default: {FORMATS[0]})')
+
+
+def _formats(text: str) -> tuple[str, ...]:
+    try:
+        return parse_formats(text)
+    except ObcError as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
 
 
 def _server_name(text: str) -> str:
@@ -165,7 +188,7 @@ def make_folders(args: argparse.Namespace) -> None:
 
 
 def save_answers(asked: Sequence[Kind], args: argparse.Namespace,
-                 draw: Callable[[Path, Kind], None]
+                 draw: Callable[[Path, Kind, Sequence[str]], None]
                  ) -> None:
     """
     Write the files of all results, and report those that were renamed.
@@ -175,9 +198,9 @@ def save_answers(asked: Sequence[Kind], args: argparse.Namespace,
     asked : sequence of Asked
         The entries with their results.
     args : argparse.Namespace
-        With the folders `json` and `plot`, or None.
+        With the folders `json` and `plot`, or None, and the formats of figures, `format`.
     draw : callable
-        Draws a result into the file of a path, if it can be drawn.
+        Draws a result, if it can be drawn, into files: the path without ending, the formats.
 
     Raises
     ------
@@ -192,7 +215,7 @@ def save_answers(asked: Sequence[Kind], args: argparse.Namespace,
             write(args.json, each.file_name, each.as_json())
     if args.plot:  # afterwards: it is slow, and the user may interrupt it
         for each in asked:
-            draw(args.plot / f'{each.file_name}.png', each)
+            draw(args.plot / each.file_name, each, args.format)
 
 
 def _entries(file: Path) -> list[tuple[str, FileEntry]]:
@@ -201,23 +224,6 @@ def _entries(file: Path) -> list[tuple[str, FileEntry]]:
         return read_entries(file)
     except StatementError as error:
         return [(str(file), error)]
-
-
-def save_figure(figure: Any, path: Path, dpi: int = 150) -> None:
-    """
-    Write a figure of matplotlib into a file.
-
-    Raises
-    ------
-    ObcError
-        If the file cannot be written.
-
-    """
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        figure.savefig(path, dpi=dpi)
-    except OSError as error:
-        raise ObcError(f'{path} cannot be written: {error.strerror}') from error
 
 
 def write(folder: Path, name: str, result: Mapping[str, Any]) -> None:

@@ -105,6 +105,16 @@ def test_a_malformed_command_line_exits_with_2(line):
 
 
 @pytest.mark.parametrize('line', [
+    ['solve', 'a.yaml'], ['lqr', 'a.yaml'], ['sweep', 'a.yaml', '--out', 'a'], ['gallery'],
+    ['demo', 'aircraft']], ids=lambda line: line[0])
+def test_an_unknown_format_of_figures_exits_with_2(capsys, line):
+    with pytest.raises(SystemExit) as exit_:
+        main([*line, '--format', 'pdf,gif'])
+    assert exit_.value.code == 2
+    assert "no format 'gif': wanted one or several of png, pdf, svg" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize('line', [
     ['solve', 'missing.yaml', '--json'], ['solve', 'missing.yaml', '--plot'],
     ['lqr', 'missing.yaml', '--json'],
     pytest.param(['demo', 'aircraft', '--out'], marks=pytest.mark.ros)], ids=' '.join)
@@ -267,12 +277,13 @@ def test_no_package_of_ros_is_imported(tmp_path, command, asked):
     program = 'import sys; from obc_ros.cli.obc import main; sys.exit(main(sys.argv[1:]))'
     done = subprocess.run(
         [sys.executable, '-c', program, command, str(tmp_path / 'asked.yaml'), '--json',
-         str(tmp_path), '--plot', str(tmp_path)],
+         str(tmp_path), '--plot', str(tmp_path), '--format', 'pdf,png'],
         env={**os.environ, 'PYTHONPATH': str(blocker)}, capture_output=True, text=True,
         check=False)
     assert done.returncode == 0, done.stdout + done.stderr
     assert read_json(tmp_path / 'asked.json')['status'] == 'solved'
     assert (tmp_path / 'asked.png').exists()
+    assert (tmp_path / 'asked.pdf').read_bytes().startswith(b'%PDF')
     refused = subprocess.run(
         [sys.executable, '-c', 'import rclpy'], env={**os.environ, 'PYTHONPATH': str(blocker)},
         capture_output=True, text=True, check=False)

@@ -62,7 +62,7 @@ def test_curves_agree_with_the_numbers_of_the_design(asked: dict[str, Any], tmp_
     points = locus.collections[0].get_offsets() @ [1.0, 1j]
     for real, imag in zip(case.design.poles_real, case.design.poles_imag, strict=True):
         assert np.abs(points - complex(real, imag)).min() < 1e-6 * abs(complex(real, imag))
-    draw_regulator(tmp_path / 'figures' / 'flight.png', case)
+    draw_regulator(tmp_path / 'figures' / 'flight', case)
     assert (tmp_path / 'figures' / 'flight.png').stat().st_size > 30_000
 
 

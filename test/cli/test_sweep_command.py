@@ -42,11 +42,13 @@ def test_the_table_and_the_exit_status(tmp_path, capsys):
     ['--sample', 'x0.x~normal(0,1)', '--count', '5'],
     ['--sample', 'x0.x~normal(0,1)', '--sample', 'x0.v~normal(0,1)', '--count', '5']])
 def test_figures_of_axes_and_of_samples(asked, tmp_path, capsys):
-    run(REST, *asked, '--out', tmp_path, '--plot', '--workers', 1)
-    assert 'value.png' in capsys.readouterr().out
+    run(REST, *asked, '--out', tmp_path, '--plot', '--format', 'svg,png', '--workers', 1)
+    assert 'value.svg, ' in capsys.readouterr().out
     for name in ('value.png', 'success.png'):
         pixels = image.imread(tmp_path / name)
-        assert pixels.shape == (720, 960, 4) and len(np.unique(pixels.reshape(-1, 4), axis=0)) > 9
+        assert pixels.shape == (960, 1280, 4)
+        assert len(np.unique(pixels.reshape(-1, 4), axis=0)) > 9
+        assert (tmp_path / name).with_suffix('.svg').read_text().startswith('<?xml')
 
 
 @pytest.mark.slow

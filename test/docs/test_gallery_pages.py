@@ -30,9 +30,16 @@ def read(entry: GalleryEntry) -> str:
     return (PAGES / f'{entry.name}.md').read_text(encoding='utf-8')
 
 
-def test_each_entry_has_exactly_one_page_and_one_figure() -> None:
+def test_each_entry_has_exactly_one_page_and_the_figures_on_it() -> None:
+    figures = [name for entry in ENTRIES for name in find_figures(entry)]
     assert {path.name for path in PAGES.iterdir()} == {
-        f'{name}{ending}' for name in NAMES for ending in ('.md', '.png')}
+        *(f'{name}.md' for name in NAMES), *figures}
+    assert len(figures) == len(set(figures)) >= len(ENTRIES)
+
+
+def find_figures(entry: GalleryEntry) -> list[str]:
+    """Return the files of the figures on the page of an entry."""
+    return re.findall(r'^!\[Figure of .*\]\((.*)\)$', read(entry), re.MULTILINE)
 
 
 def test_the_index_has_the_order_of_the_book() -> None:
@@ -94,7 +101,7 @@ def test_the_commands_fit_the_interfaces(entry: GalleryEntry) -> None:
 
 @EACH_ENTRY
 def test_a_figure_has_high_resolution_and_a_small_file(entry: GalleryEntry) -> None:
-    path = PAGES / f'{entry.name}.png'
-    with Image.open(path) as figure:
-        assert figure.width >= 1600
-    assert path.stat().st_size < 200_000
+    for path in map(PAGES.joinpath, find_figures(entry)):
+        with Image.open(path) as figure:
+            assert figure.width >= 1600
+        assert path.stat().st_size < 200_000

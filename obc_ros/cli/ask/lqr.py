@@ -60,10 +60,10 @@ def _show(asked: list[Case]) -> None:
             print(quote(f'{case.label}: {case.message}', None))
 
 
-def _draw(path: Path, case: Case) -> None:
+def _draw(path: Path, case: Case, formats: Sequence[str]) -> None:
     if case.design:
         from obc_ros.cli.ask import regulator_figures  # matplotlib and control take a second
-        regulator_figures.draw_regulator(path, case)
+        regulator_figures.draw_regulator(path, case, formats)
 
 
 def _request(service: Any, given: Any) -> Any:

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The figure of a regulator: step and frequency responses, root locus over the input weight."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -12,8 +12,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 import numpy as np
 from obc_ros.cli.ask.regulator_requests import Case
-from obc_ros.cli.results import save_figure
-from obc_ros.core.library.figures import FEW, LINE_COLOURS, STYLE, THIN, typeset_symbol
+from obc_ros.core.library.figures.files import save_figure
+from obc_ros.core.library.figures.panels import FEW
+from obc_ros.core.library.figures.style import LINE_COLOURS, STYLE, THIN, typeset_symbol
 from obc_ros.core.lqr.design.report import read_matrices
 from obc_ros.core.lqr.lqr import lqr
 from obc_ros.core.lqr.sampled import discretize_plant, sampled_lqr
@@ -27,9 +28,9 @@ SETTLING = 6.0                         # time constants of the slowest pole in a
 WEIGHTS = np.logspace(-3.0, 3.0, 121)  # factors of Qu in the root locus
 
 
-def draw_regulator(path: Path, case: Case) -> None:
+def draw_regulator(path: Path, case: Case, formats: Sequence[str] = ('png',)) -> None:
     """
-    Draw the design of a case into the file `path`.
+    Draw the design of a case into the files `path` with the endings of the formats.
 
     Raises
     ------
@@ -38,7 +39,7 @@ def draw_regulator(path: Path, case: Case) -> None:
 
     """
     with matplotlib.rc_context(STYLE):
-        save_figure(draw_figure(case), path)
+        save_figure(draw_figure(case), path, formats)
 
 
 def draw_figure(case: Case) -> Figure:

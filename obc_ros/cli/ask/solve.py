@@ -15,6 +15,7 @@ from typing import Any
 from obc_ros.cli import results, terminal
 from obc_ros.cli.ask.pool_batch import answer_all
 from obc_ros.cli.ask.problem_requests import Question
+from obc_ros.core.library.figures.files import save_figure
 from obc_ros.core.ocp.method_names import get_method, NAMES
 from obc_ros.core.ocp.solution import Optimality
 from obc_ros.core.text.errors import quote, StatementError
@@ -123,12 +124,12 @@ def _ask_server(args: argparse.Namespace, asked: Sequence[Question]) -> None:
     answer_by_server(args.server, asked, args.time_limit)
 
 
-def _draw(path: Path, question: Question) -> None:
+def _draw(path: Path, question: Question, formats: Sequence[str]) -> None:
     if question.solution and question.solution.t.size:
         answer = question.read_answer(with_problem=True)
-        results.save_figure(answer.plot(), path)
+        save_figure(answer.plot(), path, formats)
         if answer.trace.costs > 1:
-            results.save_figure(answer.plot_search(), path.with_suffix('.search.png'))
+            save_figure(answer.plot_search(), path.with_name(f'{path.name}.search'), formats)
 
 
 def _print_trees(asked: Sequence[Question]) -> None:

@@ -3,14 +3,14 @@
 """The command ``obc sweep``: one problem solved for many values of its numbers."""
 
 import argparse
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 import math
 from pathlib import Path
 import sys
 import time
 from typing import Any
 
-from obc_ros.cli import terminal
+from obc_ros.cli import results, terminal
 from obc_ros.core.text.errors import DynamicsError, ObcError, quote, StatementError
 from obc_ros.sweep.axes import make_axes, make_draws, parse_axes, parse_draws
 from obc_ros.sweep.sweep import (
@@ -45,7 +45,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--out', metavar='DIR', type=Path, required=True,
                         help=f'folder of the journal and of {DATASET}')
     parser.add_argument('--plot', action='store_true',
-                        help='also write value.png and success.png to DIR')
+                        help='also write the figures value and success to DIR')
+    results.add_format(parser)
     parser.add_argument('--resume', action='store_true',
                         help='go on with the sweep in DIR, which has the same arguments')
     parser.add_argument('--scheduler', metavar='ADDRESS', default='',
@@ -79,7 +80,7 @@ def run(args: argparse.Namespace) -> int:
         dataset = sweep.save()
         _show(sweep)
         if args.plot:
-            _draw(dataset, args.out)
+            _draw(dataset, args.out, args.format)
     if sweep.done < sweep.question.points:
         print(f'obc sweep: {why}; {sweep.done} of {sweep.question.points} points are done; the '
               'same command with --resume solves the others', file=sys.stderr)
@@ -108,9 +109,9 @@ def _solve(sweep: Sweep, workers: Workers, resume: bool) -> str:
     return ''
 
 
-def _draw(dataset: Any, folder: Path) -> None:
+def _draw(dataset: Any, folder: Path, formats: Sequence[str]) -> None:
     from obc_ros.cli.ask.sweep_figures import draw_sweep  # matplotlib takes a second
-    paths = draw_sweep(dataset, folder)
+    paths = draw_sweep(dataset, folder, formats)
     print(f'written: {quote(", ".join(map(str, paths)), None)}' if paths else
           'no figures: they are drawn for one or two axes, and for samples without an axis')
 

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Figures of a sweep: value function, switching surfaces, success; curves or maps."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,8 +13,8 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 import numpy as np
-from obc_ros.cli.results import save_figure
-from obc_ros.core.library.figures import LINE_COLOURS, STYLE, THIN
+from obc_ros.core.library.figures.files import save_figure
+from obc_ros.core.library.figures.style import LINE_COLOURS, STYLE, THIN
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.sweep.axes import SAMPLE
 
@@ -25,7 +26,7 @@ STATUS_COLOURS = ('#FFFFFF', '#56B4E9', '#000000', '#E69F00', '#D55E00', '#99999
                   '#009E73')
 
 
-def draw_sweep(dataset: Any, folder: Path) -> list[Path]:
+def draw_sweep(dataset: Any, folder: Path, formats: Sequence[str] = ('png',)) -> list[Path]:
     """
     Draw the figures of a sweep of a problem or of a regulator.
 
@@ -35,11 +36,14 @@ def draw_sweep(dataset: Any, folder: Path) -> list[Path]:
         From `make_dataset`.
     folder : Path
         Of the figures.
+    formats : sequence of str
+        Of the files.
 
     Returns
     -------
     list of Path
-        ``value.png`` and ``success.png``. None for over two axes, or axes with samples.
+        ``value`` and ``success`` with the endings of the formats. None for over two axes, or axes
+        with samples.
 
     Raises
     ------
@@ -61,8 +65,7 @@ def draw_sweep(dataset: Any, folder: Path) -> list[Path]:
             figure = Figure(figsize=(WIDTH, HEIGHT), layout='constrained')
             figure.suptitle(dataset.attrs['title'])
             draw(figure, dataset, keys)
-            save_figure(figure, folder / f'{name}.png')
-            paths.append(folder / f'{name}.png')
+            paths += save_figure(figure, folder / name, formats)
     return paths
 
 

@@ -2,22 +2,23 @@
 # SPDX-License-Identifier: Apache-2.0
 """The aircraft of Example 2.5: steps, new weights in flight, a gust, a rejected change."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from math import pi
 from pathlib import Path
 
 import matplotlib as mpl
-from obc_ros.core.numerics.arrays import Array
-
-mpl.use('Agg')
 from matplotlib.axes import Axes
-import matplotlib.pyplot as plt
+from matplotlib.figure import Figure
 import numpy as np
 from obc_ros.cli import terminal
 from obc_ros.cli.demo.flight import Event, Flight, fly, set_parameters
 from obc_ros.cli.demo.report import measure_step, report_loop
 from obc_ros.cli.flight_client import Pilot
+from obc_ros.core.library.figures.files import save_figure
+from obc_ros.core.library.figures.style import STYLE
 from obc_ros.core.lqr.design.report import read_matrices
+from obc_ros.core.numerics.arrays import Array
 from obc_ros.msg import LqrDesign
 from scipy.linalg import expm
 
@@ -39,7 +40,7 @@ class UnitStep:
     design: LqrDesign
 
 
-def run(out: Path, real_time: bool) -> int:
+def run(out: Path, real_time: bool, formats: Sequence[str]) -> int:
     """Run the flight, print its figures of merit and plot it; return the exit status."""
     steps: list[UnitStep] = []
     flight = Flight('aircraft', 'aircraft.yaml', END, (
@@ -50,7 +51,8 @@ def run(out: Path, real_time: bool) -> int:
               lambda pilot: _step(pilot, steps, 1.0, 15.0, 'Example 2.5', '2.5')),
         Event(GUST, 'a gust from the side, 4 N for 1 s', lambda pilot: ''),
         Event(REFUSAL, 'Qu = [-0.1, 0.1]', _refused_weights)))
-    return fly(flight, out, real_time, lambda pilot, wall: _conclude(pilot, wall, steps, out))
+    return fly(flight, out, real_time, lambda pilot, wall: _conclude(
+        pilot, wall, steps, out, formats))
 
 
 def _step(pilot: Pilot, steps: list[UnitStep], start: float, span: float, weights: str,
@@ -77,7 +79,8 @@ def _refused_weights(pilot: Pilot) -> str:
     return set_parameters('lqr_node', {'Qu': [-0.1, 0.1]}, refused=True)(pilot)
 
 
-def _conclude(pilot: Pilot, wall: float, steps: list[UnitStep], out: Path) -> int:
+def _conclude(pilot: Pilot, wall: float, steps: list[UnitStep], out: Path,
+              formats: Sequence[str]) -> int:
     t, x, tu, u = pilot.history()
     steps = [replace(step, begin=_jump(step.begin, tu, u)) for step in steps]
     rows = []
@@ -96,9 +99,9 @@ def _conclude(pilot: Pilot, wall: float, steps: list[UnitStep], out: Path) -> in
         ('unit step', 'axis', 'rise time', 'overshoot', 'settling', 'peak |f - fe|'),
                          rows)
     terminal.print_table(('the loop', ''), report_loop(pilot, wall))
-    figure = out / 'aircraft.png'
-    _draw(t, x, tu, u, steps, figure)
-    print(f'figure {figure}   recording {out / "aircraft"}')
+    with mpl.rc_context(STYLE):
+        drawn = save_figure(_draw(t, x, tu, u, steps), out / 'aircraft', formats)
+    print(f'figure {", ".join(map(str, drawn))}   recording {out / "aircraft"}')
     return 0
 
 
@@ -108,16 +111,16 @@ def _jump(asked: float, t: Array, u: Array) -> float:
     return float(t[1 + after[0]])
 
 
-def _draw(t: Array, x: Array, tu: Array, u: Array, steps: list[UnitStep], path: Path) -> None:
-    figure, axes = plt.subplots(2, 3, figsize=(13, 7), layout='constrained')
+def _draw(t: Array, x: Array, tu: Array, u: Array, steps: list[UnitStep]) -> Figure:
+    figure = Figure(figsize=(13, 7), layout='constrained')
+    axes = figure.subplots(2, 3)
     for row, step in enumerate(steps):
         _positions(axes[row, 0], t - step.begin, x[:, :2] - step.start, step)
         _inputs(axes[row, 1], tu - step.begin, u - step.design.ue, step)
     _flight(axes[0, 2], t, x)
     _tilt(axes[1, 2], t, x)
     figure.suptitle('Vectored thrust aircraft, three nodes over DDS')
-    figure.savefig(path, dpi=130)
-    plt.close(figure)
+    return figure
 
 
 def _linear(step: UnitStep) -> tuple[Array, Array, Array]:

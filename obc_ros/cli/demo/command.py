@@ -17,6 +17,7 @@ import os
 from pathlib import Path
 import sys
 
+from obc_ros.cli import results
 from obc_ros.cli.client import is_domain_used
 from obc_ros.cli.processes import isolate, lock_folder, reserve_domain
 from obc_ros.cli.ros_graph import Graph, join_graph, keep_to_this_machine, LOOK
@@ -30,6 +31,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('scenario', choices=('aircraft', 'vehicle'), help='plant')
     parser.add_argument('--out', type=Path, default=Path('out'), metavar='DIR',
                         help='directory of figures and recordings (default: out)')
+    results.add_format(parser)
     parser.add_argument('--real-time', action='store_true',
                         help='run in real time, not in lockstep')
 
@@ -44,7 +46,7 @@ def run(args: argparse.Namespace) -> int:
         print(f'{args.scenario}: three nodes over DDS, domain {domain}, this machine only; '
               'while it runs, in another terminal:\n'
               f'  ROS_DOMAIN_ID={domain} {obc} param get /lqr_node Qx', flush=True)
-        status = scenario.run(args.out, args.real_time)
+        status = scenario.run(args.out, args.real_time, args.format)
     print('to start a loop and tune it by hand:\n'
           f'  {obc} launch obc_ros loop.launch.py scenario:={args.scenario}    '
           '# until Ctrl-C; in another terminal:\n'

@@ -3,18 +3,19 @@
 """The vehicle: it follows a planned lane change, and the slalom of Exercise 2.10."""
 
 from array import array
+from collections.abc import Sequence
 from pathlib import Path
 
 import matplotlib as mpl
-from obc_ros.core.numerics.arrays import Array
-
-mpl.use('Agg')
-import matplotlib.pyplot as plt
+from matplotlib.figure import Figure
 import numpy as np
 from obc_ros.cli import terminal
 from obc_ros.cli.demo.flight import Event, Flight, fly
 from obc_ros.cli.demo.report import report_loop
 from obc_ros.cli.flight_client import Pilot
+from obc_ros.core.library.figures.files import save_figure
+from obc_ros.core.library.figures.style import EXACT, get_line, new_figure, STYLE, THIN
+from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.systems.courses import build_lateral_reference, make_slalom
 from obc_ros.core.text.errors import ObcError
 from obc_ros.msg import NamedBounds, Trajectory
@@ -25,7 +26,7 @@ AMPLITUDE, FREQUENCY, COURSE = 1.0, 1.0, 6.0  # [m], [Hz], [s] of slalom
 AHEAD = 1.0  # [s] from the request for a plan until it begins
 
 
-def run(out: Path, real_time: bool) -> int:
+def run(out: Path, real_time: bool, formats: Sequence[str]) -> int:
     """Drive both courses, print figures of merit and plot them; return the exit status."""
     planned: list[Trajectory] = []
     course: list[Trajectory] = []
@@ -36,9 +37,9 @@ def run(out: Path, real_time: bool) -> int:
         Event(1.0, f'slalom of {AMPLITUDE:g} m and {FREQUENCY:g} Hz at {SPEED:g} m/s',
               lambda pilot: _slalom(pilot, course)),))
     status = fly(change, out, real_time, lambda pilot, wall: _conclude(
-        pilot, wall, planned[0], 1, 'lane change', out))
+        pilot, wall, planned[0], 1, 'lane change', out, formats))
     return status or fly(weaving, out, real_time, lambda pilot, wall: _conclude(
-        pilot, wall, course[0], 0, 'slalom', out))
+        pilot, wall, course[0], 0, 'slalom', out, formats))
 
 
 def _plan(pilot: Pilot, planned: list[Trajectory]) -> str:
@@ -82,7 +83,7 @@ def _publish(pilot: Pilot, trajectory: Trajectory, begin: int) -> Trajectory:
 
 
 def _conclude(pilot: Pilot, wall: float, reference: Trajectory, lateral: int, name: str,
-              out: Path) -> int:
+              out: Path, formats: Sequence[str]) -> int:
     t, x, tu, u = pilot.history()
     begin = (reference.header.stamp.sec * 10**9 + reference.header.stamp.nanosec
              - pilot.states.stamp[0]) * 1e-9
@@ -97,24 +98,27 @@ def _conclude(pilot: Pilot, wall: float, reference: Trajectory, lateral: int, na
         ('maximum heading error', f'{1e3 * np.abs(heading).max():.2f} mrad'),
         ('maximum steering angle', f'{np.abs(u[:, -1]).max():.3f} rad'),
         *report_loop(pilot, wall)])
-    path = out / f'{name.replace(" ", "_")}.png'
-    _draw(name, (times, wanted[:, lateral]), (t, x[:, lateral]), (t[during], error),
-          (tu, u[:, -1]), path)
-    print(f'figure {path}')
+    with mpl.rc_context(STYLE):
+        drawn = save_figure(
+            _draw(name, (times, wanted[:, lateral]), (t, x[:, lateral]), (t[during], error),
+                  (tu, u[:, -1])), out / name.replace(' ', '_'), formats)
+    print(f'figure {", ".join(map(str, drawn))}')
     return 0
 
 
 def _draw(name: str, wanted: tuple[Array, Array], driven: tuple[Array, Array],
-          error: tuple[Array, Array], steering: tuple[Array, Array], path: Path) -> None:
-    figure, axes = plt.subplots(3, 1, figsize=(8, 8), sharex=True, layout='constrained')
-    axes[0].plot(*driven, label='driven')
-    axes[0].plot(*wanted, '--', label='reference')
-    axes[0].set(ylabel='lateral position py [m]')
+          error: tuple[Array, Array], steering: tuple[Array, Array]) -> Figure:
+    figure = new_figure(7.0)
+    axes = figure.subplots(3, 1, sharex=True)
+    axes[0].plot(*driven, label='driven', **get_line(0))
+    axes[0].plot(*wanted, label='reference', **EXACT)
+    axes[0].set(ylabel='$p_y$ [m]')
     axes[0].legend()
-    axes[1].plot(error[0], 1e3 * error[1])
-    axes[1].set(ylabel='lateral error [mm]')
-    axes[2].step(*steering, where='post')
-    axes[2].set(ylabel='steering angle phi [rad]', xlabel='time [s]')
+    axes[1].plot(error[0], 1e3 * error[1], **get_line(0))
+    axes[1].axhline(0.0, **THIN)
+    axes[1].set(ylabel='error of $p_y$ [mm]')
+    axes[2].plot(*steering, drawstyle='steps-post', **get_line(0))
+    axes[2].set(ylabel=r'steering $\phi$ [rad]', xlabel='time [s]')
+    figure.align_ylabels()
     figure.suptitle(f'Vehicle at {SPEED:g} m/s: {name}, three nodes over DDS')
-    figure.savefig(path, dpi=130)
-    plt.close(figure)
+    return figure

@@ -4,13 +4,15 @@
 `obc gallery`: examples, theorems and exercises of chapter 2, computed by running nodes.
 
 ``DIR/index.html`` is the page, ``DIR/NAME.png`` the figure of an entry, ``DIR/gallery.json`` the
-numbers. Results of other entries in DIR are kept. Loops are recorded in ``DIR/recordings``.
+numbers. The page shows the PNG files; ``--format`` adds PDF and SVG. Results of other entries in
+DIR are kept. Loops are recorded in ``DIR/recordings``.
 """
 
 import argparse
 from pathlib import Path
 import sys
 
+from obc_ros.cli import results
 from obc_ros.cli.processes import lock_folder
 
 
@@ -19,6 +21,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('names', nargs='*', metavar='NAME', help='entries (default: all)')
     parser.add_argument('--out', type=Path, default=Path('out/gallery'), metavar='DIR',
                         help='directory of page, figures and numbers (default: out/gallery)')
+    results.add_format(parser)
     parser.add_argument('--list', action='store_true', help='list the entries')
 
 
@@ -38,4 +41,5 @@ def run(args: argparse.Namespace) -> int:
     chosen = [entry for name, entry in known.items() if not args.names or name in args.names]
     from obc_ros.cli.gallery.records import work_and_write  # imports ROS
     with lock_folder(args.out):
-        return work_and_write(chosen, args.out, list(known))
+        return work_and_write(chosen, args.out, list(known),
+                              tuple(dict.fromkeys(('png', *args.format))))

@@ -1,27 +1,15 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""Figures of the gallery: sizes, styles, axes and legends."""
+"""Panels of the gallery: sizes, labels, legends and arrows."""
 
 from typing import Any
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 import numpy as np
-from obc_ros.core.library.figures import STYLE
+from obc_ros.core.library.figures.style import WIDTH
 
-WIDTH = 8.4  # [in]
-HEIGHT = 3.1  # [in] of one row
-# Fonts of a printed page; legends are nearly opaque.
-AXES_STYLE = {**STYLE, 'font.family': 'STIXGeneral', 'mathtext.fontset': 'stix',
-              'font.size': 10, 'axes.titlesize': 11, 'axes.labelsize': 10.5,
-              'legend.fontsize': 9.5,
-              'legend.frameon': True, 'legend.framealpha': 0.85, 'legend.edgecolor': 'none',
-              'legend.borderpad': 0.15, 'legend.labelspacing': 0.3, 'legend.handlelength': 1.6,
-              'lines.linewidth': 1.4, 'figure.constrained_layout.w_pad': 0.08,
-              'figure.constrained_layout.h_pad': 0.06}
-DPI = 200
-# References are drawn on top: a difference is visible.
-EXACT = {'color': 'black', 'linestyle': (0, (1, 2.5)), 'linewidth': 1.6, 'zorder': 5}
+HEIGHT = 3.5  # [in] of one row
 
 
 def create_panels(rows: int, columns: int, height: float = HEIGHT, **options: Any
@@ -99,5 +87,5 @@ def draw_arrow(axes: Axes, start: Any, direction: Any, **style: Any) -> None:
 
     """
     begin, by = np.asarray(start, dtype=float), np.asarray(direction, dtype=float)
-    axes.annotate('', begin + by, begin, arrowprops={'arrowstyle': '-|>', 'linewidth': 1.6,
+    axes.annotate('', begin + by, begin, arrowprops={'arrowstyle': '-|>', 'linewidth': 1.8,
                                                      'shrinkA': 0, 'shrinkB': 0, **style})

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Entries of the gallery, and rows that compare a result with its reference."""
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 from matplotlib.figure import Figure
@@ -79,13 +79,15 @@ class EntryResult:
     The result of an entry.
 
     `notes` are sentences on the figure; `finding` has the numbers that show an erratum of the
-    book. Both are in the markup of `page`.
+    book. Both are in the markup of `page`. `more` has further figures, by the ending of their
+    names: 'inputs' is ``NAME-inputs.png``.
     """
 
     rows: Sequence[ComparedRow]
     figure: Figure
     notes: Sequence[str] = ()
     finding: str = ''
+    more: Mapping[str, Figure] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

@@ -148,9 +148,9 @@ def _article(record: Record) -> str:
                      f'{format_markup(record["erratum"])}</p>{finding}</div>')
     if record['message']:
         parts.append(f'<p class="bad">{html.escape(record["message"])}</p>')
-    if record['figure']:
-        shown = html.escape(f'{record["label"]}: {strip_markup(record["title"])}')
-        parts.append(f'<figure><img src="{record["figure"]}" alt="Figure of {shown}"></figure>')
+    shown = html.escape(f'{record["label"]}: {strip_markup(record["title"])}')
+    parts += [f'<figure><img src="{name}" alt="Figure of {shown}"></figure>'
+              for name in record['figures']]
     parts += [f'<p>{format_markup(each)}</p>' for each in record['notes']]
     if record['rows']:
         parts.append(_table(record['rows']))

@@ -12,14 +12,14 @@ from typing import Any
 
 from obc_ros.cli import terminal
 from obc_ros.cli.client import serve_client, ServerLostError
-from obc_ros.cli.gallery import drawing
 from obc_ros.cli.gallery.entry import GalleryEntry
 from obc_ros.cli.gallery.page import render_page, strip_markup
 from obc_ros.cli.gallery.runner import Desk
 from obc_ros.cli.processes import Children, isolate, reserve_domain
-from obc_ros.cli.results import save_figure
 from obc_ros.cli.results import write as write_json
 from obc_ros.cli.signals import InterruptedByUserError
+from obc_ros.core.library.figures.files import FORMATS, save_figure
+from obc_ros.core.library.figures.style import STYLE
 from obc_ros.core.library.json_values import convert_to_json
 from obc_ros.core.text.errors import ObcError
 
@@ -27,13 +27,14 @@ HEADER = ('entry', '', 'numbers', 'largest error: result', 'reference', 'error',
 COLOURS = {'holds': 'green', 'does not hold': 'red'}
 
 
-def work_and_write(chosen: Sequence[GalleryEntry], out: Path, order: Sequence[str]) -> int:
+def work_and_write(chosen: Sequence[GalleryEntry], out: Path, order: Sequence[str],
+                   formats: Sequence[str]) -> int:
     """Run entries, write and print their results; return the exit status."""
     begun = time.monotonic()
     records: list[dict[str, Any]] = []
     status = 0
     try:
-        work_all(chosen, out, records)
+        work_all(chosen, out, formats, records)
     except (ObcError, OSError) as error:  # interrupted, or a folder that cannot be written
         print(f'obc gallery: {error}', file=sys.stderr)
         status = 1
@@ -46,7 +47,8 @@ def work_and_write(chosen: Sequence[GalleryEntry], out: Path, order: Sequence[st
     return status or int(not all(record['holds'] for record in records))
 
 
-def work_all(entries: Sequence[GalleryEntry], out: Path, records: list[dict[str, Any]]) -> None:
+def work_all(entries: Sequence[GalleryEntry], out: Path, formats: Sequence[str],
+             records: list[dict[str, Any]]) -> None:
     """Append the records of entries, computed by nodes on a domain of their own."""
     with reserve_domain() as domain:
         isolate(domain)
@@ -57,30 +59,35 @@ def work_all(entries: Sequence[GalleryEntry], out: Path, records: list[dict[str,
                         out / 'recordings')
             for entry in entries:
                 lines.update(entry.name, entry.title)
-                records.append(work(entry, desk, out))
+                records.append(work(entry, desk, out, formats))
                 lines.end(entry.name, f'{_verdict(records[-1])}, {records[-1]["seconds"]:.1f} s')
 
 
-def work(entry: GalleryEntry, desk: Desk, out: Path) -> dict[str, Any]:
-    """Return the record of one entry and draw its figure; an error goes into the record."""
+def work(entry: GalleryEntry, desk: Desk, out: Path, formats: Sequence[str] = FORMATS[:1]
+         ) -> dict[str, Any]:
+    """Return the record of one entry and draw its figures; an error goes into the record."""
     import matplotlib
     begun = time.monotonic()
     desk.begin(entry.name)
     record: dict[str, Any] = {
         'name': entry.name, 'label': label(entry.name), 'title': entry.title,
         'source': entry.source, 'statement': list(entry.statement), 'erratum': entry.erratum,
-        'finding': '', 'notes': [], 'rows': [], 'figure': '', 'message': '', 'holds': False}
+        'finding': '', 'notes': [], 'rows': [], 'figures': [], 'message': '', 'holds': False}
     try:
-        with matplotlib.rc_context(drawing.AXES_STYLE):
+        with matplotlib.rc_context(STYLE):
             answer = entry.run(desk)
-            save_figure(answer.figure, out / f'{entry.name}.png', drawing.DPI)
+            figures = {entry.name: answer.figure} | {
+                f'{entry.name}-{ending}': each for ending, each in answer.more.items()}
+            for stem, figure in figures.items():
+                save_figure(figure, out / stem, formats)
     except (InterruptedByUserError, ServerLostError):
         raise
     except ObcError as error:
         record['message'] = str(error)
     else:
         record |= {'finding': answer.finding, 'notes': list(answer.notes),
-                   'rows': [row.as_json() for row in answer.rows], 'figure': f'{entry.name}.png'}
+                   'rows': [row.as_json() for row in answer.rows],
+                   'figures': [f'{stem}.png' for stem in figures]}
         record['holds'] = bool(record['rows']) and all(row['holds'] for row in record['rows'])
     return record | {'commands': desk.commands, 'seconds': time.monotonic() - begun}
 

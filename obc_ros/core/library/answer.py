@@ -9,7 +9,8 @@ from importlib import import_module
 from typing import Any
 
 import numpy as np
-from obc_ros.core.library.figures import draw_path, draw_search
+from obc_ros.core.library.figures.path import draw_path
+from obc_ros.core.library.figures.search import draw_search
 from obc_ros.core.library.interpolation import interpolate
 from obc_ros.core.library.json_values import convert_to_json
 from obc_ros.core.library.search_tree import SearchTree

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 from obc_ros.core.library.answer import Answer
-from obc_ros.core.library.figures import draw_columns
+from obc_ros.core.library.figures.panels import draw_columns
 from obc_ros.core.library.plants import require_system, System
 from obc_ros.core.library.regulators import RegulatorDesign
 from obc_ros.core.numerics.arrays import Array, integrate

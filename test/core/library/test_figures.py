@@ -3,7 +3,8 @@
 """Figures of solutions: switching functions, panels and files."""
 
 import numpy as np
-from obc_ros.core.library.figures import _alike, _slopes, draw_path
+from obc_ros.core.library.figures.panels import group_columns
+from obc_ros.core.library.figures.path import _slopes, draw_path
 from obc_ros.core.ocp.solution import Solution, Status
 from obc_ros.core.ocp.statement import build_problem
 import pytest
@@ -27,9 +28,10 @@ def test_the_switching_function_is_the_input_gradient_of_h():
 
 
 def test_lines_of_similar_scale_share_a_panel():
-    assert _alike(np.array([[1e5, 1.0, 2.0, 0.0], [2e5, 3.0, 0.5, 0.0]])) == [[0, 3], [1, 2]]
-    assert _alike(np.zeros((4, 2))) == [[0, 1]]
-    assert _alike(np.array([[1.0, 0.1, 0.05]])) == [[0, 1, 2]]
+    values = np.array([[1e5, 1.0, 2.0, 0.0], [2e5, 3.0, 0.5, 0.0]])
+    assert group_columns(values) == [[0, 3], [1, 2]]
+    assert group_columns(np.zeros((4, 2))) == [[0, 1]]
+    assert group_columns(np.array([[1.0, 0.1, 0.05]])) == [[0, 1, 2]]
 
 
 @pytest.mark.slow

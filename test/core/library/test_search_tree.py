@@ -4,7 +4,7 @@
 
 import math
 
-from obc_ros.core.library.figures import draw_search
+from obc_ros.core.library.figures.search import draw_search
 from obc_ros.core.library.search_tree import SearchTree, TREE_HEADER
 from obc_ros.core.ocp.solution import Attempt, Optimality, Solution, Status, Verdict
 import pytest
@@ -77,7 +77,7 @@ def test_the_figure_shows_costs_and_minima(tmp_path):
         Status.SOLVED, '', 4.5, optimality=Optimality('local', '', 1, (4.5, 4.9)),
         attempts=tuple(SEARCH)), 'a name')
     [axes] = figure.axes
-    assert [text.get_text() for text in axes.get_legend().get_texts()] == [
+    assert [text.get_text() for text in figure.legends[0].get_texts()] == [
         'initial guess, coarse mesh', 'finer mesh', 'certified', 'local minima']
     figure.savefig(tmp_path / 'search.png')
     assert (tmp_path / 'search.png').read_bytes().startswith(b'\x89PNG')

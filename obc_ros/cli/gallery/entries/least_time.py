@@ -11,7 +11,7 @@ from obc_ros.cli.gallery.drawing import create_panels, label_axes, place_legend_
 from obc_ros.cli.gallery.entry import ComparedRow, EntryResult, GalleryEntry
 from obc_ros.cli.gallery.page import format_scientific
 from obc_ros.cli.gallery.runner import Desk, Trajectory
-from obc_ros.core.library.figures import LINE_COLOURS, THIN
+from obc_ros.core.library.figures.style import LINE_COLOURS, THIN
 from obc_ros.core.numerics.arrays import Array
 from scipy.interpolate import CubicHermiteSpline
 

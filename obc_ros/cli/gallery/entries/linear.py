@@ -6,13 +6,13 @@ from typing import Any
 
 from matplotlib.figure import Figure
 import numpy as np
-from obc_ros.cli.gallery.drawing import create_panels, EXACT, label_axes
+from obc_ros.cli.gallery.drawing import create_panels, label_axes
 from obc_ros.cli.gallery.entries.regulators import state_lq_problem
 from obc_ros.cli.gallery.entry import ComparedRow, EntryResult, GalleryEntry
 from obc_ros.cli.gallery.exact_loops import compute_free_motion, match_poles
 from obc_ros.cli.gallery.loop import UnansweredError
 from obc_ros.cli.gallery.runner import AnsweredRegulator, design_request, Desk
-from obc_ros.core.library.figures import LINE_COLOURS
+from obc_ros.core.library.figures.style import EXACT, LINE_COLOURS
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.solver.exact.closed_forms import solve_lag_regulator
 from obc_ros.srv import DesignLqr

@@ -7,12 +7,12 @@ from typing import Any
 
 from matplotlib.figure import Figure
 import numpy as np
-from obc_ros.cli.gallery.drawing import create_panels, EXACT, label_axes
+from obc_ros.cli.gallery.drawing import create_panels, label_axes
 from obc_ros.cli.gallery.entry import ComparedRow, EntryResult, GalleryEntry
 from obc_ros.cli.gallery.exact_loops import compute_free_motion, run_sampled_loop
 from obc_ros.cli.gallery.loop import Run
 from obc_ros.cli.gallery.runner import AnsweredRegulator, Desk, Trajectory
-from obc_ros.core.library.figures import LINE_COLOURS, THIN
+from obc_ros.core.library.figures.style import EXACT, LINE_COLOURS, THIN
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.solver.exact.closed_forms import solve_double_integrator_regulator
 from scipy.linalg import solve_continuous_are, solve_continuous_lyapunov

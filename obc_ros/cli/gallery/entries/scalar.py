@@ -7,11 +7,11 @@ from itertools import product
 from typing import Any
 
 import numpy as np
-from obc_ros.cli.gallery.drawing import create_panels, EXACT, label_axes, place_legend_below
+from obc_ros.cli.gallery.drawing import create_panels, label_axes, place_legend_below
 from obc_ros.cli.gallery.entry import ComparedRow, EntryResult, GalleryEntry
 from obc_ros.cli.gallery.loop import UnansweredError
 from obc_ros.cli.gallery.runner import design_request, Desk, Trajectory
-from obc_ros.core.library.figures import LINE_COLOURS, THIN
+from obc_ros.core.library.figures.style import EXACT, LINE_COLOURS, THIN
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.solver.exact.closed_forms import (
     solve_scalar_finite_horizon,

@@ -8,10 +8,10 @@ from typing import Any
 
 from matplotlib.figure import Figure
 import numpy as np
-from obc_ros.cli.gallery.drawing import create_panels, EXACT, label_axes, place_legend_below, WIDTH
+from obc_ros.cli.gallery.drawing import create_panels, label_axes, place_legend_below, WIDTH
 from obc_ros.cli.gallery.entry import ComparedRow, EntryResult, GalleryEntry
 from obc_ros.cli.gallery.runner import Desk, Trajectory
-from obc_ros.core.library.figures import LINE_COLOURS
+from obc_ros.core.library.figures.style import EXACT, LINE_COLOURS
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.solver.exact.closed_forms import solve_brockett, solve_straight_line
 

@@ -14,7 +14,7 @@ from obc_ros.cli.gallery.drawing import create_panels, label_axes
 from obc_ros.cli.gallery.entry import ComparedRow, EntryResult, GalleryEntry
 from obc_ros.cli.gallery.extremals import find_least_times
 from obc_ros.cli.gallery.runner import Desk, Trajectory
-from obc_ros.core.library.figures import LINE_COLOURS
+from obc_ros.core.library.figures.style import LINE_COLOURS
 from obc_ros.core.numerics.arrays import Array
 from scipy.ndimage import distance_transform_edt, label
 

@@ -8,12 +8,12 @@ from typing import Any
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 import numpy as np
-from obc_ros.cli.gallery.drawing import create_panels, EXACT, label_axes, place_legend_below
+from obc_ros.cli.gallery.drawing import create_panels, label_axes, place_legend_below
 from obc_ros.cli.gallery.entry import ComparedRow, EntryResult, GalleryEntry
 from obc_ros.cli.gallery.exact_loops import simulate_loop
 from obc_ros.cli.gallery.loop import Run
 from obc_ros.cli.gallery.runner import AnsweredRegulator, Desk
-from obc_ros.core.library.figures import LINE_COLOURS, THIN
+from obc_ros.core.library.figures.style import EXACT, LINE_COLOURS, THIN
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.msg import Trajectory
 from obc_ros.ros.messages import flatten_doubles
