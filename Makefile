@@ -37,7 +37,7 @@ SOURCES := setup.py pyproject.toml package.xml CMakeLists.txt requirements/build
 unexport AMENT_PREFIX_PATH CMAKE_PREFIX_PATH COLCON_PREFIX_PATH LD_LIBRARY_PATH PYTHONPATH
 unexport ROS_DISTRO ROS_VERSION ROS_PYTHON_VERSION _ROS_WHEELS_BOOTSTRAP_COMPLETE VIRTUAL_ENV
 
-.PHONY: help setup develop demo check test smoke pure kernel lint house bench gallery docs clean
+.PHONY: help setup develop demo check test smoke pure kernel lint house bench gallery picture docs clean
 .DELETE_ON_ERROR:
 
 help: ## say what there is to make
@@ -81,6 +81,12 @@ bench: setup ## the benchmarks
 
 gallery: setup ## run the gallery and keep its pages in docs/gallery (ARGS='2.5' for one entry)
 	$(BIN)/python docs/keep_gallery.py $(ARGS)
+
+picture: setup ## fly the aircraft, and draw the pictures of the README
+	$(BIN)/obc demo aircraft
+	$(BIN)/python docs/moving_picture.py out/aircraft docs/flight.gif
+	$(BIN)/python docs/example_figure.py
+	$(BIN)/python docs/badges.py
 
 docs: setup .venv-docs/.requirements ## the documentation, in out/docs
 	@$(BIN)/python docs/run_notebooks.py

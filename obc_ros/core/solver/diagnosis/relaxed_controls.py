@@ -12,6 +12,7 @@ bounds suffice, and the relaxed problem is linear in their share.
 """
 
 from dataclasses import replace
+import math
 
 import casadi as ca
 import numpy as np
@@ -153,5 +154,7 @@ def explain_chattering(problem: Problem, other: Problem, mixed: Solution, found:
         f'{problem.inputs[i]} = {u[k, i]:.4g} and {v[k, i]:.4g}' for i in np.flatnonzero(apart[k]))
     best = (f'; the best path found costs {found.objective:.6g}'
             if found.feasible else '')
-    return (f'the infimum {mixed.objective:.6g} is not attained: minimising sequences chatter, '
+    # Digits beyond what mixing gains are errors of the solution.
+    infimum = round(mixed.objective, 5 - math.floor(math.log10(gain))) + 0.0
+    return (f'the infimum {infimum:.6g} is not attained: minimising sequences chatter, '
             f'at t = {mixed.t[k]:.3g} between {pairs} (relax or regularise the problem){best}')
