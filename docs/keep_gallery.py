@@ -19,7 +19,7 @@ import sys
 import textwrap
 from typing import Any
 
-from obc_ros.cli.gallery.entries.all import ENTRIES
+from obc_ros.cli.gallery.chapter.all import ENTRIES
 from obc_ros.cli.gallery.page import ERRORS, format_markup, strip_markup
 from PIL import Image
 

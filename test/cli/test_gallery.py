@@ -17,8 +17,8 @@ from obc_ros.cli.client import serve_client
 from obc_ros.cli.gallery import page, ros2_commands
 from obc_ros.cli.gallery import records as gallery
 from obc_ros.cli.gallery import runner as desks
+from obc_ros.cli.gallery.chapter.all import ENTRIES
 from obc_ros.cli.gallery.entries import linear, regulators, vehicle
-from obc_ros.cli.gallery.entries.all import ENTRIES
 from obc_ros.cli.gallery.entry import ComparedRow, EntryResult, GalleryEntry
 from obc_ros.cli.gallery.loop import UnansweredError
 from obc_ros.cli.obc import main, parse
@@ -32,7 +32,8 @@ import support
 import yaml
 
 CHAPTER = {'2.1', '2.2', '2.3', '2.4', '2.5', '2.6', 'theorem-2.1', 'theorem-2.2',
-           *(f'exercise-2.{k}' for k in range(1, 11))}
+           *(f'exercise-2.{k}' for k in range(1, 11)), 'section-2.2', 'section-2.4', 'section-2.5',
+           'figure-2.3', 'counterexample-2.2'}
 
 
 @pytest.fixture(scope='module')

@@ -8,7 +8,7 @@ import shlex
 import subprocess
 
 from obc_ros.cli.gallery import records
-from obc_ros.cli.gallery.entries.all import ENTRIES
+from obc_ros.cli.gallery.chapter.all import ENTRIES
 from obc_ros.cli.gallery.entry import GalleryEntry, TOLERANCE
 from obc_ros.cli.gallery.page import strip_markup
 from obc_ros.cli.obc import parse

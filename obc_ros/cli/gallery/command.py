@@ -27,7 +27,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run entries; return 0 if all numbers are in tolerance, 1 if not, 2 for an unknown name."""
-    from obc_ros.cli.gallery.entries.all import ENTRIES  # matplotlib takes a second
+    from obc_ros.cli.gallery.chapter.all import ENTRIES  # matplotlib takes a second
     known = {entry.name: entry for entry in ENTRIES}
     unknown = [name for name in args.names if name not in known]
     if unknown:

@@ -17,7 +17,7 @@ from obc_ros.core.numerics.arrays import Array
 from scipy.linalg import solve_continuous_are
 
 MASS, INERTIA, ARM, GRAVITY, DAMPING = 4.0, 0.0475, 0.25, 9.8, 0.05
-STEP = 0.02  # [s] from state to state
+FLIGHT_STEP = 0.02  # [s] from state to state
 GOAL = np.array([1.0, 1.0, 0.0, 0.0, 0.0, 0.0])
 CAPTION, LEGEND = (1.0, 1e2, 1e4), (0.1, 1.0, 10.0)  # rho in the caption and in the legend
 IDENTITY = [1.0] * 6
@@ -47,10 +47,10 @@ def example_2_5(desk: Desk) -> EntryResult:
     cases = {rho: (IDENTITY, rho, STEPS) for rho in (1.0, 0.1, 10.0, 1e2, 1e4)}
     cases |= {'printed': (PRINTED, 0.1, LONG), 'meant': (MEANT, 0.1, LONG)}
     plant = {'system': 'linear', 'system_parameters.A': A, 'system_parameters.B': B}
-    with desk.loop('linear', {**plant, 'x0': [0.0] * 6, 'publish_rate': 1 / STEP},
+    with desk.loop('linear', {**plant, 'x0': [0.0] * 6, 'publish_rate': 1 / FLIGHT_STEP},
                    {**plant, 'setpoint': GOAL, 'Qx': IDENTITY, 'Qu': [1.0, 1.0]}) as loop:
         linear = {name: _fly(loop, *case) for name, case in cases.items()}
-    with desk.loop('aircraft', {'system': 'aircraft', 'publish_rate': 1 / STEP},
+    with desk.loop('aircraft', {'system': 'aircraft', 'publish_rate': 1 / FLIGHT_STEP},
                    {'system': 'aircraft', 'setpoint': GOAL, 'Qx': IDENTITY,
                     'Qu': [1.0, 1.0]}) as loop:
         whole = {name: _fly(loop, *cases[name]) for name in (1.0, 'printed')}
@@ -62,13 +62,13 @@ def example_2_5(desk: Desk) -> EntryResult:
                     'SciPy, `solve_continuous_are`')]
     for name, (Qx, rho, _) in cases.items():
         run, text = linear[name], _text(name)
-        x, u = run_sampled_loop(A, B, compute_gain(Qx, rho), -GOAL, STEP, len(run.t) - 1)
+        x, u = run_sampled_loop(A, B, compute_gain(Qx, rho), -GOAL, FLIGHT_STEP, len(run.t) - 1)
         rows += [ComparedRow(f'{text}, linear: $x(t)$', run.x, GOAL + x, 'recursion, SciPy gain'),
                  ComparedRow(f'{text}, linear: $u(t)$', run.u, u, 'recursion, SciPy gain')]
     for name in whole:
         Qx, rho, _ = cases[name]
         run = whole[name]
-        x, u = _simulated(compute_gain(Qx, rho), len(run.t) - 1)
+        x, u = fly_nonlinear(compute_gain(Qx, rho), GOAL, len(run.t) - 1)
         rows += [
             ComparedRow(f'{_text(name)}, aircraft: $x(t)$', run.x, x, 'Dormand-Prince 8(5,3)'),
                  ComparedRow(f'{_text(name)}, aircraft: inputs [N]', run.u, u,
@@ -99,8 +99,25 @@ def _fly(loop: NodeLoop, Qx: list[float], rho: float, duration: float) -> Run:
     return loop.run(duration)
 
 
-def _simulated(K: Array, count: int) -> tuple[Array, Array]:
-    """Return the flight of the nonlinear model, without the nodes."""
+def fly_nonlinear(K: Array, goal: Array, count: int) -> tuple[Array, Array]:
+    """
+    Return states and inputs of a flight of the nonlinear model, without the nodes.
+
+    Parameters
+    ----------
+    K : ndarray, shape (2, 6)
+        Gain at hover.
+    goal : ndarray, shape (6,)
+        Set point.
+    count : int
+        Number of steps N of FLIGHT_STEP [s].
+
+    Returns
+    -------
+    x, u : ndarray, shape (N + 1, 6) and (N + 1, 2)
+        From rest at the origin.
+
+    """
     hover = np.array([0.0, MASS * GRAVITY])
 
     def rate(x: Array, u: Array) -> list[Any]:
@@ -109,7 +126,8 @@ def _simulated(K: Array, count: int) -> tuple[Array, Array]:
         return [vx, vy, omega, (u[0] * c - u[1] * s - DAMPING * vx) / MASS,
                 (u[0] * s + u[1] * c - DAMPING * vy) / MASS - GRAVITY, ARM * u[0] / INERTIA]
 
-    return simulate_loop(rate, lambda _, x: hover - K @ (x - GOAL), np.zeros(6), STEP, count)
+    return simulate_loop(rate, lambda _, x: hover - K @ (x - goal), np.zeros(6), FLIGHT_STEP,
+                         count)
 
 
 def _text(name: float | str) -> str:
