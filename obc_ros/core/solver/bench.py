@@ -31,7 +31,7 @@ from obc_ros.core.solver.nlp.meter import Meter
 from obc_ros.core.solver.options import DEFAULTS, Options
 from obc_ros.core.solver.program_cache import Answered, ProgramCache
 from obc_ros.core.solver.starts.initial_guess import estimate_scales
-from obc_ros.core.solver.trace import Trace
+from obc_ros.core.solver.trace import COLLOCATION, Trace
 from obc_ros.core.solver.transcription.local_minima import LocalMinima
 from obc_ros.core.solver.transcription.mesh import Mesh, Path
 from obc_ros.core.solver.transcription.program import ProblemScales, TranscriptionOutcome
@@ -254,7 +254,7 @@ class Bench:
         limits = TightenedLimits(shortest, longest, self.margin, self.pinned)
         w = program.start(mesh, start, durations, sizes) if warm is None else warm.w
         each = mesh.layout.intervals * (1 + mesh.layout.stages)
-        with self.trace.attempt('collocation', mesh.layout.describe()) as attempt:
+        with self.trace.attempt(COLLOCATION, mesh.layout.describe()) as attempt:
             self.meter.limit(most, each)
             outcome = program.solve(problem, mesh, w, sizes, limits, self.meter, near=near,
                                     multipliers=(warm.lam_w, warm.lam_g) if warm else None,

@@ -19,7 +19,7 @@ from obc_ros.core.solver.bench import Bench, Candidate
 from obc_ros.core.solver.improve.arc_iteration import remove_vanished_arcs
 from obc_ros.core.solver.improve.improvement import DescentStage, State
 from obc_ros.core.solver.improve.registry import try_improvements
-from obc_ros.core.solver.trace import Entry, judge_path
+from obc_ros.core.solver.trace import DESCENT, Entry, judge_path, MESH
 from obc_ros.core.solver.transcription.program import TranscriptionOutcome
 
 
@@ -38,7 +38,7 @@ class Descent:
 
     def __init__(self, bench: Bench, start: TranscriptionOutcome) -> None:
         self._state, self._tried = State(bench, start, bench.switching), start
-        self._entry = bench.trace.begin('descent', f'from cost {start.objective:.6g}')
+        self._entry = bench.trace.begin(DESCENT, f'from cost {start.objective:.6g}')
         self._meshes = enumerate(self._refine(bench.options.descent.meshes))
         self._begun: int | None = None   # work of the search before the first mesh
 
@@ -92,7 +92,7 @@ class Descent:
 
     def _step(self) -> bool:
         """Solve on the next mesh; return whether the descent has ended."""
-        with self._state.bench.trace.attempt('mesh') as attempt:
+        with self._state.bench.trace.attempt(MESH) as attempt:
             if (step := next(self._meshes, None)) is None:
                 attempt.end(Verdict.STOPPED, 'no finer mesh is tried or leads to a path')
                 return True

@@ -10,7 +10,8 @@ from obc_ros.core.ocp.solution import Attempt, MOST_ATTEMPTS, Solution, Status, 
 
 # The methods of attempts from an initial guess, and from the solution of a neighbour.
 GUESS, NEIGHBOUR = 'initial guess', 'neighbour'
-_SHOWN = 3   # attempts under way that `Trace.describe` names, the innermost last
+# Those of a descent from a start, of one mesh of it, and of the solve on it.
+DESCENT, MESH, COLLOCATION = 'descent', 'mesh', 'collocation'
 _OUTER = 2   # outermost attempts that are named when the time is up
 
 
@@ -149,15 +150,24 @@ class Trace:
         return bool(self._open) and self._open[-1].aside
 
     def describe(self) -> str:
-        """Return what is tried now, and the best cost so far, in words."""
+        """Return start, mesh and method now, and the best cost so far, in words."""
         if self._description is None:
-            now = ', '.join(f'{entry.method} ({entry.what})' if entry.what else entry.method
-                            for entry in self._open[-_SHOWN:])
             best = '' if math.isinf(self._best) else (
-                f'; best so far {self._best:.6g}'
-                f'{"" if self._certified else ", not certified"}')
-            self._description = (now or 'solving') + best
+                f': best {self._best:.6g} '
+                f'{"(certified)" if self._certified else "(not certified)"}')
+            self._description = (', '.join(self._describe_place()) or 'solving') + best
         return self._description
+
+    def _describe_place(self) -> Iterator[str]:
+        """Yield the number of the start, that of the mesh of a descent, and the method."""
+        if starts := self.count(GUESS):
+            yield f'start {starts}'
+        descent = next((entry for entry in reversed(self._open) if entry.method == DESCENT), None)
+        if descent and (meshes := sum(entry.parent == descent.number and entry.method == MESH
+                                      for entry in self._entries)):
+            yield f'mesh {meshes}'
+        if self._open and self._open[-1].method not in (GUESS, DESCENT, MESH, COLLOCATION):
+            yield self._open[-1].method
 
     def count(self, method: str, verdict: Verdict | None = None) -> int:
         """Return the number of attempts for the problem itself, all or with one verdict."""

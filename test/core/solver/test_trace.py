@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from obc_ros.core.ocp.solution import MOST_ATTEMPTS, Status, Verdict
 from obc_ros.core.solver.solve import solve
-from obc_ros.core.solver.trace import GUESS, Trace
+from obc_ros.core.solver.trace import DESCENT, GUESS, MESH, Trace
 import problems
 import pytest
 
@@ -79,16 +79,25 @@ def test_an_interrupted_attempt_counts_its_own_work_only():
 def test_progress_names_what_is_tried_and_the_best_cost():
     trace = Trace()
     assert trace.describe() == 'solving'
+    with trace.attempt('exact method'):
+        assert trace.describe() == 'exact method'
     with trace.attempt('multistart'), trace.attempt(GUESS, 'bent line'):
-        assert trace.describe() == 'multistart, initial guess (bent line)'
+        assert trace.describe() == 'start 1'
         trace.found(2.0, certified=False)
-        assert trace.describe().endswith('; best so far 2, not certified')
+        assert trace.describe() == 'start 1: best 2 (not certified)'
         trace.found(2.5, certified=True)
         trace.found(3.0, certified=True)
-        assert trace.describe().endswith('; best so far 2.5')
+        assert trace.describe() == 'start 1: best 2.5 (certified)'
+    with trace.attempt(DESCENT):
+        with trace.attempt(MESH):
+            pass
+        with trace.attempt(MESH), trace.attempt('bang arcs'):
+            assert trace.describe() == 'start 1, mesh 2, bang arcs: best 2.5 (certified)'
+    with trace.attempt('multistart'), trace.attempt(GUESS):
+        pass
     with trace.attempt('explanation', aside=True), trace.attempt('related problem'):
         trace.found(-7.0, certified=True)
-        assert trace.describe() == 'explanation, related problem; best so far 2.5'
+        assert trace.describe() == 'start 2, related problem: best 2.5 (certified)'
 
 
 def test_an_attempt_that_raises_is_recorded():
