@@ -14,7 +14,7 @@ import subprocess
 import sys
 
 from obc_ros.cli.share_folders import share_directory
-from obc_ros.core.text.errors import ObcError
+from obc_ros.core.text.errors import ObcError, quote, suggest_name
 from obc_ros.ros.installation import explain_missing_ros, require_ros
 
 HELPERS = ('baseline', 'timing')  # no benchmarks: a comparison of two versions, and shared code
@@ -46,7 +46,8 @@ def run(args: argparse.Namespace) -> int:
         return 2
     unknown = [name for name in args.names if name not in scripts]
     if unknown:
-        print(f"obc bench: no benchmark '{unknown[0]}'; there are {', '.join(scripts)}",
+        print(f"obc bench: no benchmark '{quote(unknown[0])}'"
+              f"{suggest_name(unknown[0], scripts)}; there are {', '.join(scripts)}",
               file=sys.stderr)
         return 2
     for name in args.names:

@@ -10,7 +10,7 @@ for invalid input.
 
 import argparse
 import atexit
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 import gc
 from importlib import import_module, util
 import os
@@ -18,7 +18,8 @@ import signal
 import sys
 
 from obc_ros.cli import leave
-from obc_ros.cli.terminal import open_streams
+from obc_ros.cli.console.arguments import Parser
+from obc_ros.cli.console.streams import open_streams
 from obc_ros.core.text.errors import ObcError
 from obc_ros.ros.installation import explain_missing_ros, require_ros
 
@@ -78,25 +79,43 @@ def parse(arguments: Sequence[str]) -> argparse.Namespace:
     none, raises ObcError.
     """
     pure = bool(explain_missing_ros())
-    unlisted = NEED_ROS if pure else ROS2   # the epilog lists these
-    parser = argparse.ArgumentParser(
+    used = next((word for word in arguments if not word.startswith('-')), None)
+    if used in NEED_ROS and used in find_subcommands():
+        require_ros(used)
+    parser = build_parser({used} if used else (), NEED_ROS if pure else ROS2, _epilog(pure))
+    return parser.parse_args(arguments)
+
+
+def build_parser(used: Collection[str], unlisted: Collection[str] = (), epilog: str = ''
+                 ) -> Parser:
+    """
+    Return the parser of the command line.
+
+    Parameters
+    ----------
+    used : collection of str
+        The subcommands whose modules are imported: the others have no arguments.
+    unlisted : collection of str
+        The subcommands that the help leaves out; the epilog may list them.
+    epilog : str
+        The end of the help.
+
+    """
+    parser = Parser(
         prog='obc', description='Optimal control: LQR and certified trajectories.',
-        epilog=_epilog(pure), formatter_class=argparse.RawDescriptionHelpFormatter)
+        epilog=epilog, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument(
         '--version', action=Version, nargs=0, help='print the version and exit')
     commands = parser.add_subparsers(title='commands', metavar='COMMAND', required=True)
-    used = next((word for word in arguments if not word.startswith('-')), None)
     for name, text in find_subcommands().items():
         listed = {} if name in unlisted else {'help': text}
         command = commands.add_parser(
             name, description=f'{text[:1].upper()}{text[1:]}.', **listed)
-        if name == used:
-            if name in NEED_ROS:
-                require_ros(name)
+        if name in used:
             module = import_module(_module(name))
             module.add_arguments(command)
             command.set_defaults(run=module.run, command=name)
-    return parser.parse_args(arguments)
+    return parser
 
 
 def _epilog(pure: bool) -> str:

@@ -142,7 +142,7 @@ def test_an_interrupt_keeps_the_finished_entries(tmp_path: Path, domain: int) ->
         [support.find('obc'), 'gallery', '2.2', '2.5', '--out', str(folder)], tmp_path / 'log',
         domain)
     try:
-        process.wait_for_output('2.2: holds', 60.0)
+        support.wait_for((folder / '2.2.png').exists, 60.0)
         assert process.interrupt() == 1
     finally:
         process.end()
@@ -208,7 +208,8 @@ def test_the_error_is_relative_to_references_above_1(measured: object, exact: ob
 
 def test_an_unknown_entry_is_refused(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     assert main(['gallery', '2.7', '--out', str(tmp_path / 'out')]) == 2
-    assert "no entry '2.7'; there are 2.1" in capsys.readouterr().err
+    words = "no entry '2.7' (did you mean 'exercise-2.7'?); there are 2.1"
+    assert words in capsys.readouterr().err
     assert not (tmp_path / 'out').exists()
 
 

@@ -69,7 +69,7 @@ def test_help_lists_all_subcommands_without_heavy_imports():
         [sys.executable, '-c', program], capture_output=True, text=True, check=True).stdout
     assert answer.endswith('[]\n')
     for name in obc.find_subcommands():
-        assert re.search(rf'\n    {name} |[:,] {name}\b', answer), name
+        assert re.search(rf'\n    {name}[ \n]|[:,] {name}\b', answer), name
 
 
 # A process in which ROS 2 is not installed, wherever the test runs.

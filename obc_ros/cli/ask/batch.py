@@ -6,13 +6,12 @@ from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-import math
 import time
 from typing import Any
 
+from obc_ros.cli.console.progress import Lines
 from obc_ros.cli.results import Asked
 from obc_ros.cli.signals import InterruptedByUserError
-from obc_ros.cli.terminal import Lines
 from obc_ros.core.text.errors import ObcError
 
 CANCEL = 2.0  # [s] to wait for the results of cancelled requests
@@ -60,18 +59,14 @@ class Batch(ABC):
             self._cancel()
             raise
 
-    def report(self, entry: Asked, phase: str, iteration: int, cost: float, infeasibility: float
-               ) -> None:
-        """Show the progress of an entry."""
-        numbers = (('cost', cost), ('infeasibility', infeasibility))
-        self._lines.update(entry.label, ', '.join(
-            [phase, f'iteration {iteration}',
-             *(f'{name} {value:.4g}' for name, value in numbers if not math.isnan(value))]))
+    def report(self, entry: Asked, phase: str) -> None:
+        """Show what is tried for an entry, and the best cost so far, in words."""
+        self._lines.update(entry.label, phase)
 
     def finish(self, entry: Asked) -> None:
         """Take an entry that has its result out of those under way."""
         entry.took = time.monotonic() - self._begun.pop(entry)
-        self._lines.end(entry.label, f'{entry.status}, {entry.message}')
+        self._lines.end(entry.label)
 
     @abstractmethod
     def count_workers(self) -> int:

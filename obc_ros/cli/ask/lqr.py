@@ -6,22 +6,32 @@ import argparse
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
+import sys
 from typing import Any
 
-from obc_ros.cli import results, terminal
+import numpy as np
+from obc_ros.cli import results
 from obc_ros.cli.ask.pool_batch import answer_all
 from obc_ros.cli.ask.regulator_requests import Case
-from obc_ros.core.lqr.design.report import read_matrices
+from obc_ros.cli.console import tables
+from obc_ros.cli.console.streams import get_width
+from obc_ros.core.lqr.design.report import Matrices, read_matrices
+from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.text.errors import quote
+from obc_ros.core.text.tables import format_value
 
 HEADER = ('case', 'status', 'gain K', 'poles')
 DESIGN_COLOURS = {'solved': 'green', 'refused': 'red', 'malformed': 'red'}
-WIDEST = 60  # characters of a cell
+WIDEST = 60   # characters of a cell
+INDENT = '    '   # of what does not fit into the line of a row
+CUT = ' ...'   # at the end of a cell that is not whole
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of `obc lqr`."""
     results.add_arguments(parser, 'cases')
+    parser.add_argument('--full', action='store_true',
+                        help='print K, P and the poles whole, with ten digits')
 
 
 def run(args: argparse.Namespace) -> int:
@@ -32,7 +42,7 @@ def run(args: argparse.Namespace) -> int:
         ('refused', 'refused'), None if args.server is None else partial(_ask_server, args.server),
         hidden=True)
     try:
-        _show(asked)
+        _show(asked, args.full)
     finally:  # also if the reader of a pipe has closed it
         results.save_answers(asked, args, _draw)
     return results.get_exit_status(case.status for case in asked)
@@ -53,11 +63,32 @@ def _ask_server(server: str, asked: Sequence[Case]) -> None:
                          words or response.message)
 
 
-def _show(asked: list[Case]) -> None:
-    terminal.print_table(HEADER, [_row(case) for case in asked], DESIGN_COLOURS)
+def _show(asked: list[Case], full: bool) -> None:
+    rows = [_row(case, full) for case in asked if case.status != 'malformed']
+    tables.print_table(HEADER, rows, DESIGN_COLOURS)
     for case in asked:
+        if full and case.design:
+            _print_matrices(case)
         if case.message:
             print(quote(f'{case.label}: {case.message}', None))
+    if any(cell.endswith(CUT) for row in rows for cell in row[2:]):
+        print('--full prints what does not fit into the table')
+
+
+def _print_matrices(case: Case) -> None:
+    """Print K, P and the poles of a design with all entries."""
+    told = read_matrices(case.design)
+    p = np.sqrt(np.maximum(np.diag(told.P), 0.0))
+    for name, rows in (('K', _format_gain(told, 10)),
+                       ('P', _format_entries(told.P, np.outer(p, p), 10)),
+                       ('poles', [[_pole(pole, 10)] for pole in told.poles])):
+        print(f'{case.label}: {name} =')
+        wide = 2 + max(len(entry) for row in rows for entry in row)
+        fitting = max(1, ((get_width() or sys.maxsize) - len(INDENT)) // wide)
+        for row in rows:
+            for first in range(0, len(row), fitting):
+                entries = ''.join(each.rjust(wide) for each in row[first:first + fitting])
+                print(INDENT * bool(first) + entries)
 
 
 def _draw(path: Path, case: Case, formats: Sequence[str]) -> None:
@@ -83,17 +114,40 @@ def _request(service: Any, given: Any) -> Any:
         **plain, **numbers('A', 'B', 'setpoint', 'setpoint_input'))
 
 
-def _row(case: Case) -> tuple[str, ...]:
-    if not case.design:
+def _row(case: Case, full: bool) -> tuple[str, ...]:
+    if full or not case.design:
         return case.label, case.status, '', ''
     told = read_matrices(case.design)
-    gain = '; '.join(' '.join(f'{entry:.5g}' for entry in row) for row in told.K)
-    return case.label, case.status, _short(gain), _short(', '.join(map(_pole, told.poles)))
+    gain = '; '.join(' '.join(row) for row in _format_gain(told, 5))
+    poles = ', '.join(_pole(pole, 4) for pole in told.poles)
+    return case.label, case.status, _shorten(gain, ' '), _shorten(poles, ', ')
 
 
-def _pole(pole: complex) -> str:
-    return f'{pole.real:.4g}' + (f'{pole.imag:+.4g}j' if pole.imag else '')
+def _format_gain(told: Matrices, digits: int) -> list[list[str]]:
+    """
+    Return the entries of K as text.
+
+    By P >= 0 the size of K[i, j] is judged in units in which Qu and P have diagonals of ones,
+    whatever the units of the plant. What is far smaller is a rounding error and printed as 0.
+    """
+    p, q = np.diag(told.P), np.diag(told.Qu)
+    return _format_entries(
+        told.K, np.sqrt(np.maximum(p, 0.0)[None, :] / q[:, None]), digits)
 
 
-def _short(text: str) -> str:
-    return text if len(text) <= WIDEST else text[:WIDEST - 3] + '...'
+def _format_entries(values: Array, scales: Array, digits: int) -> list[list[str]]:
+    return [[format_value(value, digits, scale) for value, scale in zip(*each, strict=True)]
+            for each in zip(values, scales, strict=True)]
+
+
+def _pole(pole: complex, digits: int) -> str:
+    """Return a pole as text, without the imaginary part that rounding gives to a double one."""
+    is_real = abs(pole.imag) < 1e-7 * abs(pole)
+    return f'{pole.real:.{digits}g}' + ('' if is_real else f'{pole.imag:+.{digits}g}j')
+
+
+def _shorten(text: str, separator: str) -> str:
+    """Return a text that fits into a cell, cut between two entries."""
+    if len(text) <= WIDEST:
+        return text
+    return text[:WIDEST - len(CUT)].rpartition(separator)[0].rstrip(';,') + CUT

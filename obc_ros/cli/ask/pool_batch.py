@@ -9,9 +9,9 @@ from queue import Empty, SimpleQueue
 from typing import Any
 
 from obc_ros.cli.ask.batch import Batch, end_all
+from obc_ros.cli.console.progress import Lines, show_progress
 from obc_ros.cli.results import Asked, Kind
 from obc_ros.cli.signals import EndSignals
-from obc_ros.cli.terminal import Lines, show_progress
 from obc_ros.core.text.errors import ObcError
 from obc_ros.ros.installation import require_ros
 from obc_ros.workers.pool import Job, Pool, RequestAnswer, SHORTEST, TIME_LIMIT
@@ -102,7 +102,7 @@ class PoolBatch(Batch):
         self._jobs[entry] = job = Job(
             kind=entry.kind, request=request, time_limit=self._time_limit,
             done=lambda answer: self._arrived.put((entry, answer)),
-            progress=lambda *progress: self._arrived.put((entry, progress)),
+            progress=lambda phase, *_: self._arrived.put((entry, phase)),
             affinity=compute_affinity(request))
         self._pool.submit(job)
 
@@ -118,7 +118,7 @@ class PoolBatch(Batch):
             entry.take_response(respond(what))
             self.finish(entry)
         else:
-            self.report(entry, *what)
+            self.report(entry, what)
 
     def cancel(self, entry: Asked) -> None:
         """Ask the worker to stop."""

@@ -11,7 +11,7 @@ from obc_ros.action import SolveOptimalControl
 from obc_ros.cli.ask.batch import Batch
 from obc_ros.cli.ask.problem_requests import Question
 from obc_ros.cli.client import Client, connect_client
-from obc_ros.cli.terminal import Lines, show_progress
+from obc_ros.cli.console.progress import Lines, show_progress
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.text.errors import DynamicsError, StatementError
 from obc_ros.ros.messages import build_problem_message, read_solution
@@ -52,7 +52,7 @@ def _build_problems(asked: Sequence[Question], lines: Lines
             yield question, question.build_problem()
         except (StatementError, DynamicsError) as error:
             question.end('malformed', str(error))
-            lines.end(question.label, f'{question.status}, {question.message}')
+            lines.end(question.label)
 
 
 @dataclass
@@ -96,8 +96,7 @@ class ServerBatch(Batch):
             options=list(entry.options))
 
         def report(message: Any) -> None:
-            told = message.feedback
-            self.report(entry, told.phase, told.iteration, told.cost, told.infeasibility)
+            self.report(entry, message.feedback.phase)
 
         self._goals[entry] = Goal(self._action.send_goal_async(goal, report))
 

@@ -8,16 +8,16 @@ from functools import partial
 from importlib import import_module
 import math
 from pathlib import Path
-import shutil
-import sys
 from typing import Any
 
-from obc_ros.cli import results, terminal
+from obc_ros.cli import results
 from obc_ros.cli.ask.pool_batch import answer_all
 from obc_ros.cli.ask.problem_requests import Question
+from obc_ros.cli.console import tables
+from obc_ros.cli.console.streams import get_width
 from obc_ros.core.library.figures.files import save_figure
 from obc_ros.core.ocp.method_names import get_method, NAMES
-from obc_ros.core.ocp.solution import Optimality
+from obc_ros.core.ocp.solution import Condition, Optimality, Solution
 from obc_ros.core.text.errors import quote, StatementError
 from obc_ros.workers.pool import LONGEST_LIMIT, TIME_LIMIT
 
@@ -25,6 +25,7 @@ HEADER = ('problem', 'status', 'cost', 'certificate', 'optimum', 'method', 'time
 STATUS_COLOURS = dict.fromkeys(('solved', 'holds'), 'green') | dict.fromkeys(
     ('infeasible', 'not_converged', 'timed_out', 'cancelled', 'malformed'), 'red')
 
+VANISHING_COST = 1e-6   # to which the certificate compares the error of a cost of 0
 NARROW = 80   # characters: least width of a line of a tree
 
 
@@ -106,7 +107,7 @@ class _ListOptions(argparse.Action):
         from obc_ros.core.solver.options import list_options
         rows = [(each.name, _write(each.value), each.unit, each.meaning, each.needed_by)
                 for each in list_options()]
-        terminal.print_table(('option', 'default', 'unit', 'meaning', 'needed by'), rows)
+        tables.print_table(('option', 'default', 'unit', 'meaning', 'needed by'), rows)
         parser.exit()
 
 
@@ -134,7 +135,7 @@ def _draw(path: Path, question: Question, formats: Sequence[str]) -> None:
 
 def _print_trees(asked: Sequence[Question]) -> None:
     """Print what was tried for each problem that was worked on."""
-    width = (max(NARROW, shutil.get_terminal_size().columns) if sys.stdout.isatty() else None)
+    width = (columns := get_width()) and max(NARROW, columns)
     for question in asked:
         if question.solution:
             print(f'\n{question.label}: what was tried')
@@ -142,7 +143,8 @@ def _print_trees(asked: Sequence[Question]) -> None:
 
 
 def _show(asked: list[Question]) -> None:
-    terminal.print_table(HEADER, [_row(question) for question in asked], STATUS_COLOURS)
+    tables.print_table(HEADER, [
+        _row(question) for question in asked if question.status != 'malformed'], STATUS_COLOURS)
     for question in asked:
         if found := question.solution and question.solution.free_parameters:
             print(f'{question.label}: ' + ', '.join(
@@ -155,10 +157,15 @@ def _row(question: Question) -> tuple[str, ...]:
     found = question.solution
     if not found or not found.t.size:
         return question.label, question.status, '', '', '', '', _time(question.took)
-    verdict = ('holds' if found.certified else
-               found.certificate.sentence if found.certificate else '')
-    return (question.label, question.status, f'{found.objective:.10g}', verdict,
+    verdict = found.certificate and ('holds' if found.certified else 'does not hold')
+    return (question.label, question.status, _cost(found), verdict or '',
             _optimum(found.optimality), found.method, _time(question.took))
+
+
+def _cost(found: Solution) -> str:
+    """Return the cost; 0 if the certificate cannot tell it from 0."""
+    allowed = found.certificate.tolerances[Condition.COST] if found.certificate else 0.0
+    return f'{found.objective:.10g}' if abs(found.objective) > allowed * VANISHING_COST else '0'
 
 
 def _optimum(known: Optimality | None) -> str:

@@ -10,7 +10,9 @@ import sys
 import time
 from typing import Any
 
-from obc_ros.cli import results, terminal
+from obc_ros.cli import results
+from obc_ros.cli.console.progress import Lines, show_progress
+from obc_ros.cli.console.tables import print_table
 from obc_ros.core.text.errors import DynamicsError, ObcError, quote, StatementError
 from obc_ros.sweep.axes import make_axes, make_draws, parse_axes, parse_draws
 from obc_ros.sweep.sweep import (
@@ -100,7 +102,7 @@ def _ask(args: argparse.Namespace) -> tuple[Sweep, Workers]:
 def _solve(sweep: Sweep, workers: Workers, resume: bool) -> str:
     """Solve the points; return why not all of them are solved, if so."""
     try:
-        with terminal.show_progress() as lines:
+        with show_progress() as lines:
             sweep.run(workers, resume, _reporter(lines))
     except KeyboardInterrupt:
         return 'ended by SIGINT'
@@ -116,7 +118,7 @@ def _draw(dataset: Any, folder: Path, formats: Sequence[str]) -> None:
           'no figures: they are drawn for one or two axes, and for samples without an axis')
 
 
-def _reporter(lines: terminal.Lines) -> Callable[[SweepProgress], None]:
+def _reporter(lines: Lines) -> Callable[[SweepProgress], None]:
     """Return what shows progress: on a terminal at once, elsewhere from time to time."""
     told = [time.monotonic()]
 
@@ -145,7 +147,7 @@ def _describe(progress: SweepProgress) -> str:
 def _show(sweep: Sweep) -> None:
     """Print how the points ended, and the reasons of the first that are not solved."""
     statuses = sweep.statuses
-    terminal.print_table(HEADER, [
+    print_table(HEADER, [
         (status, str(count), f'{count / sweep.question.points:.2%}')
         for status, count in statuses.most_common()])
     for values, message in sweep.messages(SHOWN):

@@ -11,7 +11,7 @@ import matplotlib as mpl
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 import numpy as np
-from obc_ros.cli import terminal
+from obc_ros.cli.console.tables import print_table
 from obc_ros.cli.demo.flight import Event, Flight, fly, set_parameters
 from obc_ros.cli.demo.report import measure_step, report_loop
 from obc_ros.cli.flight_client import Pilot
@@ -95,10 +95,9 @@ def _conclude(pilot: Pilot, wall: float, steps: list[UnitStep], out: Path,
                 figures.settling_time) else f'> {step.span:g} s'
             rows.append((step.weights, axis, f'{figures.rise_time:.2f} s',
                          f'{100 * figures.overshoot:.1f} %', settling, f'{peaks[index]:.2f} N'))
-    terminal.print_table(
-        ('unit step', 'axis', 'rise time', 'overshoot', 'settling', 'peak |f - fe|'),
-                         rows)
-    terminal.print_table(('the loop', ''), report_loop(pilot, wall))
+    print_table(
+        ('unit step', 'axis', 'rise time', 'overshoot', 'settling', 'peak |f - fe|'), rows)
+    print_table(('the loop', ''), report_loop(pilot, wall))
     with mpl.rc_context(STYLE):
         drawn = save_figure(_draw(t, x, tu, u, steps), out / 'aircraft', formats)
     print(f'figure {", ".join(map(str, drawn))}   recording {out / "aircraft"}')

@@ -9,7 +9,7 @@ from pathlib import Path
 import matplotlib as mpl
 from matplotlib.figure import Figure
 import numpy as np
-from obc_ros.cli import terminal
+from obc_ros.cli.console.tables import print_table
 from obc_ros.cli.demo.flight import Event, Flight, fly
 from obc_ros.cli.demo.report import report_loop
 from obc_ros.cli.flight_client import Pilot
@@ -92,7 +92,7 @@ def _conclude(pilot: Pilot, wall: float, reference: Trajectory, lateral: int, na
     during = (t >= times[0]) & (t <= times[-1])
     error = x[during, lateral] - np.interp(t[during], times, wanted[:, lateral])
     heading = x[during, lateral + 1] - np.interp(t[during], times, wanted[:, lateral + 1])
-    terminal.print_table((name, ''), [
+    print_table((name, ''), [
         ('maximum lateral error', f'{1e3 * np.abs(error).max():.2f} mm'),
         ('lateral error at the end', f'{1e3 * abs(error[-1]):.2f} mm'),
         ('maximum heading error', f'{1e3 * np.abs(heading).max():.2f} mrad'),

@@ -9,11 +9,13 @@ DIR are kept. Loops are recorded in ``DIR/recordings``.
 """
 
 import argparse
+from collections.abc import Collection
 from pathlib import Path
 import sys
 
 from obc_ros.cli import results
 from obc_ros.cli.processes import lock_folder
+from obc_ros.core.text.errors import quote, suggest_name
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -31,8 +33,8 @@ def run(args: argparse.Namespace) -> int:
     known = {entry.name: entry for entry in ENTRIES}
     unknown = [name for name in args.names if name not in known]
     if unknown:
-        print(f"obc gallery: no entry '{unknown[0]}'; there are {', '.join(known)}",
-              file=sys.stderr)
+        print(f"obc gallery: no entry '{quote(unknown[0])}'{_suggest(unknown[0], known)}; "
+              f"there are {', '.join(known)}", file=sys.stderr)
         return 2
     if args.list:
         width = max(map(len, known))
@@ -43,3 +45,9 @@ def run(args: argparse.Namespace) -> int:
     with lock_folder(args.out):
         return work_and_write(chosen, args.out, list(known),
                               tuple(dict.fromkeys(('png', *args.format))))
+
+
+def _suggest(name: str, known: Collection[str]) -> str:
+    """Return a suggestion; a number alone may be that of an exercise or a theorem."""
+    longer = [each for each in known if each.endswith(f'-{name}')]
+    return suggest_name(longer[0] if longer else name, known)

@@ -10,8 +10,9 @@ import sys
 import time
 from typing import Any
 
-from obc_ros.cli import terminal
 from obc_ros.cli.client import serve_client, ServerLostError
+from obc_ros.cli.console.progress import show_progress
+from obc_ros.cli.console.tables import print_table
 from obc_ros.cli.gallery.entry import GalleryEntry
 from obc_ros.cli.gallery.page import render_page, strip_markup
 from obc_ros.cli.gallery.runner import Desk
@@ -22,6 +23,7 @@ from obc_ros.core.library.figures.files import FORMATS, save_figure
 from obc_ros.core.library.figures.style import STYLE
 from obc_ros.core.library.json_values import convert_to_json
 from obc_ros.core.text.errors import ObcError
+from obc_ros.core.text.tables import format_residual, format_value
 
 HEADER = ('entry', '', 'numbers', 'largest error: result', 'reference', 'error', 'time')
 COLOURS = {'holds': 'green', 'does not hold': 'red'}
@@ -53,14 +55,14 @@ def work_all(entries: Sequence[GalleryEntry], out: Path, formats: Sequence[str],
     with reserve_domain() as domain:
         isolate(domain)
         with (Children(out / 'log') as children, ExitStack() as stack,
-              terminal.show_progress() as lines):
+              show_progress() as lines):
             # Entries ask one question at a time.
             desk = Desk(lambda: stack.enter_context(serve_client(children, 'workers:=1')),
                         out / 'recordings')
             for entry in entries:
                 lines.update(entry.name, entry.title)
                 records.append(work(entry, desk, out, formats))
-                lines.end(entry.name, f'{_verdict(records[-1])}, {records[-1]["seconds"]:.1f} s')
+                lines.end(entry.name)
 
 
 def work(entry: GalleryEntry, desk: Desk, out: Path, formats: Sequence[str] = FORMATS[:1]
@@ -118,7 +120,7 @@ def _verdict(record: dict[str, Any]) -> str:
 
 
 def _show(records: Sequence[dict[str, Any]]) -> None:
-    terminal.print_table(HEADER, [_row(record) for record in records], COLOURS)
+    print_table(HEADER, [_row(record) for record in records], COLOURS)
     for record in records:
         if record['message']:
             print(f'{record["name"]}: {record["message"]}')
@@ -135,4 +137,5 @@ def _row(record: dict[str, Any]) -> tuple[str, ...]:
         return record['name'], _verdict(record), '', '', '', '', took
     worst = max(rows, key=lambda row: row['error'])
     return (record['name'], _verdict(record), str(sum(row['values'] for row in rows)),
-            f'{worst["measured"]:.10g}', f'{worst["exact"]:.10g}', f'{worst["error"]:.1e}', took)
+            format_value(worst['measured']), format_value(worst['exact']),
+            format_residual(worst['error']), took)

@@ -13,7 +13,7 @@ from enum import Enum
 
 import numpy as np
 from obc_ros.core.numerics.arrays import Array
-from obc_ros.core.text.tables import format_table
+from obc_ros.core.text.tables import format_residual, format_table
 
 MOST_MINIMA = 8       # costs of local minima in a solution, at most
 MOST_ATTEMPTS = 300   # attempts in a solution, at most
@@ -105,7 +105,7 @@ class Certificate:
 
     def rows(self) -> list[tuple[str, str, str, str]]:
         """Return condition, residual, tolerance and verdict of each condition, as text."""
-        return [(str(key), f'{self.residuals[key]:.2g}', f'{tolerance:.2g}',
+        return [(str(key), format_residual(self.residuals[key]), f'{tolerance:.2g}',
                  'holds' if self.residuals[key] <= tolerance else 'does not hold')
                 for key, tolerance in self.tolerances.items()]
 

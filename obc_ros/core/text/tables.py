@@ -7,6 +7,10 @@ from html import escape
 
 from obc_ros.core.text.errors import quote
 
+# Smaller values are printed as 0, or as 'below' it: they are rounding errors. The tolerances of
+# certificates and of the gallery are at least 1e-9.
+ZERO = 1e-9
+
 
 def format_table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     """
@@ -57,6 +61,28 @@ def format_html_table(header: Sequence[str], rows: Iterable[Sequence[str]],
                    for row in rows)
     title = f'<caption>{_clean(caption)}</caption>' if caption else ''
     return f'<table>{title}<thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>'
+
+
+def format_value(value: float, digits: int = 10, scale: float = 1.0) -> str:
+    """
+    Return a number for a table.
+
+    Parameters
+    ----------
+    value : float
+        The number.
+    digits : int
+        Significant digits.
+    scale : float
+        Magnitude to which the number is compared: below `ZERO` times this it is 0.
+
+    """
+    return '0' if abs(value) < ZERO * scale else f'{value:.{digits}g}'
+
+
+def format_residual(value: float) -> str:
+    """Return an error or a residual with two digits, in words if it is below `ZERO`."""
+    return f'below {ZERO:.0e}' if 0.0 < value < ZERO else f'{value:.2g}'
 
 
 def _clean(text: str) -> str:
