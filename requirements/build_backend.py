@@ -47,6 +47,7 @@ DEPENDENCIES = (
     'PyYAML>=6',
     'rich>=13',
     'scipy>=1.11',
+    'shtab>=1.8',
 )
 # What the wheel with ROS 2 needs besides; `PINS` has the versions of the wheels of ROS 2.
 ROS_DEPENDENCIES = ('mcap>=1.2',)

@@ -30,10 +30,11 @@ SUBCOMMANDS = {
     'sweep': 'solve one problem for many values of its numbers',
     'gallery': 'compute examples and exercises of the book, compare with references',
     'bench': 'run the benchmarks',
+    'completion': 'print what completes commands, options and names in a shell',
 }
 # The modules of subcommands that have a folder.
 MODULES = {'demo': 'demo.command', 'solve': 'ask.solve', 'lqr': 'ask.lqr', 'sweep': 'ask.sweep',
-           'gallery': 'gallery.command'}
+           'gallery': 'gallery.command', 'completion': 'console.completion'}
 # With the names and arguments of `ros2`: modules of obc_ros.cli.ros2.
 ROS2 = {
     'param': 'parameters of running nodes: list, get, set, describe, dump, load',

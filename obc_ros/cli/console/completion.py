@@ -1,0 +1,86 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+`obc completion`: a script that completes commands, options and names in bash, zsh or fish.
+
+The script is static, made from the argument parsers by shtab: nothing of `obc` runs while a shell
+starts, shows its prompt or completes a word.
+"""
+
+import argparse
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from obc_ros.cli.bench import find_benchmarks
+from obc_ros.cli.obc import build_parser, find_subcommands, NEED_ROS
+from obc_ros.core.text.errors import ObcError
+from obc_ros.ros.installation import explain_missing_ros
+
+SHELLS = ('bash', 'zsh', 'fish')
+YAML_FILES = ('*.yaml', '*.yml')
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments of `obc completion`."""
+    parser.add_argument('shell', choices=SHELLS, metavar='SHELL', help=', '.join(SHELLS))
+
+
+def run(args: argparse.Namespace) -> int:
+    """Print the script; return the exit status."""
+    try:
+        import shtab
+    except ImportError as error:   # in a workspace
+        raise ObcError(f'completion needs shtab: pip install shtab ({error})') from None
+    names = [name for name in find_subcommands()
+             if not (name in NEED_ROS and explain_missing_ros())]
+    parser = build_parser(names)
+    for command, action in walk_actions(parser):
+        if completed := complete_action(command, action):
+            action.complete = completed
+    print(shtab.complete(parser, args.shell))
+    return 0
+
+
+def walk_actions(parser: argparse.ArgumentParser, command: str = ''
+                 ) -> Iterator[tuple[str, Any]]:
+    """Yield the arguments of a parser and of its subcommands, each with its subcommand."""
+    for action in parser._actions:
+        yield command, action
+        if isinstance(action, argparse._SubParsersAction):
+            for name, inner in action.choices.items():
+                yield from walk_actions(inner, command or name)
+
+
+def complete_action(command: str, action: argparse.Action) -> Mapping[str, Any] | None:
+    """Return what completes an argument, in the form of shtab; None for its own choice."""
+    import shtab
+    if action.metavar == 'DIR':
+        found: Mapping[str, Any] = shtab.DIRECTORY
+        return found
+    if action.metavar == 'FILE' and command in ('solve', 'lqr', 'sweep'):
+        return shtab.glob(*YAML_FILES)
+    if action.dest == 'names':
+        return _complete_words(_list_names(command))
+    if action.dest == 'method':
+        from obc_ros.core.ocp.method_names import NAMES
+        return _complete_words(NAMES)
+    return None
+
+
+def _list_names(command: str) -> list[str]:
+    """Return the names that a subcommand takes."""
+    if command == 'gallery':
+        from obc_ros.cli.gallery.entries.all import ENTRIES  # matplotlib takes a second
+        return [entry.name for entry in ENTRIES]
+    try:
+        return list(find_benchmarks())
+    except ObcError:   # none are installed
+        return []
+
+
+def _complete_words(words: Any) -> dict[str, Any]:
+    """Return what completes one of some words that need no quotes."""
+    text = ' '.join(words)
+    function = f'_obc_words_{abs(hash(text)) % 10**8}'
+    return {'bash': function, 'zsh': f'({text})', 'fish': text,
+            'preamble': {'bash': f'{function}() {{\n  compgen -W "{text}" -- "$1"\n}}\n'}}
