@@ -35,7 +35,7 @@ SIZE, DPI = (8.0, 3.9), 120  # [in], [1/in]
 FRAME = 0.08  # [s] of the picture between two frames
 COLOURS = 64  # of the palette
 # Spans of the flight that are shown [s], and the simulated seconds that pass in a second.
-SPANS = ((0.2, 8.0, 2.5), (11.6, 12.9, 0.5), (12.9, 14.4, 0.6), (14.4, 20.0, 2.5),
+SPANS = ((0.75, 8.0, 2.5), (11.6, 12.9, 0.5), (12.9, 14.4, 0.6), (14.4, 20.0, 2.5),
          (30.6, 33.6, 1.2), (36.6, 38.4, 0.6))
 GUST_LENGTH = 1.0  # [s]
 LINE = 40  # characters of a line of the terminal
