@@ -51,6 +51,8 @@ class System:
         Name of the system.
     states, inputs : tuple of str
         Names, in order.
+    units : dict
+        Units by name, of those that have one.
 
     """
 
@@ -64,6 +66,7 @@ class System:
         self.name = name if model is None else model.name
         self.states = states if model is None else model.state_names
         self.inputs = inputs if model is None else model.input_names
+        self.units = {} if model is None else model.units
         return self
 
     @classmethod

@@ -70,7 +70,7 @@ class Simulation:
         """Draw states and inputs; a notebook shows the figure, `savefig` writes it."""
         return draw_columns(self.t, {'states': (self.states, self.state_rows),
                                      'inputs': (self.inputs, self.input_rows)},
-                            self.system.name)
+                            self.system.name, self.system.units)
 
     def __repr__(self) -> str:
         """Return the system, the number of times and the duration."""

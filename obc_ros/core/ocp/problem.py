@@ -11,6 +11,7 @@ The time, parameters to be found and conditions on x(0) are stated with addition
 are the last ones (`augmentation`).
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 import casadi as ca
@@ -105,6 +106,8 @@ class Problem:
         Whether the first of the added states is the time.
     phases : PhaseLayout or None
         What the states and the inputs are if the statement has phases; T is 1 then.
+    units : mapping
+        Units by name, of states, inputs and parameters; for figures only.
 
     """
 
@@ -138,6 +141,7 @@ class Problem:
     free_parameters: tuple[str, ...] = ()
     has_clock: bool = False
     phases: PhaseLayout | None = None
+    units: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def n(self) -> int:

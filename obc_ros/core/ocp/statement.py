@@ -10,7 +10,7 @@ The module is long because each key of a statement has its own check and message
 """
 
 from collections.abc import Collection, Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 import hashlib
 import math
 from pathlib import Path
@@ -53,6 +53,7 @@ TIME = 't'   # name of the time in expressions, unless the statement gives it an
 
 MAX_TEXT = 200_000     # characters of all expressions together
 MAX_VALUES = 10_000    # values of a guess
+LONGEST_UNIT = 40      # characters
 
 
 @dataclass(frozen=True)
@@ -71,6 +72,7 @@ class _Plant:
     u_upper: Array
     free: dict[str, ca.SX]
     time: ca.SX | None
+    units: dict[str, str] = field(default_factory=dict)
 
     @property
     def arguments(self) -> tuple[dict[str, ca.SX], dict[str, ca.SX], dict[str, ca.SX],
@@ -93,7 +95,7 @@ def build_problem(mapping: object) -> Problem:
     ----------
     mapping : object
         A mapping of keys to values; see docs/problems.md. Keys that only a plant file has, such
-        as units, are ignored, so that one file can be both. Dynamics, costs and constraints may
+        as angles, are ignored, so that one file can be both. Dynamics, costs and constraints may
         be Python functions (`stated_functions`), and `system` may be a System.
 
     Returns
@@ -112,14 +114,25 @@ def build_problem(mapping: object) -> Problem:
     given = read_mapping(mapping, 'problem')
     check_keys(given, FOR_THE_SOLVER, OF_A_PLANT + FOR_PEOPLE)
     if given.get('phases') is None:
-        return _build_problem(given)
-    joined, layout = state_as_one_phase(given)
-    try:
-        problem = replace(_build_problem(joined), phases=layout)
-    except StatementError as error:
-        raise StatementError(name_phases(str(error))) from None
-    _check_durations(given['phases'], problem)
-    return problem
+        problem = _build_problem(given)
+    else:
+        joined, layout = state_as_one_phase(given)
+        try:
+            problem = replace(_build_problem(joined), phases=layout)
+        except StatementError as error:
+            raise StatementError(name_phases(str(error))) from None
+        _check_durations(given['phases'], problem)
+    return replace(problem, units={**problem.units, **_read_units(given)})
+
+
+def _read_units(given: Mapping[Any, Any]) -> dict[str, str]:
+    """Return the units of a statement; those of names that it does not have change nothing."""
+    units = read_section(given, 'units')
+    for name, unit in units.items():
+        if not isinstance(unit, str) or len(unit) > LONGEST_UNIT:
+            raise StatementError(f'units.{_short(name)}: wanted a short text such as m/s, found '
+                                 f'{describe_type(unit)}')
+    return {str(name): unit for name, unit in units.items()}
 
 
 def _build_problem(given: Mapping[Any, Any]) -> Problem:
@@ -156,7 +169,7 @@ def _build_problem(given: Mapping[Any, Any]) -> Problem:
         x0=np.array(added.x0), start=added.start, added=added.count,
         free_parameters=tuple(plant.free), has_clock=time is not None, final_time=final_time,
         guess=guess, angles=plant.angles + (False,) * added.count,
-        method=get_method(given.get('method')),
+        method=get_method(given.get('method')), units=plant.units,
         structure=_structure(functions, bounds, final_time, added.start))
     _defined_at_start(problem, functions)
     return problem
@@ -347,7 +360,7 @@ def _registered_plant(given: Mapping[Any, Any]) -> _Plant:
         x=dict(zip(system.state_names, ca.vertsplit(system.x), strict=True)),
         u=dict(zip(system.input_names, ca.vertsplit(system.u), strict=True)), p=p, values=values,
         f=system.xdot, u_lower=system.u_min, u_upper=system.u_max, free=found,
-        time=_time((*signals, *p)))
+        time=_time((*signals, *p)), units=system.units)
 
 
 def _option(value: object, where: str) -> object:

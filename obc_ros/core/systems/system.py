@@ -112,6 +112,12 @@ class System:
         return tuple(signal.angle for signal in self.states)
 
     @property
+    def units(self) -> dict[str, str]:
+        """Return the units of states, inputs and parameters that have one, by name."""
+        named: list[Signal | Parameter] = [*self.states, *self.inputs, *self.parameters]
+        return {each.name: each.unit for each in named if each.unit}
+
+    @property
     def u_min(self) -> Array:
         """Return the lower limits of the inputs, shape (m,)."""
         return np.array([signal.lower for signal in self.inputs])

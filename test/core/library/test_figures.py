@@ -4,7 +4,7 @@
 
 import numpy as np
 from obc_ros.core.library.figures.panels import group_columns
-from obc_ros.core.library.figures.path import _slopes, draw_path
+from obc_ros.core.library.figures.path import compute_slopes, draw_path
 from obc_ros.core.ocp.solution import Solution, Status
 from obc_ros.core.ocp.statement import build_problem
 import pytest
@@ -24,7 +24,7 @@ LAM = np.column_stack([1e-4 + 0 * T, T, 0 * T])
 def test_the_switching_function_is_the_input_gradient_of_h():
     """dH/du of H = u^2 + w + lam_x v + lam_v u x + lam_theta (w - theta), with lam_theta = 0."""
     expected = np.column_stack([2 * T + T * X[:, 0], 1 + 0 * T])
-    np.testing.assert_allclose(_slopes(PROBLEM, X, U, LAM)[0], expected)
+    np.testing.assert_allclose(compute_slopes(PROBLEM, X, U, LAM)[0], expected)
 
 
 def test_lines_of_similar_scale_share_a_panel():
@@ -39,7 +39,7 @@ def test_lines_of_similar_scale_share_a_panel():
 def test_a_figure_is_drawn_with_and_without_costates(lam, panels, tmp_path):
     """X and the others differ in magnitude, and so do lam_x and lam_v."""
     figure = draw_path(PROBLEM, Solution(
-        Status.SOLVED, '', 1.0, T, X, U, lam, 0.0 * T, switching_times=np.array([0.5])), 'scaled')
+        Status.SOLVED, '', 1.0, T, X, U, lam, 1.0 + T, switching_times=np.array([0.5])), 'scaled')
     assert figure.get_suptitle() == 'scaled'
     assert len(figure.axes) == panels - 1
     figure.savefig(tmp_path / 'scaled.png')

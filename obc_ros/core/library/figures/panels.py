@@ -1,23 +1,81 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""Panels of quantities over time: those of similar magnitude share a panel."""
+"""Panels of quantities over time: those of the same unit and of similar magnitude share one."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+import textwrap
 from typing import Any
 
 import numpy as np
-from obc_ros.core.library.figures.style import get_line, new_figure, STYLE, typeset_symbol
+from obc_ros.core.library.figures.style import (
+    get_line,
+    label_unit,
+    LINE_COLOURS,
+    new_figure,
+    STYLE,
+    THIN,
+    typeset_symbol,
+)
 from obc_ros.core.numerics.arrays import Array
 
 FEW = 12  # largest number of names in a legend
-PANEL = 1.9  # [in] height
+PANEL = 1.95  # [in] height
+TITLE = 0.9  # [in] title, time axis and legend of the marks
+LONGEST = 8.8  # [in] height of a figure with one column of panels; higher ones get two
+MOST_LINES = 6  # in a panel
+LINE = 88  # characters of a line of a title
+ROUNDING = 1e-9  # of the largest magnitude: what is below it is drawn beside it
 _CONTRAST = 50.0  # ratio of magnitudes above which lines get panels of their own
 
 
-def draw_columns(t: Array, groups: Mapping[str, tuple[Sequence[str], Array]], title: str
-                 ) -> Any:
+@dataclass(frozen=True, eq=False)
+class Panel:
     """
-    Draw columns of values over time, those of similar magnitude in one panel.
+    Columns of values that share a panel.
+
+    Attributes
+    ----------
+    label : str
+        Of the axis.
+    names : sequence of str
+        Of all columns.
+    values : ndarray, shape (N, k)
+        All columns.
+    group : sequence of int
+        The columns that are drawn.
+    units : mapping
+        Units by name.
+    template : str
+        Of a symbol in a legend.
+    lower, upper : ndarray, shape (k,), or None
+        Bounds of the columns; they are drawn where the values come near.
+    size : float
+        Variations far below this are rounding errors. 0: the axis fits the values.
+    zero : bool
+        Whether zero has a line.
+    drawstyle : str
+        Of the lines.
+
+    """
+
+    label: str
+    names: Sequence[str]
+    values: Array
+    group: Sequence[int]
+    units: Mapping[str, str] = field(default_factory=dict)
+    template: str = '{}'
+    lower: Array | None = None
+    upper: Array | None = None
+    size: float = 0.0
+    zero: bool = False
+    drawstyle: str = 'default'
+
+
+def draw_columns(t: Array, groups: Mapping[str, tuple[Sequence[str], Array]], title: str,
+                 units: Mapping[str, str]) -> Any:
+    """
+    Draw columns of values over time.
 
     Parameters
     ----------
@@ -27,6 +85,8 @@ def draw_columns(t: Array, groups: Mapping[str, tuple[Sequence[str], Array]], ti
         Names and values (N, k) of the columns, by the label of their panels.
     title : str
         Above the figure.
+    units : mapping
+        Units by name.
 
     Returns
     -------
@@ -35,24 +95,50 @@ def draw_columns(t: Array, groups: Mapping[str, tuple[Sequence[str], Array]], ti
 
     """
     import matplotlib
-    panels = [(label, *columns, group) for label, columns in groups.items()
-              for group in group_columns(columns[1])]
+    panels = [Panel(label, names, values, group, units) for label, (names, values) in
+              groups.items() for group in split_columns(names, values, units)]
     with matplotlib.rc_context(STYLE):
-        figure = new_figure(1.0 + PANEL * len(panels))
-        axes = figure.subplots(len(panels), 1, sharex=True, squeeze=False)[:, 0]
-        for panel, (label, names, values, group) in zip(axes, panels, strict=True):
-            draw_lines(panel, label, t, values, '{}', names, group)
-        axes[-1].set_xlabel('time [s]')
-        axes[-1].set_xlim(t[0], t[-1])
-        figure.align_ylabels()
-        figure.suptitle(title)
+        figure, axes, _ = place_panels(len(panels))
+        for place, panel in zip(axes, panels, strict=True):
+            draw_panel(place, t, panel)
+        set_title(figure, title)
     return figure
+
+
+def split_columns(names: Sequence[str], values: Array, units: Mapping[str, str]
+                  ) -> list[list[int]]:
+    """
+    Return the columns of each panel.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Of the columns.
+    values : ndarray, shape (N, k)
+        The columns.
+    units : mapping
+        Units by name.
+
+    Returns
+    -------
+    list of list of int
+        Columns of one unit and of similar magnitude, at most `MOST_LINES`, in their order. Above
+        `FEW` panels the lines are not counted.
+
+    """
+    known = [units.get(name, '') for name in names]
+    groups = [[columns[k] for k in group] for unit in dict.fromkeys(known)
+              for columns in [[k for k, each in enumerate(known) if each == unit]]
+              for group in group_columns(values[:, columns])]
+    split = [group[k:k + MOST_LINES] for group in groups
+             for k in range(0, len(group), MOST_LINES)]
+    return sorted(split if len(split) <= FEW else groups)
 
 
 def group_columns(values: Array) -> list[list[int]]:
     """Return the columns in groups of similar magnitude, in their order."""
     sizes = np.abs(values).max(axis=0)
-    sizes[sizes == 0.0] = sizes.max()
+    sizes[sizes <= ROUNDING * sizes.max()] = sizes.max()
     groups: list[list[int]] = []
     for index in np.argsort(-sizes, kind='stable').tolist():
         if not groups or sizes[index] * _CONTRAST < sizes[groups[-1][0]]:
@@ -61,19 +147,108 @@ def group_columns(values: Array) -> list[list[int]]:
     return sorted(sorted(group) for group in groups)
 
 
-def draw_lines(axes: Any, label: str, t: Array, values: Array, template: str,
-           names: Sequence[str], group: Sequence[int] | None = None, **style: Any) -> None:
-    """Draw the columns of a group, or all; a name has the same colour in every panel."""
-    shown = range(len(names)) if group is None else group
-    for index in shown:
-        axes.plot(t, values[:, index], label=f'${template.format(typeset_symbol(names[index]))}$',
-                  **get_line(index), **style)
-    axes.set_ylabel(label)
-    if len(shown) <= FEW:
-        axes.legend(loc='center left', bbox_to_anchor=(1.0, 0.5), ncols=1 + (len(shown) > 6))
+def place_panels(count: int, head: float = 0.0) -> tuple[Any, list[Any], Any]:
+    """
+    Return a figure with panels over time, in one column or in two.
+
+    Parameters
+    ----------
+    count : int
+        Number of panels.
+    head : float
+        Height of a panel above them, over the whole width [in]; 0 for none.
+
+    Returns
+    -------
+    Figure, list of Axes, Axes or None
+        The figure, its panels column by column, and the panel above them.
+
+    """
+    columns = 1 if TITLE + head + PANEL * count <= LONGEST else 2
+    rows = -(-count // columns)
+    figure = new_figure(TITLE + head + PANEL * rows)
+    grid = figure.add_gridspec(rows + bool(head), columns,
+                               height_ratios=[head] * bool(head) + [PANEL] * rows)
+    above = figure.add_subplot(grid[0, :]) if head else None
+    axes: list[Any] = []
+    for index in range(count):
+        column, row = divmod(index, rows)
+        place = figure.add_subplot(grid[row + bool(head), column],
+                                   sharex=axes[0] if axes else None)
+        last = row == rows - 1 or index == count - 1
+        place.tick_params(labelbottom=last)
+        if last:
+            place.set_xlabel('time [s]')
+        axes.append(place)
+    figure.align_ylabels(axes)
+    return figure, axes, above
 
 
-def widen_limits(axes: Any, values: Array, size: float) -> None:
+def draw_panel(axes: Any, t: Array, panel: Panel) -> None:
+    """
+    Draw a panel. A name has the same colour and dashes in every panel.
+
+    Parameters
+    ----------
+    axes : Axes
+        Where to draw.
+    t : ndarray, shape (N,)
+        Times [s].
+    panel : Panel
+        What to draw.
+
+    """
+    for index in panel.group:
+        axes.plot(t, panel.values[:, index], drawstyle=panel.drawstyle, **get_line(index),
+                  label=f'${panel.template.format(typeset_symbol(panel.names[index]))}$')
+        if panel.lower is not None and panel.upper is not None:
+            for sign, bound in ((r'\geq', panel.lower[index]), (r'\leq', panel.upper[index])):
+                _draw_bound(axes, panel, index, sign, float(bound))
+    units = {panel.units.get(panel.names[index], '') for index in panel.group}
+    axes.set_ylabel(label_unit(panel.label, units.pop() if len(units) == 1 else ''))
+    axes.set_xlim(t[0], t[-1])
+    if panel.zero:
+        axes.axhline(0.0, **THIN)
+    if panel.size:
+        _widen_limits(axes, panel.values[:, panel.group], panel.size)
+    if len(panel.group) <= FEW:
+        axes.legend(loc='center left', bbox_to_anchor=(1.0, 0.5),
+                    ncols=1 + (len(panel.group) > MOST_LINES))
+
+
+def set_title(figure: Any, title: str) -> None:
+    """
+    Set the title of a figure; long lines of it are wrapped.
+
+    Parameters
+    ----------
+    figure : Figure
+        The figure.
+    title : str
+        One or several lines.
+
+    """
+    figure.suptitle('\n'.join(textwrap.fill(line, LINE) for line in title.split('\n')))
+
+
+def _draw_bound(axes: Any, panel: Panel, index: int, sign: str, bound: float) -> None:
+    """Draw a bound in the colour of its quantity, with its name, if the values come near it."""
+    values = panel.values[:, index]
+    low, high = values.min(), values.max()
+    if not abs(bound - np.clip(bound, low, high)) <= 0.1 * (high - low):
+        return
+    colour = LINE_COLOURS[index % len(LINE_COLOURS)]
+    axes.axhline(bound, color=colour, linewidth=0.9, linestyle=(0, (1, 2)), zorder=1.5)
+    if len(panel.group) > 1:   # elsewhere it is clear whose bound it is
+        below = sign == r'\leq'
+        axes.annotate(f'${typeset_symbol(panel.names[index])} {sign} {bound:.4g}$', (0.99, bound),
+                      (0, -2 if below else 2), xycoords=('axes fraction', 'data'),
+                      textcoords='offset points', ha='right', va='top' if below else 'bottom',
+                      color=colour, zorder=4,
+                      bbox={'facecolor': 'white', 'alpha': 0.7, 'linewidth': 0, 'pad': 0.5})
+
+
+def _widen_limits(axes: Any, values: Array, size: float) -> None:
     """Widen the limits of an axis: variations far below `size` are rounding errors."""
     middle, half = (values.max() + values.min()) / 2, (values.max() - values.min()) / 2
     half = max(half * 1.1, 0.05 * max(size, abs(middle)) or 0.05)

@@ -1,27 +1,42 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""The path of an answer and its conditions over time."""
+"""The path of an answer: in the plane, and over time with its costates and conditions."""
 
+from collections.abc import Iterator
 from typing import Any
 
 import casadi as ca
 import numpy as np
-from obc_ros.core.library.figures.panels import draw_lines, group_columns, PANEL, widen_limits
-from obc_ros.core.library.figures.style import new_figure, STYLE, THIN
+from obc_ros.core.library.figures.marks import draw_marks, find_marks
+from obc_ros.core.library.figures.panels import (
+    draw_panel,
+    Panel,
+    place_panels,
+    set_title,
+    split_columns,
+)
+from obc_ros.core.library.figures.plane import draw_plane, find_plane, PLANE_HEIGHT
+from obc_ros.core.library.figures.style import STYLE
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.ocp.augmentation import hide_added_states, restore_added_states
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.ocp.solution import Solution
 
+ZERO = 1e-4   # of the magnitude of its terms: a quantity below it is drawn as 0
+
 
 def draw_path(problem: Problem, solution: Solution, title: str) -> Any:
     """
-    Draw states, inputs, costates, the switching function and the Hamiltonian of a solution.
+    Draw a solution: in the plane, and states, inputs, costates and conditions over time.
+
+    The panel in the plane is drawn for problems with positions or with constraints on two states.
+    The switching function and the Hamiltonian are left out, and the title says so, where they are
+    0 throughout. Contacts of state constraints, jumps of costates and switching times are marked.
 
     Parameters
     ----------
     problem : Problem
-        The problem, with its bounds.
+        The problem, with its bounds and units.
     solution : Solution
         With a path; costates may be missing.
     title : str
@@ -34,83 +49,96 @@ def draw_path(problem: Problem, solution: Solution, title: str) -> Any:
 
     """
     import matplotlib
+    shown, path = hide_added_states(problem, solution), restore_added_states(problem, solution)
+    marks, plane = find_marks(problem, path), find_plane(problem)
+    panels, zero = list(_list_panels(problem, shown)), []
+    if shown.lam.size and problem.phases is None:
+        for name, panel in _list_conditions(problem, path, shown.hamiltonian):
+            if panel.group:
+                panels.append(panel)
+            else:
+                zero.append(f'${name} = 0$')
     with matplotlib.rc_context(STYLE):
-        figure = _draw_panels(problem, solution)
-        figure.suptitle(title)
+        figure, axes, above = place_panels(len(panels), PLANE_HEIGHT if plane else 0.0)
+        if plane:
+            draw_plane(above, problem, plane, path, marks, problem.units)
+        for place, panel in zip(axes, panels, strict=True):
+            draw_panel(place, shown.t, panel)
+        if handles := draw_marks(axes, marks):
+            figure.legend(handles=handles, loc='outside lower center', ncols=2)
+        set_title(figure, title + (f'\n{" and ".join(zero)} throughout' if zero else ''))
     return figure
 
 
-def _slopes(problem: Problem, x: Array, u: Array, lam: Array) -> tuple[Array, Array]:
+def _list_panels(problem: Problem, shown: Solution) -> Iterator[Panel]:
+    """Yield the panels of states, inputs and costates."""
+    whole = problem.phases is None   # the phases have bounds of their own
+    n = len(problem.shown_states)
+    steps = 'steps-post' if shown.interpolation == 'zoh' else 'default'
+    for label, names, values, lower, upper, style in (
+            ('states', problem.shown_states, shown.x, problem.x_lower[:n], problem.x_upper[:n],
+             'default'),
+            ('inputs', problem.shown_inputs, shown.u, problem.u_lower, problem.u_upper, steps)):
+        for group in split_columns(names, values, problem.units):
+            yield Panel(label, names, values, group, problem.units, drawstyle=style,
+                        lower=lower if whole else None, upper=upper if whole else None)
+    if shown.lam.size:
+        for group in split_columns(problem.shown_states, shown.lam, {}):
+            yield Panel('costates', problem.shown_states, shown.lam, group,
+                        template=r'\lambda_{{{}}}')
+
+
+def _list_conditions(problem: Problem, path: Solution, hamiltonian: Array
+                     ) -> Iterator[tuple[str, Panel]]:
+    """Yield switching function and Hamiltonian; a panel without columns is 0 throughout."""
+    values, sizes = compute_slopes(problem, path.x, path.u, path.lam)
+    group = [k for k in range(problem.m)
+             if np.abs(values[:, k]).max() > ZERO * sizes[:, k].max()]
+    # Where the terms of dH/du cancel, the axis must not magnify their rounding errors.
+    yield (r'\partial H/\partial u', Panel(
+        'switching\nfunctions', problem.inputs, values, group, zero=True,
+        template=r'\partial H/\partial {}', size=float(sizes.max())))
+    size = _size_hamiltonian(problem, path)
+    group = [0] if np.abs(hamiltonian).max() > ZERO * size else []
+    yield 'H', Panel('Hamiltonian', ['H'], hamiltonian[:, None], group, size=1.0,
+                     zero=problem.final_time.free and not problem.has_clock)
+
+
+def compute_slopes(problem: Problem, x: Array, u: Array, lam: Array) -> tuple[Array, Array]:
     """
     Return dH/du = dL/du + lam' df/du (N, m), and the sum of the magnitudes of its terms (N, m).
 
     dH/du vanishes strictly inside the bounds of an input. At the minimum of H it is positive only
     at the lower bound, and negative only at the upper bound.
+
+    Parameters
+    ----------
+    problem : Problem
+        The problem.
+    x, u, lam : ndarray, shape (N, n), (N, m), (N, n)
+        The path.
+
     """
     costate = ca.SX.sym('lam', problem.n)
     L_u, f_u = ca.jacobian(problem.L, problem.u), ca.jacobian(problem.f, problem.u)
-    slopes = ca.Function('slopes', [problem.x, problem.u, costate, problem.p], [
-        ca.densify(L_u + costate.T @ f_u).T,
-        ca.densify(ca.fabs(L_u) + ca.fabs(costate).T @ ca.fabs(f_u)).T])
-    N = len(x)
-    values, sizes = slopes.map(N)(x.T, u.T, lam.T, ca.repmat(problem.p_value, 1, N))
-    return values.full().T, sizes.full().T
+    values, sizes = _evaluate(problem, costate, (x, u, lam), (
+        (L_u + costate.T @ f_u).T, (ca.fabs(L_u) + ca.fabs(costate).T @ ca.fabs(f_u)).T))
+    return values, sizes
 
 
-def _draw_panels(problem: Problem, path: Solution) -> Any:
-    shown = hide_added_states(problem, path)
-    path = restore_added_states(problem, path)
-    t, x, u, lam = shown.t, shown.x, shown.u, shown.lam
-    names, whole = problem.shown_states, problem.phases is None   # H has one phase
-    states, inputs = group_columns(x), group_columns(u)
-    costates = group_columns(lam) if lam.size else []
-    panels = len(states) + len(inputs) + len(costates) + 2 * bool(lam.size and whole)
-    figure = new_figure(1.0 + PANEL * panels)
-    axes = figure.subplots(panels, 1, sharex=True)
-    waiting = iter(axes)
-    for group in states:
-        panel = next(waiting)
-        draw_lines(panel, 'states', t, x, '{}', names, group)
-        if whole:
-            _bounds(panel, x[:, group], problem.x_lower[group], problem.x_upper[group])
-    steps = 'steps-post' if path.interpolation == 'zoh' else 'default'
-    for group in inputs:
-        panel = next(waiting)
-        draw_lines(panel, 'inputs', t, u, '{}', problem.shown_inputs, group, drawstyle=steps)
-        if whole:
-            _bounds(panel, u[:, group], problem.u_lower[group], problem.u_upper[group])
-    for group in costates:
-        draw_lines(next(waiting), 'costates', t, lam, r'\lambda_{{{}}}', names, group)
-    if lam.size and whole:
-        _conditions(next(waiting), next(waiting), problem, (t, path.x, u, path.lam),
-                    shown.hamiltonian)
-    for panel in axes:
-        for time in shown.switching_times:
-            panel.axvline(time, **THIN)
-    axes[-1].set_xlabel('time [s]')
-    axes[-1].set_xlim(t[0], t[-1])
-    figure.align_ylabels()
-    return figure
+def _size_hamiltonian(problem: Problem, path: Solution) -> float:
+    """Return the largest sum of the magnitudes of the terms of H = L + lam' f."""
+    costate = ca.SX.sym('lam', problem.n)
+    (sizes,) = _evaluate(problem, costate, (path.x, path.u, path.lam), (
+        ca.fabs(problem.L) + ca.fabs(costate).T @ ca.fabs(problem.f),))
+    return float(sizes.max())
 
 
-def _conditions(above: Any, below: Any, problem: Problem, path: tuple[Array, ...],
-                hamiltonian: Array) -> None:
-    """Draw the switching function and the Hamiltonian."""
-    t, x, u, lam = path
-    values, sizes = _slopes(problem, x, u, lam)
-    draw_lines(above, 'switching function', t, values, r'\partial H/\partial {}', problem.inputs)
-    above.axhline(0.0, **THIN)
-    # Where the terms of dH/du cancel, the axis must not magnify their rounding errors.
-    widen_limits(above, values, float(sizes.max()))
-    draw_lines(below, 'Hamiltonian', t, hamiltonian[:, None], '{}', ['H'])
-    if problem.final_time.free and not problem.has_clock:
-        below.axhline(0.0, **THIN)
-    widen_limits(below, hamiltonian, 1.0)
-
-
-def _bounds(axes: Any, values: Array, lower: Array, upper: Array) -> None:
-    """Draw the bounds that are at most a tenth of the range of the values outside it."""
-    for bound in np.unique(np.concatenate([lower, upper])):
-        low, high = values.min(), values.max()
-        if abs(bound - np.clip(bound, low, high)) <= 0.1 * (high - low):
-            axes.axhline(bound, **THIN)
+def _evaluate(problem: Problem, costate: ca.SX, path: tuple[Array, ...],
+              expressions: tuple[ca.SX, ...]) -> tuple[Array, ...]:
+    """Return expressions along a path, shape (N, k) each."""
+    N = len(path[0])
+    function = ca.Function('along', [problem.x, problem.u, costate, problem.p],
+                           [ca.densify(each) for each in expressions])
+    found = function.map(N).call([*(each.T for each in path), ca.repmat(problem.p_value, 1, N)])
+    return tuple(each.full().T for each in found)
