@@ -1,7 +1,7 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Ablation: the problems of test/problems with each strategy of the search switched off in turn.
+Ablation: the problems of obc_ros/examples with each strategy of the search switched off in turn.
 
 A strategy is tried on the problems on which it has an effect. The table shows the verdicts that
 are lost without it, the costs that are higher, and the ratio of the processor times.
@@ -24,7 +24,7 @@ from _ablation import STRATEGIES
 from obc_ros.core.ocp.certificate.certificate import TOLERANCES
 from obc_ros.core.ocp.certificate.replay import LEAST_COST
 
-PROBLEMS = Path(__file__).parent.parent / 'test' / 'problems'
+PROBLEMS = Path(__file__).parent.parent / 'obc_ros' / 'examples'
 WORKER = Path(__file__).with_name('_ablation.py')
 SECONDS = 60.0
 

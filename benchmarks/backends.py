@@ -1,7 +1,7 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Back-ends: the problems of test/problems with each solver of the same nonlinear programs.
+Back-ends: the problems of obc_ros/examples with each solver of the same nonlinear programs.
 
 Meshes, initial guesses and certificates are the same, and so is the search. Each problem is solved
 with each back-end in turn: first without a cache, then with its numbers changed by up to 1 %, all
@@ -25,7 +25,7 @@ from _backends import BACKENDS
 from obc_ros.core.ocp.certificate.certificate import TOLERANCES
 from obc_ros.core.ocp.certificate.replay import LEAST_COST
 
-PROBLEMS = Path(__file__).parent.parent / 'test' / 'problems'
+PROBLEMS = Path(__file__).parent.parent / 'obc_ros' / 'examples'
 WORKER = Path(__file__).with_name('_backends.py')
 SHIPPED = 'own, IPOPT'
 HEAD = ('back-end', 'solved', 'higher cost', 'time [s]', 'median', 'ratio', 'repeats solved',

@@ -6,7 +6,7 @@ Verdict, cost, certificate and time of the tests' problems, before and after a c
 python benchmarks/baseline.py --write baseline.json       # before
 python benchmarks/baseline.py --compare baseline.json     # after
 
-The problems are all files of test/problems, and all problems and regulators in the tests of the
+The problems are all files of obc_ros/examples, and all problems and regulators in the tests of the
 numerical core, which are run with a plugin that records them. The comparison lists each verdict
 that has changed and each cost that has changed by more than its tolerance. Its exit status is 1
 if there is one, or if the median ratio of the times exceeds its limit.
@@ -40,9 +40,9 @@ Records = dict[str, dict[str, Any]]
 
 
 def solve_files(pattern: str, time_limit: float) -> Records:
-    """Return the results of the files of test/problems whose names match."""
+    """Return the results of the files of obc_ros/examples whose names match."""
     records: Records = {}
-    for path in sorted((TESTS / 'problems').glob(pattern)):
+    for path in sorted((TESTS.parent / 'obc_ros' / 'examples').glob(pattern)):
         for number, mapping in enumerate(load_file(path), 1):
             begun = time.process_time()
             found = solve(build_problem(mapping), time_limit=time_limit)
@@ -102,7 +102,7 @@ def main() -> int:
     parser.add_argument('--write', type=Path, metavar='FILE', help='write the records')
     parser.add_argument('--compare', type=Path, metavar='FILE', help='compare with these records')
     parser.add_argument('--problems', default='*.yaml', metavar='GLOB',
-                        help='which files of test/problems (default: all)')
+                        help='which files of obc_ros/examples (default: all)')
     parser.add_argument('--tests', default='test', metavar='EXPRESSION',
                         help="which tests, as pytest's -k (default: all of the core)")
     parser.add_argument('--time-limit', type=float, default=120.0, metavar='S', help='of one file')

@@ -1,7 +1,7 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Provenance of the options: the problems of test/problems that need the value of each.
+Provenance of the options: the problems of obc_ros/examples that need the value of each.
 
 Each problem is solved once to see which options its search reads. Then each option is multiplied
 by 1/4 and by 4 on some of the problems that read it. A problem needs the value if it is not
@@ -32,7 +32,7 @@ from obc_ros.core.solver.options import DEFAULTS, list_options, Option, Options
 from obc_ros.core.solver.solve import solve
 
 TEST = Path(__file__).resolve().parents[1] / 'test'
-PROBLEMS = TEST / 'problems'
+PROBLEMS = TEST.parent / 'obc_ros' / 'examples'
 FACTORS, FAR = (0.25, 4.0), (0.01, 100.0)
 LIMIT = 240.0      # [s] time limit of a solution with the default options
 SLOW = 2.0         # [s] problems that take longer are not solved with changed options
@@ -146,7 +146,7 @@ def measure(file: Path) -> Result:
 
 
 def run(name: str, options: Options, limit: float) -> Result:
-    """Solve a problem of test/problems; an exception is its status."""
+    """Solve a problem of obc_ros/examples; an exception is its status."""
     problem = build_problem(load_file(PROBLEMS / f'{name}.yaml')[0])
     begun = time.process_time()
     try:

@@ -25,7 +25,7 @@ from obc_ros.core.ocp.solution import Solution, Status
 from obc_ros.core.ocp.statement import build_problem, load_file
 from obc_ros.core.solver.solve import Cache, solve
 
-PROBLEMS = Path(__file__).resolve().parent.parent / 'test' / 'problems'
+PROBLEMS = Path(__file__).resolve().parent.parent / 'obc_ros' / 'examples'
 CHANGES = 3
 SIZE = 1e-3
 SAME = 1e-5   # relative excess of a cost that the certificate's condition `minimum` allows

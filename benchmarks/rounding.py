@@ -1,7 +1,7 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Sensitivity to rounding: the problems of test/problems with changes in the last bits.
+Sensitivity to rounding: the problems of obc_ros/examples with changes in the last bits.
 
 Each is solved with several kernels of OpenBLAS, which round matrix products differently, and with
 every number of its statement times 1 + 1e-12 r, r uniform in [-1, 1]. Changed verdicts are
@@ -25,7 +25,7 @@ import sys
 from obc_ros.core.ocp.certificate.certificate import TOLERANCES
 from obc_ros.core.ocp.certificate.replay import LEAST_COST
 
-PROBLEMS = Path(__file__).parent.parent / 'test' / 'problems'
+PROBLEMS = Path(__file__).parent.parent / 'obc_ros' / 'examples'
 WORKER = Path(__file__).with_name('_rounding.py')
 OWN = 'own'   # the kernel that OpenBLAS selects for the machine
 KERNELS = OWN, 'Haswell', 'Nehalem'

@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""Build the optimal control problems of tests, from files in problems/ or from statements."""
+"""Build the optimal control problems of tests, from obc_ros/examples or from statements."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -9,7 +9,7 @@ from typing import Any
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.ocp.statement import build_problem, load_file
 
-FOLDER = Path(__file__).parent / 'problems'
+FOLDER = Path(__file__).parents[1] / 'obc_ros' / 'examples'
 NAMES = sorted(path.stem for path in FOLDER.glob('*.yaml'))
 
 # From rest at 0 to rest at 1 in T = 3. Without a bound on u the minimum time is 0.
@@ -20,7 +20,7 @@ DOUBLE_INTEGRATOR = {
 
 
 def read(name: str, **changes: Any) -> dict[str, Any]:
-    """Return the statement in ``problems/<name>.yaml``, some of its keys replaced."""
+    """Return the statement in ``obc_ros/examples/<name>.yaml``, some of its keys replaced."""
     [statement] = load_file(FOLDER / f'{name}.yaml')
     return statement | changes
 

@@ -31,7 +31,7 @@ def steer(default: float | tuple[float, ...], meaning: str, unit: str = '',
     """
     Return a field with its default, its meaning in a phrase, and its unit.
 
-    `needed_by` names a problem of test/problems, or a file of tests, that is not solved, costs
+    `needed_by` names a problem of obc_ros/examples, or a file of tests, that is not solved, costs
     more or takes longer with a quarter or four times the value (benchmarks/provenance.py).
     """
     return field(default=default, metadata={

@@ -27,7 +27,7 @@ def test_every_option_has_a_meaning_and_its_own_name():
 
 
 def test_the_provenance_of_an_option_is_a_problem_or_a_test():
-    known = {path.stem for path in (TEST / 'problems').glob('*.yaml')} | {
+    known = {path.stem for path in (TEST.parent / 'obc_ros' / 'examples').glob('*.yaml')} | {
         path.name for path in (TEST / 'core').rglob('test_*.py')}
     named = [each for each in list_options() if each.needed_by]
     assert [each.name for each in named if each.needed_by not in known] == []
