@@ -29,6 +29,7 @@ SUBCOMMANDS = {
     'lqr': 'design linear quadratic regulators',
     'sweep': 'solve one problem for many values of its numbers',
     'gallery': 'compute examples and exercises of the book, compare with references',
+    'examples': 'list, print and copy problem files',
     'bench': 'run the benchmarks',
     'completion': 'print what completes commands, options and names in a shell',
 }

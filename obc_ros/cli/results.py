@@ -17,6 +17,7 @@ from pathlib import Path
 import re
 from typing import Any, ClassVar, TypeVar
 
+from obc_ros.cli.examples import suggest_file
 from obc_ros.core.library.figures.files import FORMATS, parse_formats
 from obc_ros.core.library.json_values import convert_to_json
 from obc_ros.core.text.errors import DynamicsError, ObcError, quote, StatementError
@@ -223,7 +224,8 @@ def _entries(file: Path) -> list[tuple[str, FileEntry]]:
     try:
         return read_entries(file)
     except StatementError as error:
-        return [(str(file), error)]
+        hint = '' if file.exists() else suggest_file(file)
+        return [(str(file), StatementError(f'{error}{hint}'))]
 
 
 def write(folder: Path, name: str, result: Mapping[str, Any]) -> None:

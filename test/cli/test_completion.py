@@ -35,7 +35,8 @@ def test_a_completion_script_knows_commands_and_methods(scripts, shell):
 @pytest.mark.slow
 @pytest.mark.parametrize('words, found', [
     (['so'], {'solve'}), (['solve', '--tim'], {'--time-limit'}),
-    (['solve', 'e'], {'energy.yaml'}), (['solve', '--json', 'pla'], {'place'}),
+    (['solve', 'en'], {'energy.yaml'}), (['solve', 'zermelo_s'], {'zermelo_shear'}),
+    (['examples', 'did'], {'dido'}), (['solve', '--json', 'pla'], {'place'}),
     (['solve', '--method', 'ric'], {'riccati'}), (['bench', 'startu'], {'startup'}),
     (['completion', 'f'], {'fish'}), (['lqr', 'chains.yaml', '--fu'], {'--full'})], ids=str)
 def test_bash_completes(tmp_path, monkeypatch, scripts, words, found):

@@ -15,6 +15,7 @@ from obc_ros.cli.ask.pool_batch import answer_all
 from obc_ros.cli.ask.problem_requests import Question
 from obc_ros.cli.console import tables
 from obc_ros.cli.console.streams import get_width
+from obc_ros.cli.examples import choose_file
 from obc_ros.core.library.figures.files import save_figure
 from obc_ros.core.ocp.method_names import get_method, NAMES
 from obc_ros.core.ocp.solution import Condition, Optimality, Solution
@@ -112,7 +113,7 @@ class _ListOptions(argparse.Action):
 
 
 def _read(args: argparse.Namespace) -> list[Question]:
-    asked = results.read_questions(Question, args.files)
+    asked = results.read_questions(Question, map(choose_file, args.files))
     for question in asked:
         question.method, question.options = args.method or '', args.options
     if args.json or args.plot or args.trace:

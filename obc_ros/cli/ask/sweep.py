@@ -13,6 +13,7 @@ from typing import Any
 from obc_ros.cli import results
 from obc_ros.cli.console.progress import Lines, show_progress
 from obc_ros.cli.console.tables import print_table
+from obc_ros.cli.examples import choose_file
 from obc_ros.core.text.errors import DynamicsError, ObcError, quote, StatementError
 from obc_ros.sweep.axes import make_axes, make_draws, parse_axes, parse_draws
 from obc_ros.sweep.sweep import (
@@ -93,7 +94,7 @@ def run(args: argparse.Namespace) -> int:
 def _ask(args: argparse.Namespace) -> tuple[Sweep, Workers]:
     """Return the sweep that the arguments describe, and what solves its points."""
     question = SweepQuestion(
-        load_numbers(args.file), make_axes(parse_axes(args.over)),
+        load_numbers(choose_file(args.file)), make_axes(parse_axes(args.over)),
         make_draws(parse_draws(args.sample)), args.count,
         SweepSettings(args.seed, args.chunk, args.time_limit, args.method, tuple(args.options)))
     return Sweep(question, args.out), choose_workers(args.scheduler, args.workers)

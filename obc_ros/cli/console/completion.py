@@ -8,10 +8,12 @@ starts, shows its prompt or completes a word.
 """
 
 import argparse
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from typing import Any
+from zlib import crc32
 
 from obc_ros.cli.bench import find_benchmarks
+from obc_ros.cli.examples import list_examples
 from obc_ros.cli.obc import build_parser, find_subcommands, NEED_ROS
 from obc_ros.core.text.errors import ObcError
 from obc_ros.ros.installation import explain_missing_ros
@@ -58,7 +60,7 @@ def complete_action(command: str, action: argparse.Action) -> Mapping[str, Any] 
         found: Mapping[str, Any] = shtab.DIRECTORY
         return found
     if action.metavar == 'FILE' and command in ('solve', 'lqr', 'sweep'):
-        return shtab.glob(*YAML_FILES)
+        return _complete_files(list_examples() if command != 'lqr' else ())
     if action.dest == 'names':
         return _complete_words(_list_names(command))
     if action.dest == 'method':
@@ -69,8 +71,10 @@ def complete_action(command: str, action: argparse.Action) -> Mapping[str, Any] 
 
 def _list_names(command: str) -> list[str]:
     """Return the names that a subcommand takes."""
+    if command == 'examples':
+        return list_examples()
     if command == 'gallery':
-        from obc_ros.cli.gallery.entries.all import ENTRIES  # matplotlib takes a second
+        from obc_ros.cli.gallery.chapter.all import ENTRIES  # matplotlib takes a second
         return [entry.name for entry in ENTRIES]
     try:
         return list(find_benchmarks())
@@ -78,9 +82,27 @@ def _list_names(command: str) -> list[str]:
         return []
 
 
+def _complete_files(names: Collection[str]) -> Mapping[str, Any]:
+    """Return what completes a YAML file, or one of some names."""
+    import shtab
+    files: dict[str, Any] = shtab.glob(*YAML_FILES)
+    if not names:
+        return files
+    words = _complete_words(names)
+    both = f'{words["bash"]}_or_file'
+    return {
+        'bash': both, 'zsh': both, 'fish': f'{words["fish"]} {files["fish"]}',
+        'preamble': {
+            **files['preamble'],
+            'bash': f'{files["preamble"]["bash"]}{words["preamble"]["bash"]}'
+                    f'{both}() {{ {words["bash"]} "$1"; {files["bash"]} "$1"; }}\n',
+            'zsh': f'{both}() {{\n  compadd -- {" ".join(names)}\n'
+                   "  _files -g '*.(yaml|yml)'\n}\n"}}
+
+
 def _complete_words(words: Any) -> dict[str, Any]:
     """Return what completes one of some words that need no quotes."""
     text = ' '.join(words)
-    function = f'_obc_words_{abs(hash(text)) % 10**8}'
+    function = f'_obc_words_{crc32(text.encode())}'
     return {'bash': function, 'zsh': f'({text})', 'fish': text,
             'preamble': {'bash': f'{function}() {{\n  compgen -W "{text}" -- "$1"\n}}\n'}}
