@@ -7,12 +7,13 @@ from typing import Any
 
 from matplotlib.figure import Figure
 import numpy as np
+from obc_ros.cli.gallery.bodies import draw_aircraft
 from obc_ros.cli.gallery.drawing import create_panels, label_axes
 from obc_ros.cli.gallery.entry import ComparedRow, EntryResult, GalleryEntry
 from obc_ros.cli.gallery.exact_loops import run_sampled_loop, simulate_loop
 from obc_ros.cli.gallery.loop import NodeLoop, Run
 from obc_ros.cli.gallery.runner import Desk, read_design
-from obc_ros.core.library.figures.style import EXACT, LINE_COLOURS, THIN
+from obc_ros.core.library.figures.style import get_line, THIN
 from obc_ros.core.numerics.arrays import Array
 from scipy.linalg import solve_continuous_are
 
@@ -20,6 +21,9 @@ MASS, INERTIA, ARM, GRAVITY, DAMPING = 4.0, 0.0475, 0.25, 9.8, 0.05
 FLIGHT_STEP = 0.02  # [s] from state to state
 GOAL = np.array([1.0, 1.0, 0.0, 0.0, 0.0, 0.0])
 CAPTION, LEGEND = (1.0, 1e2, 1e4), (0.1, 1.0, 10.0)  # rho in the caption and in the legend
+NONLINEAR: dict[str, Any] = {'linestyle': (0, (1, 1.2)), 'linewidth': 2.4}
+POSES = (0.0, 0.3, 0.6, 1.4, 3.0, 10.0)  # [s] at which the aircraft is drawn
+SHRUNK = 0.25  # size of the drawn aircraft
 IDENTITY = [1.0] * 6
 PRINTED = [100.0, 1.0, 2 * pi / 9, 0.0, 0.0, 0.0]
 MEANT = [100.0, 1.0, (3.6 / pi)**2, 0.0, 0.0, 0.0]
@@ -74,9 +78,9 @@ def example_2_5(desk: Desk) -> EntryResult:
                  ComparedRow(f'{_text(name)}, aircraft: inputs [N]', run.u, u,
                              'Dormand-Prince 8(5,3)')]
     printed = linear['printed']
-    return EntryResult(rows, _draw(linear, whole), (
-        'The states $x, y$ and inputs $u_1 = f_1$, $u_2 = f_2 - mg$ of two running loops. Solid: '
-        'the linear model, with the axes as in the book. Dotted: the nonlinear model. The weights '
+    return EntryResult(rows, _draw_steps(linear, whole), (
+        'The states $x, y$ and inputs $u_1 = f_1$, $u_2 = f_2 - mg$ of two running loops, '
+        'with the linear model and with the nonlinear one (dotted). The weights '
         'are changed while `lqr_node` runs; each step begins with a reset of the plant.',
         'With the weights as printed in the book, the aircraft tilts by '
         f'{np.degrees(np.abs(whole["printed"].x[:, 2])).max():.0f} degrees. The '
@@ -87,7 +91,9 @@ def example_2_5(desk: Desk) -> EntryResult:
         f'{100 * np.abs(printed.x - linear["meant"].x)[:, :2].max():.1f} cm.'),
         f'In the loop with the printed weights, the first inputs are $u_1 = '
         f'{printed.u[0, 0]:.1f}$ N and $u_2 = {printed.u[0, 1]:.2f}$ N, but the axis of Figure '
-        '2.5(b) runs from 0 to 4.')
+        '2.5(b) runs from 0 to 4.', {
+            'inputs': _draw_inputs(linear, whole),
+            'flight': _draw_flight(linear['printed'], whole['printed'])})
 
 
 def _fly(loop: NodeLoop, Qx: list[float], rho: float, duration: float) -> Run:
@@ -135,58 +141,71 @@ def _text(name: float | str) -> str:
         str(name), f'$Q_x = I$, $ρ = {name:g}$' if isinstance(name, float) else '')
 
 
-def _draw(linear: dict[Any, Run], whole: dict[Any, Run]) -> Figure:
-    figure, ((a, legend, caption), (b, inputs, all_inputs), (fall, tilt, weights)) = create_panels(
-        3, 3, 2.55)
-    for axes, name in ((a, 1.0), (b, 'printed'), (fall, 'printed')):
+def _draw_steps(linear: dict[Any, Run], whole: dict[Any, Run]) -> Figure:
+    figure, ((a, b), (legend, caption)) = create_panels(2, 2, 3.2)
+    for axes, name in ((a, 1.0), (b, 'printed')):
         for index, text in enumerate('xy'):
-            axes.plot(linear[name].t, linear[name].x[:, index], color=LINE_COLOURS[index],
-                      label=f'${text}$')
-            if axes is not b:
-                axes.plot(whole[name].t, whole[name].x[:, index], **EXACT)
+            axes.plot(linear[name].t, linear[name].x[:, index], label=f'${text}$, linear',
+                      **get_line(index))
+            axes.plot(whole[name].t, whole[name].x[:, index], label=f'${text}$, nonlinear',
+                      **get_line(index) | NONLINEAR)
     for axes, values in ((legend, LEGEND), (caption, CAPTION)):
         for index, rho in enumerate(values):
             exponent = round(np.log10(rho))
-            axes.plot(linear[rho].t, linear[rho].x[:, 0], color=LINE_COLOURS[index],
+            axes.plot(linear[rho].t, linear[rho].x[:, 0], **get_line(index),
                       label=rf'$\rho = 10^{exponent}$' if rho > 50 else rf'$\rho = {rho:g}$')
-    run = linear['printed']
-    for axes in (inputs, all_inputs):
-        for index in range(2):
-            axes.plot(run.t, run.u[:, index], color=LINE_COLOURS[index], drawstyle='steps-post',
-                      label=f'$u_{index + 1}$')
-    tilt.plot(run.t, np.degrees(run.x[:, 2]), color=LINE_COLOURS[2], label=r'$\theta$')
-    tilt.plot(whole['printed'].t, np.degrees(whole['printed'].x[:, 2]), **EXACT)
-    for axes in (a, fall, tilt):
-        axes.plot([], [], label='nonlinear model', **EXACT)
-    for index, text in enumerate('xy'):
-        weights.plot(run.t, 100 * (linear['meant'].x - run.x)[:, index], color=LINE_COLOURS[index],
-                     label=f'${text}$')
     both, one = 'position $x$, $y$ [m]', 'position $x$ [m]'
-    step = range(0, 11, 2), [0, 0.5, 1, 1.5]
-    long = [0, 5, 10, 15]
-    for axes, title, y, limits, ticks, place in (
-            (a, 'Figure 2.4(a): step, $Q_x = I$, $Q_u = I$', both, (0, 10, 0, 1.5), step,
-             'lower right'),
-            (legend, r'Figure 2.4(b), $\rho$ as in its legend', one, (0, 10, 0, 1.5), step,
-             'lower right'),
-            (caption, r'Figure 2.4(b), $\rho$ as in its caption', one, (0, 10, 0, 1.5), step,
-             'lower right'),
-            (b, 'Figure 2.5(a): step, weights as printed', both, (0, 15, 0, 1.4),
-             (long, np.arange(8) / 5), 'lower right'),
-            (inputs, 'Figure 2.5(b): axes as in the book', '$u_1$, $u_2$ [N]', (0, 15, 0, 4),
-             (long, range(5)), 'upper right'),
-            (all_inputs, 'inputs of (b), full range', '$u_1$, $u_2$ [N]', (0, 3, -35, 16),
-             (range(4), [-30, -20, -10, 0, 10]), 'lower right'),
-            (fall, 'weights as printed, both models', both, (0, 10, -0.9, 1.5),
-             (range(0, 11, 2), [-0.5, 0, 0.5, 1, 1.5]), 'lower right'),
-            (tilt, 'weights as printed: tilt', r'$\theta$ [deg]', (0, 3, -60, 60),
-             (range(4), [-60, -30, 0, 30, 60]), 'upper right'),
-            (weights, r'weight of $\theta$: 1.3131 or $2\pi/9$', 'difference [cm]',
-             (0, 5, -0.7, 0.4), (range(6), [-0.6, -0.4, -0.2, 0, 0.2, 0.4]), 'lower right')):
-        label_axes(axes, title, 'time $t$ [s]', y, legend=place)
+    for axes, title, y, limits in (
+            (a, 'Figure 2.4(a): $Q_x = I$, $Q_u = I$', both, (0, 10, -0.05, 1.5)),
+            (b, 'Figure 2.5(a): weights as printed', both, (0, 15, -0.9, 1.5)),
+            (legend, r'Figure 2.4(b), $\rho$ as in its legend', one, (0, 10, -0.05, 1.5)),
+            (caption, r'Figure 2.4(b), $\rho$ as in its caption', one, (0, 10, -0.05, 1.5))):
+        label_axes(axes, title, 'time $t$ [s]', y, legend='lower right')
         axes.axis(limits)
-        axes.set(xticks=ticks[0], yticks=ticks[1])
-        axes.axhline(1.0 if y in (both, one) else 0.0, **THIN)
+        axes.axhline(1.0, **THIN)
+    return figure
+
+
+def _draw_inputs(linear: dict[Any, Run], whole: dict[Any, Run]) -> Figure:
+    figure, ((first, inputs), (tilt, weights)) = create_panels(2, 2, 3.2)
+    for axes, name in ((first, 1.0), (inputs, 'printed')):
+        for index in range(2):
+            axes.plot(linear[name].t, linear[name].u[:, index], drawstyle='steps-post',
+                      label=f'$u_{index + 1}$', **get_line(index))
+    inputs.axhspan(0, 4, color='0.85', zorder=1, label='axis of the book')
+    run = linear['printed']
+    for each, style, text in ((run, {}, 'linear'), (whole['printed'], NONLINEAR, 'nonlinear')):
+        tilt.plot(each.t, np.degrees(each.x[:, 2]), label=text, **get_line(2) | style)
+    for index, text in enumerate('xy'):
+        weights.plot(run.t, 100 * (linear['meant'].x - run.x)[:, index], label=f'${text}$',
+                     **get_line(index))
+    for axes, title, y, limits in (
+            (first, 'inputs of Figure 2.4(a)', '$u_1$, $u_2$ [N]', (0, 10, None, None)),
+            (inputs, 'Figure 2.5(b), full range', '$u_1$, $u_2$ [N]', (0, 3, -35, 16)),
+            (tilt, 'weights as printed: tilt', r'$\theta$ [deg]', (0, 3, -60, 60)),
+            (weights, r'weight of $\theta$: 1.3131 or $2\pi/9$', 'difference [cm]',
+             (0, 5, -0.7, 0.4))):
+        label_axes(axes, title, 'time $t$ [s]', y, legend='best')
+        axes.axis(limits)
+        axes.axhline(0.0, **THIN)
+    return figure
+
+
+def _draw_flight(linear: Run, whole: Run) -> Figure:
+    figure, ((plane,),) = create_panels(1, 1, 5.2)
+    for run, line, style, text in ((linear, get_line(0), {}, 'linear model'),
+                                   (whole, get_line(1), NONLINEAR, 'nonlinear model')):
+        plane.plot(run.x[:, 0], run.x[:, 1], label=text, **line | style)
+    for time in POSES:
+        k = int(np.argmin(np.abs(whole.t - time)))
+        u = whole.u[k] + [0.0, MASS * GRAVITY]
+        draw_aircraft(plane, *whole.x[k, :3], u, arm=SHRUNK * ARM, plume=SHRUNK * 0.012)
+        plane.annotate(f'{time:g} s', whole.x[k, :2], (18, 4), textcoords='offset points')
+    plane.set(aspect='equal')
+    plane.margins(0.08)
+    label_axes(plane, 'weights as printed: the aircraft (a quarter of its size) falls as it tilts',
+               '$x$ [m]', '$y$ [m]')
+    plane.legend(loc='center left', bbox_to_anchor=(1.0, 0.5))
     return figure
 
 

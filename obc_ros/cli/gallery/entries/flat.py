@@ -18,7 +18,7 @@ from obc_ros.cli.gallery.drawing import create_panels, label_axes, place_legend_
 from obc_ros.cli.gallery.entry import ComparedRow, EntryResult, GalleryEntry
 from obc_ros.cli.gallery.page import format_scientific
 from obc_ros.cli.gallery.runner import Desk, Trajectory
-from obc_ros.core.library.figures.style import EXACT, LINE_COLOURS
+from obc_ros.core.library.figures.style import EXACT, EXACT_LINE, get_line, LINE_COLOURS
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.solver.exact.closed_forms import (
     solve_scalar_between,
@@ -219,16 +219,19 @@ def _least(M: int) -> float:
 def _draw(drift: str, free: Trajectory, best: Trajectory, found: list[Any], power: int
           ) -> tuple[Figure, Axes]:
     """Return the figure, and its last panel, which is empty."""
-    figure, ((states, inputs), (costs, last)) = create_panels(2, 2, 2.9)
+    figure, ((states, inputs), (costs, last)) = create_panels(2, 2, 3.3)
     t = np.linspace(0, TF, 101)
+    # Three of four curves are within 0.1 of the line x = t: the inset shows their distance.
+    beside = states.inset_axes((0.3, 0.66, 0.5, 0.25))
     for index, M in enumerate((2, 3)):
         z, dz = compute_curve(found[index].x, t)
-        states.plot(t, z, color=LINE_COLOURS[index], label=f'flat, $M = {M}$')
-        inputs.plot(t, dz + z**power, color=LINE_COLOURS[index])
+        states.plot(t, z, label=f'flat, $M = {M}$', **get_line(index))
+        inputs.plot(t, dz + z**power, **get_line(index))
+        beside.plot(t, z - t, **get_line(index))
     for axes, values, other in ((states, best.x['x'], free.x['x']),
                                 (inputs, best.u['u'], free.u['u'])):
-        axes.plot(best.t, values, color=LINE_COLOURS[2], label='optimal, $x(1) = 1$')
-        axes.plot(free.t, other, color=LINE_COLOURS[3], label='(a) optimal from $x(0) = 1$')
+        axes.plot(best.t, values, label='optimal to $x(1) = 1$', **get_line(2))
+        axes.plot(free.t, other, label='(a), from $x(0) = 1$', **get_line(3))
         axes.set_xlim(0, TF)
     if power == 1:
         known = solve_scalar_finite_horizon(-1.0, 1.0, 1.0, 1.0, t, tf=TF)
@@ -238,32 +241,35 @@ def _draw(drift: str, free: Trajectory, best: Trajectory, found: list[Any], powe
         dx = _first_integral()[1]
         way = _along(dx, t)
         shown = (way, dx(way) + way**3), (x, -lam)
+    beside.plot(best.t, best.x['x'] - best.t, **get_line(2))
+    beside.set(xlim=(0, TF), xticks=[0, 1], title='$x - t$')
     for x, u in shown:
         states.plot(t, x, label='reference' if x is shown[0][0] else None, **EXACT)
         inputs.plot(t, u, **EXACT)
+    states.set(ylim=(-0.05, 2.0), yticks=[0, 0.5, 1])
     label_axes(states, 'state', 'time $t$ [s]', '$x(t)$')
     label_axes(inputs, 'input', 'time $t$ [s]', '$u(t)$ [1/s]')
-    place_legend_below(figure, states, 5)
+    place_legend_below(figure, states, 3)
     costs.semilogy(COUNTS, [each.objective - best.J for each in found], 'o-',
                    color=LINE_COLOURS[0])
     costs.set_xticks(COUNTS)
-    label_axes(costs, '(e) cost of flat trajectories above the optimum',
-               'number of coefficients $M$', '$J_M - J^*$')
+    label_axes(costs, '(e) flat: cost above the optimum',
+               'coefficients $M$', '$J_M - J^*$')
     figure.suptitle(f'$\\dot x = -a{drift} + bu$,  $a = b = c = 1$,  $t_f = {TF:g}$ s')
     return figure, last
 
 
 def _draw_ends(axes: Axes, many: list[Trajectory], ends: list[float]) -> None:
     axes.loglog(MANY_WEIGHTS, [path.x['x'][-1] for path in many], 'o', markersize=4,
-                color=LINE_COLOURS[3], label='trajectory_server')
-    axes.loglog(MANY_WEIGHTS, ends, label='closed form', **EXACT)
+                color=LINE_COLOURS[3], label='server')
+    axes.loglog(MANY_WEIGHTS, ends, label='closed form', **EXACT_LINE)
     label_axes(axes, '(a) final state from $x(0) = 1$', 'weight $c$', '$x^*(t_f)$', legend=True)
 
 
 def _draw_first_integral(axes: Axes, best: Trajectory, E: float) -> None:
     x = np.linspace(0, 1, 101)
     axes.plot(best.x['x'], best.u['u'] - best.x['x']**3, color=LINE_COLOURS[2],
-              label='trajectory_server')
+              label='server')
     axes.plot(x, np.sqrt(x**6 + E), label=r'$\dot x^2 = x^6 + E$', **EXACT)
     label_axes(axes, '(d) optimum in the phase plane', '$x$', r'$\dot x$ [1/s]', legend=True)
 

@@ -11,7 +11,7 @@ from obc_ros.cli.gallery.drawing import create_panels, label_axes, place_legend_
 from obc_ros.cli.gallery.entry import ComparedRow, EntryResult, GalleryEntry
 from obc_ros.cli.gallery.page import format_scientific
 from obc_ros.cli.gallery.runner import Desk, Trajectory
-from obc_ros.core.library.figures.style import LINE_COLOURS, THIN
+from obc_ros.core.library.figures.style import get_line, LINE_COLOURS, THIN
 from obc_ros.core.numerics.arrays import Array
 from scipy.interpolate import CubicHermiteSpline
 
@@ -109,37 +109,39 @@ def _costates(paths: list[Trajectory], plain: Array, known: list[tuple[Array, Ar
 
 
 def _draw_2_3(plain: list[Trajectory], turning: list[Trajectory]) -> Figure:
-    figure, ((left, middle, right),) = create_panels(1, 3, 3.3, width_ratios=(1, 1, 1.1))
+    figure, ((left, middle, right),) = create_panels(1, 3, 3.7, width_ratios=(1, 1, 1.1))
     for axes, paths in ((left, plain), (middle, turning)):
         for path in paths:
-            for sign, colour in ((-1, LINE_COLOURS[0]), (1, LINE_COLOURS[1])):
+            for sign, line in ((-1, get_line(0)), (1, get_line(1))):
                 x1, x2, u = smooth(path)
                 part = np.where(u * sign > 0, 1.0, np.nan)
-                axes.plot(x1 * part, x2 * part, color=colour, linewidth=0.9)
+                axes.plot(x1 * part, x2 * part, **line | {'linewidth': 1.1})
             axes.plot(path.x['x1'][0], path.x['x2'][0], '.', color='black', markersize=4)
-    for text, colour in (('$u = -1$', LINE_COLOURS[0]), ('$u = +1$', LINE_COLOURS[1])):
-        left.plot([], [], color=colour, label=text)
+    for index, text in enumerate(('$u = -1$', '$u = +1$')):
+        left.plot([], [], label=text, **get_line(index))
     v = np.linspace(-2.6, 2.6, 201)
-    left.plot(-v * np.abs(v) / 2, v, color='black', label='switching curve')
+    left.plot(-v * np.abs(v) / 2, v, color='black', linewidth=2.4, label='switching curve')
     left.set(xlim=(-4, 4), ylim=(-3.2, 3.2))
     angle = np.linspace(0, pi, 100)
     for k in range(5):
         for side in (1, -1):
-            middle.plot(side * (2 * k + 1 + np.cos(angle)), -side * np.sin(angle), color='black')
+            middle.plot(side * (2 * k + 1 + np.cos(angle)), -side * np.sin(angle), color='black',
+                        linewidth=2.4)
     middle.set(aspect='equal', xlim=(-10, 10), ylim=(-11, 11), xticks=[-8, -4, 0, 4, 8],
                yticks=[-8, -4, 0, 4, 8])
     label_axes(left, 'double integrator', '$x_1$ [m]', '$x_2$ [m/s]')
-    label_axes(middle, 'oscillator $\\ddot x + x = u$', '$x_1$', '$x_2$')
+    label_axes(middle, 'oscillator $\\ddot x + x = u$', '$x_1$ [m]', '$x_2$ [m/s]')
     path = turning[-1]
     right.plot(path.t, path.u['u'], color=LINE_COLOURS[2], drawstyle='steps-post', label='$u(t)$')
-    right.plot(path.t, path.lam['x2'], color=LINE_COLOURS[4], label='$\\lambda^T B$')
-    right.plot(path.t, path.hamiltonian, color=LINE_COLOURS[3], label='$H$')
+    right.plot(path.t, path.lam['x2'], label='$\\lambda^T B$', **get_line(1))
+    right.plot(path.t, path.hamiltonian, label='$H$', **get_line(3))
     for time in path.switching_times:
         right.axvline(time, **THIN)
-    label_axes(right, 'oscillator with five switches', 'time $t$ [s]',
+    label_axes(right, 'five switches', 'time $t$ [s]',
                '$u$, $\\lambda^T B$, $H$')
-    right.set(xlim=(0, path.T), ylim=(-1.3, 1.7))
-    right.legend(loc='upper center', ncols=3, columnspacing=1.2)
+    right.set(xlim=(0, path.T), ylim=(-1.3, 1.9))
+    right.legend(loc='upper center', ncols=3, columnspacing=0.6, handlelength=1.3,
+                 handletextpad=0.3)
     place_legend_below(figure, left, 3)
     return figure
 
@@ -243,12 +245,13 @@ def _printed(path: Trajectory) -> Array:
 
 
 def _draw_2_6(line: Trajectory, loop: Trajectory, printed: Array) -> Figure:
-    figure, ((plane, third), (inputs, costates)) = create_panels(2, 2, 2.9)
+    figure, ((plane, third), (first, second), (costates, empty)) = create_panels(3, 2, 2.9)
+    empty.remove()
     s = np.linspace(0, 2, 201)
-    plane.plot(s, np.interp(s, [0, 0.5, 1.5, 2], [0, 0.5, -0.5, 0]), color='0.7',
-               label='same time to (2, 0, 0)')
-    plane.plot(line.x['x1'], line.x['x2'], color=LINE_COLOURS[1], label='to (2, 0, 0)')
-    plane.plot(loop.x['x1'], loop.x['x2'], color=LINE_COLOURS[0], label='to (1, 0, 4.25)')
+    plane.plot(s, np.interp(s, [0, 0.5, 1.5, 2], [0, 0.5, -0.5, 0]), color='0.6',
+               label='the same time, to (2, 0, 0)')
+    plane.plot(line.x['x1'], line.x['x2'], label='to (2, 0, 0)', **get_line(1))
+    plane.plot(loop.x['x1'], loop.x['x2'], label='to (1, 0, 4.25)', **get_line(0))
     for k in np.searchsorted(loop.t, [0.5, 1.75, 3.25, 4.5]):
         plane.annotate('', (loop.x['x1'][k], loop.x['x2'][k]),
                        (loop.x['x1'][k - 1], loop.x['x2'][k - 1]),
@@ -256,27 +259,29 @@ def _draw_2_6(line: Trajectory, loop: Trajectory, printed: Array) -> Figure:
     plane.set(aspect='equal')
     plane.set(xticks=[-1, 0, 1, 2], yticks=[0, 1, 2])
     label_axes(plane, 'paths in the plane', '$x_1$', '$x_2$')
-    place_legend_below(figure, plane, 3)
-    for path, colour in ((line, LINE_COLOURS[1]), (loop, LINE_COLOURS[0])):
-        third.plot(path.t, path.x['x3'], color=colour)
+    for index, path in ((1, line), (0, loop)):
+        third.plot(path.t, path.x['x3'], **get_line(index))
+        for axes, name in ((first, 'u1'), (second, 'u2')):
+            axes.plot(path.t, path.u[name], drawstyle='steps-post', **get_line(index))
     label_axes(third, 'third state', 'time $t$ [s]', '$x_3$')
-    for index, style in enumerate(('-', '--')):
-        inputs.plot(loop.t, loop.u[f'u{index + 1}'], style, color=LINE_COLOURS[index],
-                    drawstyle='steps-post', label=f'$u_{index + 1}$')
-    inputs.set(ylim=(-1.3, 1.7), yticks=[-1, 0, 1])
-    label_axes(inputs, 'inputs to (1, 0, 4.25)', 'time $t$ [s]', '$u_1$, $u_2$')
-    inputs.legend(loc='upper center', ncols=2)
+    second.axvspan(0, line.T, color=LINE_COLOURS[1], alpha=0.15, zorder=1)
+    second.text(line.T / 2, 0.12, 'singular arc', ha='center', color=LINE_COLOURS[1])
+    for index, axes in ((1, first), (2, second)):
+        axes.set(ylim=(-1.3, 1.3), yticks=[-1, 0, 1])
+        label_axes(axes, f'input $u_{index}$', 'time $t$ [s]', f'$u_{index}$')
     for index, name in enumerate(('x1', 'x2', 'x3')):
-        costates.plot(loop.t, loop.lam[name], color=LINE_COLOURS[index],
-                      label=f'$\\lambda_{index + 1}$')
+        costates.plot(loop.t, loop.lam[name], label=f'$\\lambda_{index + 1}$ to (1, 0, 4.25)',
+                      **get_line(2 + index))
     costates.plot(loop.t, printed, '--', color='grey', label='$\\lambda_2$ as printed (misprint)')
-    for axes in (inputs, costates):
+    label_axes(costates, 'costates to (1, 0, 4.25)', 'time $t$ [s]', '$\\lambda$')
+    for axes in (third, first, second, costates):
         for time in loop.switching_times:
             axes.axvline(time, **THIN)
-    label_axes(costates, 'costates to (1, 0, 4.25)', 'time $t$ [s]', '$\\lambda$',
-               legend='lower left')
-    for axes in (third, inputs, costates):
         axes.set_xlim(0, loop.T)
+    costates.plot([], [], label='a switch to (1, 0, 4.25)', **THIN)
+    handles = [axes.get_legend_handles_labels() for axes in (plane, costates)]
+    figure.legend(handles[0][0] + handles[1][0], handles[0][1] + handles[1][1], loc='center',
+                  bbox_to_anchor=(0.77, 0.17))
     return figure
 
 

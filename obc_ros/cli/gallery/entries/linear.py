@@ -5,6 +5,8 @@
 from typing import Any
 
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
 import numpy as np
 from obc_ros.cli.gallery.drawing import create_panels, label_axes
 from obc_ros.cli.gallery.entries.regulators import state_lq_problem
@@ -12,11 +14,11 @@ from obc_ros.cli.gallery.entry import ComparedRow, EntryResult, GalleryEntry
 from obc_ros.cli.gallery.exact_loops import compute_free_motion, match_poles
 from obc_ros.cli.gallery.loop import UnansweredError
 from obc_ros.cli.gallery.runner import AnsweredRegulator, design_request, Desk
-from obc_ros.core.library.figures.style import EXACT, LINE_COLOURS
+from obc_ros.core.library.figures.style import EXACT, EXACT_LINE, get_line, LINE_COLOURS
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.solver.exact.closed_forms import solve_lag_regulator
 from obc_ros.srv import DesignLqr
-from scipy.linalg import solve_continuous_are
+from scipy.linalg import expm, solve_continuous_are
 
 SYSTEMS = 24
 
@@ -61,35 +63,59 @@ def exercise_2_7(desk: Desk) -> EntryResult:
     return EntryResult(rows, _draw_2_7(systems, designs), (
         f'{SYSTEMS} random observable systems of 2 to 6 states, one input and one output, each '
         'with its own $ρ$ between 0.01 and 100. With the optimal feedback, all poles are in the '
-        'left half plane. A state that stays in the unobservable subspace has no cost.',
-        ), f'For $A = 1$, $B = 0$, $C = 1$, `trajectory_server` reports: “{refused.message}”.')
+        'left half plane. A state that stays in the unobservable subspace has no cost. '
+        'Below: $V = x^T P x$ falls along every path of a closed loop, as $x^T P x$ is the cost '
+        'that is left.',),
+        f'For $A = 1$, $B = 0$, $C = 1$, `trajectory_server` reports: “{refused.message}”.')
 
 
 def _draw_2_7(systems: list[Any], designs: list[AnsweredRegulator]) -> Figure:
-    figure, ((plane, slowest),) = create_panels(1, 2, 3.3)
+    figure, ((plane, slowest), (energy, empty)) = create_panels(2, 2, 3.2)
+    empty.remove()
     for (A, *_), found in zip(systems, designs, strict=True):
         before = np.linalg.eigvals(A)
-        plane.plot(before.real, before.imag, 'x', color='0.6', markersize=5)
+        plane.plot(before.real, before.imag, 'x', color='0.45', markersize=5)
         plane.plot(found.E.real, found.E.imag, 'o', color=LINE_COLOURS[0], markersize=4)
-    plane.plot([], [], 'x', color='0.6', label='poles of $A$')
-    plane.plot([], [], 'o', color=LINE_COLOURS[0], label='poles of $A - BK$')
     plane.axvline(0, color='black', linewidth=1)
     far = sum(int((found.E.real < -7).sum()) for found in designs)
-    plane.annotate(f'{far} further to the left', (-6.9, 0), (-6.7, -0.9),
-                   arrowprops={'arrowstyle': '->'})
+    plane.annotate(f'{far} further left', (-6.9, 0), (-6.7, -2.2), arrowprops={'arrowstyle': '->'})
     plane.set_xlim(-7, 4)
     label_axes(plane, f'poles of {len(designs)} systems', 'real part [rad/s]',
-               'imaginary part [rad/s]', legend='upper right')
+               'imaginary part [rad/s]')
     index = np.arange(1, len(designs) + 1)
-    slowest.bar(index, [np.linalg.eigvals(A).real.max() for A, *_ in systems], color='0.8',
-                label='without feedback')
-    slowest.bar(index, [each.E.real.max() for each in designs], color=LINE_COLOURS[0], width=0.5,
-                label='with the optimal feedback')
+    slowest.bar(index, [np.linalg.eigvals(A).real.max() for A, *_ in systems], color='0.75')
+    slowest.bar(index, [each.E.real.max() for each in designs], color=LINE_COLOURS[0], width=0.5)
     slowest.axhline(0, color='black', linewidth=1)
-    slowest.set(xlim=(0.2, len(designs) + 0.8), ylim=(-2, 3.6))
-    label_axes(slowest, 'rightmost pole', 'system', 'real part [rad/s]',
-               legend='upper left')
+    slowest.set(xlim=(0.2, len(designs) + 0.8))
+    label_axes(slowest, 'rightmost pole', 'system', 'real part [rad/s]')
+    _draw_cost_to_go(energy, systems, designs)
+    figure.legend(handles=[
+        Line2D([], [], marker='x', linestyle='none', color='0.45', label='poles of $A$'),
+        Line2D([], [], marker='o', linestyle='none', color=LINE_COLOURS[0],
+               label='poles of $A - BK$'),
+        Patch(color='0.75', label='without feedback'),
+        Patch(color=LINE_COLOURS[0], label='with the optimal feedback'),
+        Line2D([], [], label='$V = x^T P x$ with feedback', **get_line(0)),
+        Line2D([], [], label='the same without feedback', **get_line(1))],
+        loc='center', bbox_to_anchor=(0.77, 0.24))
     return figure
+
+
+def _draw_cost_to_go(axes: Any, systems: list[Any], designs: list[AnsweredRegulator]) -> None:
+    """Draw V = x'Px from x = (1, ..., 1): it falls with feedback, and need not without."""
+    t = np.linspace(0, 3, 121)
+    for (A, *_), found in zip(systems[:5], designs, strict=False):
+        for M, line in ((found.A - found.B @ found.K, 0), (A, 1)):
+            step = expm(M * t[1])
+            states = [np.ones(len(A))]
+            for _ in t[1:]:
+                states.append(step @ states[-1])
+            values = np.einsum('ki,ij,kj->k', states, found.P, states)
+            if line == 0 or np.linalg.eigvals(A).real.max() > 0:
+                axes.semilogy(t, values / values[0], **get_line(line))
+    axes.set(xlim=(0, 3), ylim=(1e-3, 1e3))
+    label_axes(axes, r'Lyapunov: $\dot V = -x^T(Q_x + K^T Q_u K)x$', 'time $t$ [s]',
+               '$V(t)/V(0)$')
 
 
 LAGS = (0.1, 0.5, 1.0, 2.0, 3.0)
@@ -144,11 +170,11 @@ def exercise_2_8(desk: Desk) -> EntryResult:
 
 
 def _draw_2_8(designs: list[AnsweredRegulator], paths: list[Any], motions: list[Array]) -> Figure:
-    figure, ((gains, loop, outputs),) = create_panels(1, 3)
+    figure, ((gains, loop), (slow, fast)) = create_panels(2, 2, 3.1)
     a = np.linspace(0, 3.2, 100)
     root = np.sqrt(a**2 + 2)
-    gains.plot(a, np.ones_like(a), color=LINE_COLOURS[0], linewidth=1)
-    gains.plot(a, root - a, color=LINE_COLOURS[1], linewidth=1)
+    gains.plot(a, np.ones_like(a), **EXACT_LINE)
+    gains.plot(a, root - a, **EXACT_LINE)
     for index, marker in enumerate('os'):
         gains.plot(LAGS, [each.K[0, index] for each in designs], marker, color=LINE_COLOURS[index],
                    label=f'$K_{index + 1}$')
@@ -156,24 +182,24 @@ def _draw_2_8(designs: list[AnsweredRegulator], paths: list[Any], motions: list[
     label_axes(gains, '(b) gain', '$a$ [s$^{-1}$]', '$K_1$ [s$^{-2}$], $K_2$ [s$^{-1}$]',
                legend=True)
     poles = np.array([each.E for each in designs])
-    loop.plot(a, np.ones_like(a), color=LINE_COLOURS[0], linewidth=1)
-    loop.plot(a, root / 2, color=LINE_COLOURS[1], linewidth=1)
+    loop.plot(a, np.ones_like(a), **EXACT_LINE)
+    loop.plot(a, root / 2, label='closed form', **EXACT_LINE)
     omega0 = np.sqrt(np.prod(poles, axis=1).real)
     loop.plot(LAGS, omega0, 'o', color=LINE_COLOURS[0], label='$\\omega_0$ [rad/s]')
     loop.plot(LAGS, -poles.sum(axis=1).real / 2 / omega0, 's', color=LINE_COLOURS[1],
               label='$\\zeta$')
     label_axes(loop, '(c) closed loop', '$a$ [s$^{-1}$]', '$\\omega_0$ [rad/s], $\\zeta$',
                legend='upper left')
-    for index, b in enumerate(ZEROS):
-        for path, motion, style in zip(paths[1::2], motions[1::2], ('-', '--'), strict=False):
-            outputs.plot(path.t, (b * path.x['x1'] + path.x['x2']), style,
-                         color=LINE_COLOURS[index],
-                         label=f'$b = {b:g}$' if style == '-' else None)
-            outputs.plot(path.t, motion @ [b, 1.0], **EXACT)
-    outputs.plot([], [], label='closed form', **EXACT)
-    outputs.set_xlim(0, 8)
-    label_axes(outputs, 'output; $a = 0.5$ (solid), 2 (dashed)', 'time $t$ [s]',
-               '$y = bx_1 + x_2$', legend=True)
+    for axes, path, motion, lag in zip((slow, fast), paths[1::2], motions[1::2], LAGS[1::2],
+                                       strict=False):
+        for index, b in enumerate(ZEROS):
+            axes.plot(path.t, b * path.x['x1'] + path.x['x2'], label=f'$b = {b:g}$',
+                      **get_line(index))
+            axes.plot(path.t, motion @ [b, 1.0], **EXACT)
+        axes.plot([], [], label='closed form', **EXACT)
+        axes.set_xlim(0, 8)
+        label_axes(axes, f'output, $a = {lag:g}$ s$^{{-1}}$', 'time $t$ [s]', '$y = bx_1 + x_2$',
+                   legend='upper right')
     return figure
 
 

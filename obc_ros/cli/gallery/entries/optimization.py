@@ -10,7 +10,7 @@ import numpy as np
 from obc_ros.cli.gallery.drawing import create_panels, draw_arrow, label_axes, WIDTH
 from obc_ros.cli.gallery.entry import ComparedRow, EntryResult, GalleryEntry
 from obc_ros.cli.gallery.runner import Desk, minimize_request
-from obc_ros.core.library.figures.style import LINE_COLOURS, THIN
+from obc_ros.core.library.figures.style import get_line, LINE_COLOURS
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.srv import Minimize
 
@@ -76,7 +76,7 @@ def example_2_1(desk: Desk) -> EntryResult:
 
 
 def _draw_2_1(found: Any, nearest: Any) -> Figure:
-    figure = Figure(figsize=(WIDTH, 6.6), layout='constrained')
+    figure = Figure(figsize=(WIDTH, 7.4), layout='constrained')
     _draw_curve(figure.add_subplot(221))
     _draw_surface(figure.add_subplot(222, projection='3d'), found)
     _draw_plane(figure.add_subplot(223), found)
@@ -101,7 +101,7 @@ def _draw_curve(axes: Any) -> None:
               color=LINE_COLOURS[2])
     axes.text(at + step / 2, evaluate_curve(at) + 0.08, '$dx$', ha='center')
     axes.text(at + step + 0.08, evaluate_curve(at) + 0.5 * rise,
-              r'$\frac{\partial F}{\partial x}\,dx$', va='center', fontsize=13)
+              r'$\frac{\partial F}{\partial x}\,dx$', va='center', fontsize=15)
     axes.set_ylim(-2.5, 2.2)
     label_axes(axes, 'Figure 2.1: stationary points', '$x$', '$F(x)$')
 
@@ -112,19 +112,20 @@ def _draw_surface(axes: Any, found: Any) -> None:
     x1, x2 = np.meshgrid(s, s)
     axes.plot_surface(x1, x2, F0 + (x1 - a)**2 + (x2 - b)**2, color=LINE_COLOURS[5], alpha=0.35,
                       linewidth=0, rcount=40, ccount=40)
-    axes.plot(s, s, 0 * s, color=LINE_COLOURS[1], label='$G(x) = 0$')
-    axes.plot(s, s, F0 + (s - a)**2 + (s - b)**2, color=LINE_COLOURS[0], label='$F$ on $G(x) = 0$')
+    axes.plot(s, s, 0 * s, **get_line(1), label='$G(x) = 0$')
+    axes.plot(s, s, F0 + (s - a)**2 + (s - b)**2, color=LINE_COLOURS[0],
+              label='$F$ on $G(x) = 0$')
     at = found.x[0], found.x[1]
     axes.plot([at[0]] * 2, [at[1]] * 2, [0, found.objective], ':', color='black')
     for height in (0, found.objective):
         axes.plot(*at, height, 'ko', markersize=4)
     axes.text(at[0] + 0.35, at[1] - 0.4, -0.6, '$x^*$')
-    axes.set(xlabel='$x_1$', ylabel='$x_2$', zlim=(0, 20), xticks=[0, 2, 4], yticks=[0, 2, 4],
-             title='Figure 2.2(a): constrained minimum')
+    axes.set(xlabel='$x_1$', ylabel='$x_2$', zlim=(0, 20), xticks=[0, 4], yticks=[0, 4],
+             zticks=[0, 10, 20], title='Figure 2.2(a): constrained minimum')
     axes.set_zlabel('$F(x)$', labelpad=2)
-    axes.view_init(22, -72)
-    axes.set_box_aspect((1, 1, 0.85), zoom=1.0)
-    axes.legend(loc='upper left', bbox_to_anchor=(-0.22, 1.04))
+    axes.view_init(22, -62)
+    axes.set_box_aspect((1, 1, 0.8), zoom=0.95)
+    axes.legend(loc='upper center', bbox_to_anchor=(0.5, -0.04), ncols=2)
 
 
 def _draw_plane(axes: Any, found: Any) -> None:
@@ -132,8 +133,8 @@ def _draw_plane(axes: Any, found: Any) -> None:
     x1, x2 = np.meshgrid(np.linspace(-1.5, 5.5, 200), np.linspace(-0.5, 4.5, 200))
     levels = axes.contour(x1, x2, F0 + (x1 - a)**2 + (x2 - b)**2, colors='0.55', linewidths=0.9,
                           levels=[2.5, found.objective, 6, 9, 13, 18])
-    axes.clabel(levels, fontsize=7.5, fmt='%g', manual=[
-        (0.5, 3.5), (-0.2, 3.8), (-0.8, 3.9), (-1.3, 1.6), (3.9, 4.2), (4.8, 4.2)])
+    axes.clabel(levels, fmt='%g', manual=[
+        (0.5, 3.5), (-0.2, 1.6), (-0.8, 3.9), (-1.3, 1.6), (3.9, 4.2), (4.8, 4.2)])
     axes.plot([-0.5, 4.5], [-0.5, 4.5], color=LINE_COLOURS[1])
     axes.text(-0.05, -0.1, '$G(x) = x_1 - x_2 = 0$', color=LINE_COLOURS[1], va='center',
               bbox=WHITE)
@@ -168,16 +169,17 @@ def _draw_sphere(axes: Any, nearest: Any) -> None:
     axes.plot(*at, 'ko', markersize=4)
     axes.quiver(*at, *(at - POINT) * 0.9, color=LINE_COLOURS[0], linewidth=2)
     axes.quiver(*at, *(0.5 * at), color=LINE_COLOURS[2], linewidth=2)
+    axes.plot([], [], 'k+', label='$p$')
     axes.plot([], [], color=LINE_COLOURS[0], label=r'$\partial F/\partial x$')
     axes.plot([], [], color=LINE_COLOURS[2], label=r'$\partial G/\partial x$')
     axes.set(xlabel='$x_1$', ylabel='$x_2$', title='Figure 2.2(b): normals of $G(x) = 0$')
     axes.zaxis.set_rotate_label(False)
     axes.set_zlabel('$x_3$', labelpad=2)
     for name in 'xyz':
-        axes.set(**{f'{name}ticks': [0, 0.5, 1]})
+        axes.set(**{f'{name}ticks': [0, 1]})
     axes.view_init(24, 28)
-    axes.set_box_aspect((1, 1, 0.85), zoom=1.0)
-    axes.legend(loc='upper left', bbox_to_anchor=(-0.22, 1.04))
+    axes.set_box_aspect((1, 1, 0.85), zoom=0.95)
+    axes.legend(loc='upper center', bbox_to_anchor=(0.5, -0.04), ncols=3)
 
 
 INSTANCES, N, K = 12, 5, 2
@@ -229,11 +231,12 @@ def exercise_2_1(desk: Desk) -> EntryResult:
                     lengths / 4,
                     '$|F|/4$')]
     saddles = sum(np.linalg.eigvalsh(each)[0] < 0 for each in Q)
-    return EntryResult(rows, _draw_ex_2_1(multipliers, c, [found.lam for found in curved], exact),
+    return EntryResult(rows, _draw_ex_2_1(),
                        (
         f'(a): {INSTANCES} random $F = Σ c_k G_k$ in $R^{N}$. `trajectory_server` minimises '
         '$Fx + ½|x|^2$ on the kernel of $G$. The minimum is at 0, and the multipliers are '
-        '$-c_k$.',),
+        '$-c_k$. Left: beside $x*$ the gradient of $f$ has a component along $g = 0$, and $f$ '
+        'falls against it.',),
         f'In all {saddles} quadratic instances the Hessian of $f + λ^T g$ has a negative '
         'eigenvalue: the constrained minimum is a saddle of it, and neither a minimum nor a '
         'maximum. On the right $f = x_1^2 - x_2^2$ on $x_2 = 0$, where $λ = 0$.')
@@ -246,34 +249,54 @@ def _saddle(random: np.random.Generator, G: Array) -> tuple[Array, Array, Array]
     return V.T @ np.diag(scale) @ V, random.normal(size=N), random.normal(size=K)
 
 
-def _draw_ex_2_1(measured: Array, c: Array, lam: list[Any], exact: list[Array]) -> Figure:
-    figure, ((spanned, curved, saddle),) = create_panels(1, 3)
-    for axes, values, wanted, title in (
-            (spanned, measured, c, r'(a) $F = \lambda_1 G_1 + \lambda_2 G_2$'),
-            (curved, np.array(lam), np.array([e[N:] for e in exact]), '(b) quadratic $f$')):
-        for k in range(K):
-            axes.plot(wanted[:, k], values[:, k], 'os'[k], color=LINE_COLOURS[k],
-                      label=f'$\\lambda_{k + 1}$')
-        ends = [wanted.min(), wanted.max()]
-        axes.plot(ends, ends, **THIN)
-        label_axes(axes, title, 'reference multiplier', 'trajectory_server', legend=True)
+def _draw_ex_2_1() -> Figure:
+    figure, ((normal, saddle),) = create_panels(1, 2, 4.4)
+    _draw_gradients(normal)
     x1, x2 = np.meshgrid(np.linspace(-1, 1, 100), np.linspace(-1, 1, 100))
-    levels = saddle.contour(x1, x2, x1**2 - x2**2, levels=np.linspace(-0.8, 0.8, 9),
+    levels = saddle.contour(x1, x2, x1**2 - x2**2, levels=np.linspace(-0.8, 0.8, 5),
                             colors='0.5', linewidths=0.9)
-    saddle.clabel(levels, fontsize=7.5, fmt='%.1f', manual=[
-        (0.81, 0.5), (-0.81, 0.5), (0.94, 0.3), (-0.94, 0.3), (0.5, 0.5), (-0.5, 0.5),
-        (0, 0.6), (0, 0.9)])
+    saddle.clabel(levels, fmt='%.1f', manual=[
+        (0.95, 0.3), (-0.95, 0.3), (0.7, -0.3), (-0.7, -0.3), (0, 0.65), (0, 0.9)])
     saddle.axhline(0, color=LINE_COLOURS[1])
-    saddle.text(0.95, -0.06, '$g = x_2 = 0$', color=LINE_COLOURS[1], ha='right', va='top',
+    saddle.text(0.95, 0.04, '$g = x_2 = 0$', color=LINE_COLOURS[1], ha='right', va='bottom',
                 bbox=WHITE)
     saddle.plot(0, 0, 'ko')
-    saddle.annotate('minimum on $g = 0$,\nsaddle of $f + \\lambda g$', (0, 0), (0, -26),
+    saddle.annotate('minimum on $g = 0$,\nsaddle of $f + \\lambda g$', (0, 0), (0, -34),
                     textcoords='offset points', ha='center', va='top',
                     arrowprops={'arrowstyle': '-', 'linewidth': 0.8}, bbox=WHITE)
     saddle.set(aspect='equal', xticks=[-1, 0, 1], yticks=[-1, 0, 1])
     saddle.grid(False)
-    label_axes(saddle, '$f = x_1^2 - x_2^2$', '$x_1$', '$x_2$')
+    label_axes(saddle, 'no minimum of $f + \\lambda g$', '$x_1$', '$x_2$')
     return figure
+
+
+def _draw_gradients(axes: Any) -> None:
+    """Draw f, the line g = 0 and both gradients at the minimum on it and beside it."""
+    centre, normal, best = np.array([0.9, 0.5]), np.array([0.6, 0.8]), np.array([0.42, -0.14])
+    along = np.array([-normal[1], normal[0]])
+    x1, x2 = np.meshgrid(np.linspace(-1.2, 1.8, 120), np.linspace(-1.3, 1.5, 120))
+    far = np.hypot(*(best - centre))
+    axes.contour(x1, x2, np.hypot(x1 - centre[0], x2 - centre[1]), colors='0.65',
+                 linewidths=0.9, levels=far + np.arange(-1, 3) * 0.4)
+    line = best + np.outer([-2, 2], along)
+    axes.plot(*line.T, color=LINE_COLOURS[1])
+    axes.text(-0.98, 0.9, '$g = 0$', color=LINE_COLOURS[1], ha='center', bbox=WHITE)
+    for at in (best, best + 1.1 * along):
+        gradient = 0.8 * (at - centre)
+        draw_arrow(axes, at, gradient, color=LINE_COLOURS[0])
+        draw_arrow(axes, at, 0.45 * normal, color=LINE_COLOURS[2], linestyle='--')
+        axes.plot(*at, 'o', color='black')
+    draw_arrow(axes, best + 1.1 * along, -0.8 * ((best + 1.1 * along - centre) @ along) * along,
+               color='black')
+    axes.text(*(best + [-0.2, 0.1]), '$x^*$', ha='right', bbox=WHITE)
+    axes.text(*(best + [-0.42, -0.58]), r'$\partial f/\partial x$', color=LINE_COLOURS[0],
+              ha='right', bbox=WHITE)
+    axes.text(*(best + [0.3, 0.2]), r'$\partial g/\partial x$', color=LINE_COLOURS[2], bbox=WHITE)
+    axes.text(-0.05, 0.1, '$f$ falls', ha='right', va='top', bbox=WHITE)
+    axes.set(aspect='equal', xlim=(-1.2, 1.8), ylim=(-1.3, 1.5), xticks=[], yticks=[])
+    axes.grid(False)
+    label_axes(axes, r'$\partial f/\partial x = -\lambda\,\partial g/\partial x$ at $x^*$',
+               '$x_1$', '$x_2$')
 
 
 def _dot(coefficients: Sequence[float] | Array, names: Sequence[str]) -> str:

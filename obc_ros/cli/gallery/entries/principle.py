@@ -9,7 +9,7 @@ import numpy as np
 from obc_ros.cli.gallery.drawing import create_panels, label_axes
 from obc_ros.cli.gallery.entry import ComparedRow, EntryResult, GalleryEntry
 from obc_ros.cli.gallery.runner import Desk, Trajectory
-from obc_ros.core.library.figures.style import EXACT, LINE_COLOURS, THIN
+from obc_ros.core.library.figures.style import EXACT, get_line, LINE_COLOURS, THIN
 from obc_ros.core.numerics.arrays import Array
 from scipy.integrate import solve_ivp
 from scipy.optimize import fsolve
@@ -62,7 +62,7 @@ def theorem_2_1(desk: Desk) -> EntryResult:
     return EntryResult(rows, _draw(path, (theta, omega, lam1, lam2), grid, H - least), (
         'Bottom right: the square root of the excess of $H$ for every other input, at each time. '
         'The optimal input minimises $H$; where the minimiser is outside $Ω$, it is at the bound '
-        'of $Ω$. Dotted: the two-point boundary value problem, solved by shooting without '
+        'of $Ω$. Circles: the two-point boundary value problem, solved by shooting without '
         '`trajectory_server`.',
         f'Certificate of the solution: {path.verdict}.'))
 
@@ -97,12 +97,12 @@ def shoot(t: Array) -> tuple[Array, Array, Array, Array, float]:
 
 
 def _draw(path: Trajectory, exact: tuple[Array, ...], grid: Array, valley: Array) -> Figure:
-    figure, ((states, costates), (inputs, above)) = create_panels(2, 2, 2.9)
+    figure, ((states, costates), (inputs, above)) = create_panels(2, 2, 3.2)
     for axes, pairs, values, names in (
             (states, path.x, exact[:2], (r'$\theta$', r'$\omega$')),
             (costates, path.lam, exact[2:], (r'$\lambda_1$', r'$\lambda_2$'))):
         for index, (line, dots) in enumerate(zip(pairs.values(), values, strict=True)):
-            axes.plot(path.t, line, color=LINE_COLOURS[index], label=names[index])
+            axes.plot(path.t, line, label=names[index], **get_line(index))
             axes.plot(path.t, dots, **EXACT)
         axes.plot([], [], label='shooting', **EXACT)
     states.plot(T, TARGET, 'o', color='black', clip_on=False)
@@ -116,15 +116,14 @@ def _draw(path: Trajectory, exact: tuple[Array, ...], grid: Array, valley: Array
                       (T, 4 * path.x['omega'][-1]), (-8, 9), ha='right',
                       textcoords='offset points')
     inputs.plot(path.t, path.u['u'], color=LINE_COLOURS[2], label='$u^*$')
-    inputs.plot(path.t, -path.lam['omega'], '--', color=LINE_COLOURS[1], label=r'$-\lambda_2$')
+    inputs.plot(path.t, -path.lam['omega'], label=r'$-\lambda_2$', **get_line(1))
     for bound in (-LIMIT, LIMIT):
         inputs.axhline(bound, **THIN)
     mesh = above.pcolormesh(path.t, grid, np.sqrt(np.maximum(valley, 0)), cmap='Blues',
                             shading='gouraud')
     above.plot(path.t, path.u['u'], color=LINE_COLOURS[2], label='$u^*(t)$', clip_on=False)
     above.grid(False)
-    figure.colorbar(mesh, ax=above, label=r'$\sqrt{H(x^*, u, \lambda^*) - H(x^*, u^*, '
-                    r'\lambda^*)}$')
+    figure.colorbar(mesh, ax=above, label=r'$\sqrt{H(u) - H(u^*)}$')
     label_axes(states, 'state', 'time $t$ [s]', r'$\theta$ [rad], $\omega$ [rad/s]',
                legend='upper left')
     label_axes(costates, 'costate', 'time $t$ [s]', r'$\lambda_1$ [rad], $\lambda_2$ [rad s]',

@@ -12,7 +12,14 @@ from obc_ros.cli.gallery.entry import ComparedRow, EntryResult, GalleryEntry
 from obc_ros.cli.gallery.exact_loops import compute_free_motion, run_sampled_loop
 from obc_ros.cli.gallery.loop import Run
 from obc_ros.cli.gallery.runner import AnsweredRegulator, Desk, Trajectory
-from obc_ros.core.library.figures.style import EXACT, LINE_COLOURS, THIN
+from obc_ros.core.library.figures.style import (
+    EXACT,
+    EXACT_LINE,
+    get_line,
+    LINE_COLOURS,
+    LINE_DASHES,
+    THIN,
+)
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.solver.exact.closed_forms import solve_double_integrator_regulator
 from scipy.linalg import solve_continuous_are, solve_continuous_lyapunov
@@ -94,7 +101,38 @@ def _draw_thm_2_2(found: AnsweredRegulator, short: list[Trajectory], long: Traje
     A, B, H, Qu = make_plant()
     x0 = np.ones(N)
     best = float(x0 @ found.P @ x0)
-    figure, ((costs, states, gains),) = create_panels(1, 3)
+    figure, ((costs, states), (gains, empty)) = create_panels(2, 2, 3.2)
+    empty.remove()
+    T = np.linspace(0.05, 12, 200)
+    costs.plot(HORIZONS, [path.J for path in short], 'o', color=LINE_COLOURS[0], markersize=5,
+               label='trajectory_server')
+    costs.plot(T, [_finite(A, B, H.T @ H, Qu, x0, each) for each in T],
+               label='Hamiltonian matrix', **EXACT_LINE)
+    costs.axhline(best, label='$x(0)^T P\\, x(0)$', zorder=1, **get_line(1))
+    label_axes(costs, 'minimum cost over $[0, T]$', 'horizon $T$ [s]', '$J$', legend='lower right')
+    costs.set_xlim(0, 12.4)
+    for index, (name, values) in enumerate(long.x.items()):
+        states.plot(long.t, values, label=f'$x_{name[1]}$', **get_line(index))
+        states.plot(long.t, motion[:, index], **EXACT)
+    states.plot([], [], label='$e^{(A - BK)t}x(0)$', **EXACT)
+    states.set_xlim(0, 8)
+    label_axes(states, 'optimal states', 'time $t$ [s]', '$x^*(t)$')
+    random = np.random.default_rng(8)
+    size = np.linspace(-0.4, 0.4, 41)
+    for index in range(5):
+        D = random.normal(size=found.K.shape)
+        cost = np.array([_cost_of(A, B, H.T @ H, Qu, found.K + d * D, x0) for d in size])
+        gains.plot(size, cost, color='0.35', linewidth=1.2,
+                   label=None if index else '$K + \\delta D_i$, five random $D_i$')
+    gains.plot(0, best, 'o', color='black', label='$K = Q_u^{-1}B^T P$', zorder=6)
+    gains.set_ylim(0.995 * best, 1.1 * best)
+    label_axes(gains, 'cost of other gains', '$\\delta$', '$J$')
+    handles = [axes.get_legend_handles_labels() for axes in (states, gains)]
+    figure.legend(handles[0][0] + handles[1][0], handles[0][1] + handles[1][1], loc='center',
+                  bbox_to_anchor=(0.77, 0.25))
+    return figure
+
+
     T = np.linspace(0.05, 12, 200)
     costs.plot(HORIZONS, [path.J for path in short], 'o', color=LINE_COLOURS[0], markersize=4,
                label='trajectory_server')
@@ -173,8 +211,9 @@ def example_2_4(desk: Desk) -> EntryResult:
         ComparedRow('loop with the printed $K$: $u(t)$', wrong.u, ends[1][1],
                     'recursion of the sampled loop')]
     return EntryResult(rows, _draw_2_4(found, right, wrong), (
-        'Left: the gain over $q$, corrected (solid) and as printed in the book (misprint, '
-        f'dashed). Middle and right: both gains in a running loop for $q = {Q:g}$. With '
+        'Above: the gain over $q$, corrected (solid) and as printed in the book (misprint, dashed '
+        'and dotted), and the poles, which move outwards on two rays: the damping is the same for '
+        f'every $q$. Below: both gains in a running loop for $q = {Q:g}$. With '
         '$Q_x = diag(1, 0)$ and $Q_u = q^2$, `lqr_node` computes the printed gain.',),
         f'For $q = {Q:g}$ and $x(0) = (1, 0)$ the corrected gain costs {cost:.6f}, the printed '
         f'one {cost_printed:.6f}.')
@@ -191,33 +230,56 @@ def _with_gain(K: Array) -> dict[str, Any]:
 
 
 def _draw_2_4(found: list[AnsweredRegulator], right: Run, wrong: Run) -> Figure:
-    figure, ((gains, states, inputs),) = create_panels(1, 3)
+    figure, ((gains, plane), (states, inputs)) = create_panels(2, 2, 3.3)
     q = np.logspace(-1, 1, 100)
-    for index, (own, printed) in enumerate(((q, 1 / q), (np.sqrt(2 * q), np.sqrt(2 / q)))):
-        gains.loglog(WEIGHTS, [each.K[0, index] for each in found], 'os'[index],
-                     color=LINE_COLOURS[index], label=f'$K_{index + 1}$, trajectory_server')
-        gains.loglog(q, own, color=LINE_COLOURS[index], linewidth=1,
-                     label=('$q$', '$\\sqrt{2q}$')[index])
-        gains.loglog(q, printed, '--', color=LINE_COLOURS[index], linewidth=1,
-                     label=('$1/q$', '$\\sqrt{2/q}$')[index] + ' as printed')
-    label_axes(gains, 'gain', 'weight $q$', '$K_1$ [s$^{-2}$], $K_2$ [s$^{-1}$]',
-               legend='upper center')
-    gains.set_ylim(0.08, 3000)
+    printed = (1 / q, np.sqrt(2 / q))
+    for index, text in enumerate(('$1/q$', '$\\sqrt{2/q}$')):
+        values = [each.K[0, index] for each in found]
+        gains.loglog(WEIGHTS, values, 'os'[index], color=LINE_COLOURS[index],
+                     label=f'$K_{index + 1}$')
+        gains.loglog(q, (q, np.sqrt(2 * q))[index], label='exact' if index else None,
+                     **EXACT_LINE)
+        gains.loglog(q, printed[index], color=LINE_COLOURS[index], linewidth=1.3,
+                     linestyle=('--', ':')[index], label=f'$K_{index + 1}$ printed: {text}')
+    gains.set(ylim=(0.08, 20))
     gains.grid(True, which='major')
-    for run, style, text in ((right, '-', '$K = [q, \\sqrt{2q}]$, $J = 4$'),
-                             (wrong, '--', 'as printed, $J = 6.125$')):
+    label_axes(gains, 'gain', 'weight $q$', '$K_1$ [s$^{-2}$], $K_2$ [s$^{-1}$]')
+    gains.legend(loc='upper center', bbox_to_anchor=(0.5, -0.2), ncols=2, columnspacing=0.8)
+    _draw_poles(plane, found)
+    for run, dashes, text in ((right, (0, 1), '$K = [q, \\sqrt{2q}]$, $J = 4$'),
+                              (wrong, (2, 3), 'as printed, $J = 6.125$')):
         for index, name in enumerate(('x_1', 'x_2')):
-            states.plot(run.t, run.x[:, index], style, color=LINE_COLOURS[index],
-                        label=f'${name}$' if style == '-' else f'${name}$, as printed')
-        inputs.plot(run.t, run.u[:, 0], style, color=LINE_COLOURS[2], drawstyle='steps-post',
-                    label=text)
+            states.plot(run.t, run.x[:, index], color=LINE_COLOURS[index],
+                        linestyle=LINE_DASHES[dashes[index]],
+                        label=f'${name}$' + (', printed' if run is wrong else ''))
+        inputs.plot(run.t, run.u[:, 0], color=LINE_COLOURS[dashes[0]],
+                    linestyle=LINE_DASHES[dashes[0]], drawstyle='steps-post', label=text)
     for axes in (states, inputs):
         axes.axhline(0, **THIN)
         axes.set_xlim(0, DURATION)
     label_axes(states, f'loop, $q = {Q:g}$: state', 'time $t$ [s]', '$x_1$ [m], $x_2$ [m/s]',
-               legend=True)
-    label_axes(inputs, 'loop: input', 'time $t$ [s]', '$u$ [m/s$^2$]', legend='lower right')
+               legend='upper right')
+    label_axes(inputs, f'loop, $q = {Q:g}$: input', 'time $t$ [s]', '$u$ [m/s$^2$]',
+               legend='lower right')
     return figure
+
+
+def _draw_poles(axes: Any, found: list[AnsweredRegulator]) -> None:
+    """Draw the closed-loop poles over q, and those of the printed gain for the extreme q."""
+    ray = np.array([-2.6, 0.0])
+    for sign in (1, -1):
+        axes.plot(ray, sign * ray, **EXACT_LINE)
+    for q, each in zip(WEIGHTS, found, strict=True):
+        axes.plot(each.E.real, each.E.imag, 'o', color=LINE_COLOURS[0])
+        if q in (0.1, 1.0, 4.0, 10.0):
+            top = each.E[np.argmax(each.E.imag)]
+            axes.annotate(f'$q = {q:g}$', (top.real, top.imag), (7, 2),
+                          textcoords='offset points')
+    axes.axhline(0, **THIN)
+    axes.axvline(0, color='black', linewidth=1)
+    axes.set(xlim=(-2.7, 1.2), ylim=(-2.7, 2.7))
+    label_axes(axes, r'poles $\sqrt{q/2}\,(-1 \pm i)$', 'real part [rad/s]',
+               'imaginary part [rad/s]')
 
 
 THEOREM_2_2 = GalleryEntry(

@@ -11,7 +11,13 @@ from obc_ros.cli.gallery.drawing import create_panels, label_axes, place_legend_
 from obc_ros.cli.gallery.entry import ComparedRow, EntryResult, GalleryEntry
 from obc_ros.cli.gallery.loop import UnansweredError
 from obc_ros.cli.gallery.runner import design_request, Desk, Trajectory
-from obc_ros.core.library.figures.style import EXACT, LINE_COLOURS, THIN
+from obc_ros.core.library.figures.style import (
+    EXACT,
+    EXACT_LINE,
+    get_line,
+    LINE_COLOURS,
+    THIN,
+)
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.solver.exact.closed_forms import (
     solve_scalar_finite_horizon,
@@ -78,30 +84,30 @@ def example_2_2(desk: Desk) -> EntryResult:
                     '$a x(t_0)^2 / b^2(1 - e^{-2a(t_f - t_0)})$')]
     return EntryResult(rows, _draw_2_2(paths, many, limit), (
         'Coloured: solutions of `trajectory_server` for several weights $c$ of the final state. '
-        'Dotted: equations (2.5) and (2.4). As $c$ grows, $x*(t_f)$ decreases like $1/c$, and the '
-        'trajectory tends to the one with the terminal constraint $x(t_f) = 0$ (grey, wide).',))
+        'Circles: equations (2.5) and (2.4). As $c$ grows, $x*(t_f)$ decreases like $1/c$, and '
+        'the trajectory tends to that with the terminal constraint $x(t_f) = 0$ (grey, wide).',))
 
 
 def _draw_2_2(paths: list[Trajectory], many: list[Trajectory], limit: Trajectory) -> Any:
-    figure, ((states, inputs, ends),) = create_panels(1, 3)
+    figure, ((states, inputs, ends),) = create_panels(1, 3, 3.8)
     t = np.linspace(0, TF, 200)
-    for c, path, colour in zip(WEIGHTS, paths, LINE_COLOURS, strict=False):
-        states.plot(path.t, path.x['x'], color=colour, label=f'$c = {c:g}$')
-        inputs.plot(path.t, path.u['u'], color=colour, label=f'$c = {c:g}$')
+    for index, (c, path) in enumerate(zip(WEIGHTS, paths, strict=False)):
+        states.plot(path.t, path.x['x'], label=f'$c = {c:g}$', **get_line(index))
+        inputs.plot(path.t, path.u['u'], **get_line(index))
         states.plot(t, evaluate_equation_2_5(t, c), **EXACT)
         inputs.plot(t, evaluate_equation_2_4(t, c), **EXACT)
     for axes, values in ((states, limit.x['x']), (inputs, limit.u['u'])):
-        axes.plot(limit.t, values, color='0.8', linewidth=4, zorder=1, label='$x(t_f) = 0$')
-        axes.plot([], [], label='equations (2.5), (2.4)', **EXACT)
+        axes.plot(limit.t, values, color='0.8', linewidth=5, zorder=1, label='$x(t_f) = 0$')
+        axes.plot([], [], label='(2.5), (2.4)', **EXACT)
         axes.set_xlim(0, TF)
-    ends.loglog(MANY_WEIGHTS, [path.x['x'][-1] for path in many], 'o', markersize=4,
-                color=LINE_COLOURS[0], label='trajectory_server')
+    ends.loglog(MANY_WEIGHTS, [path.x['x'][-1] for path in many], 'o', markersize=4.5,
+                color=LINE_COLOURS[0], label='server')
     fine = np.logspace(-2, 8, 200)
-    ends.loglog(fine, [evaluate_equation_2_5(np.array(TF), c) for c in fine],
-                label='equation (2.5)', **EXACT)
+    ends.loglog(fine, [evaluate_equation_2_5(np.array(TF), c) for c in fine], label='(2.5)',
+                **EXACT_LINE)
     label_axes(states, 'state', 'time $t$ [s]', '$x^*(t)$')
     label_axes(inputs, 'input', 'time $t$ [s]', '$u^*(t)$ [1/s]')
-    label_axes(ends, 'final state', 'weight $c$', '$x^*(t_f)$', legend=True)
+    label_axes(ends, 'final state', 'weight $c$', '$x^*(t_f)$', legend='lower left')
     place_legend_below(figure, states, 6)
     figure.suptitle(f'$\\dot x = ax + bu$,  $a = {A:g}$ s$^{{-1}}$,  $b = {B:g}$,  '
                     f'$x(0) = {X0:g}$,  $t_f = {TF:g}$ s')
@@ -167,26 +173,30 @@ def _ratio(path: Trajectory, exact: float) -> tuple[Array, Array]:
 
 
 def _draw_2_9(paths: list[Trajectory], distances: Sequence[float]) -> Any:
-    figure, ((short, long, away),) = create_panels(1, 3, 3.3, width_ratios=(1.2, 1.2, 1))
-    for (c, tf), path, colour in zip(CURVES, paths, LINE_COLOURS, strict=False):
+    figure, ((short, long), (away, empty)) = create_panels(2, 2, 3.2)
+    empty.remove()
+    names = []
+    for index, ((c, tf), path) in enumerate(zip(CURVES, paths, strict=False)):
+        names.append(f'$c = {c:g}$, $t_f = {tf:g}$ s')
         for axes in (short, long):
-            axes.plot(path.t, path.x['x'], color=colour, linestyle='-' if c > 1 else '--',
-                      label=f'$c = {c:g}$, $t_f = {tf:g}$ s')
+            axes.plot(path.t, path.x['x'], label=names[-1], **get_line(index))
     t = np.linspace(0, 10, 1001)
-    for axes in (short, long):
-        axes.plot(t, NINE['x0'] * np.exp(-NINE['a'] * t), label='infinite horizon', **EXACT)
-    short.set(xlim=(0, 1.05), yscale='log', ylim=(0.3, 40))
-    long.set(xlim=(0, 10), yscale='log', ylim=(1e-9, 100))
+    for axes, end in ((short, 1.05), (long, 10.0)):
+        axes.plot(t[t <= end], NINE['x0'] * np.exp(-NINE['a'] * t[t <= end]),
+                  label='infinite horizon', **EXACT)
+    top = 1.3 * max(path.x['x'].max() for path in paths)
+    short.set(xlim=(0, 1.05), yscale='log', ylim=(0.3, top))
+    long.set(xlim=(0, 10.2), yscale='log', ylim=(1e-9, 1e3), yticks=[1e-8, 1e-4, 1])
     label_axes(short, 'the first second', 'time $t$ [s]', '$x^*(t)$')
     label_axes(long, 'ten seconds', 'time $t$ [s]', '$x^*(t)$')
-    names = [f'{c:g}, {tf:g} s' for c, tf in CURVES]
-    away.barh(names, distances, color=LINE_COLOURS[:6])
-    away.set(xscale='log', xlim=(min(distances) / 10, 30))
+    places = np.arange(len(CURVES))
+    away.barh(places, distances, color=LINE_COLOURS[:len(CURVES)])
+    away.set(xscale='log', xlim=(min(distances) / 10, 30), yticks=places)
+    away.set_yticklabels([f'{c:g}, {tf:g} s' for c, tf in CURVES])
     away.invert_yaxis()
     away.axvline(min(distances), **THIN)
-    place_legend_below(figure, short, 4)
-    label_axes(away, 'distance from $x^*_\\infty$', '$\\max_t |x^* - x^*_\\infty|$',
-               '$c$, $t_f$')
+    label_axes(away, 'distance from $x^*_\\infty$', '$\\max_t |x^* - x^*_\\infty|$', '$c$, $t_f$')
+    figure.legend(*short.get_legend_handles_labels(), loc='center', bbox_to_anchor=(0.78, 0.23))
     figure.suptitle('$\\dot x = ax + bu$,  $a = 2$ s$^{-1}$,  $b = 0.5$,  $x(t_0) = 4$')
     return figure
 

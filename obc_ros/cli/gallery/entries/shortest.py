@@ -11,7 +11,7 @@ import numpy as np
 from obc_ros.cli.gallery.drawing import create_panels, label_axes, place_legend_below, WIDTH
 from obc_ros.cli.gallery.entry import ComparedRow, EntryResult, GalleryEntry
 from obc_ros.cli.gallery.runner import Desk, Trajectory
-from obc_ros.core.library.figures.style import EXACT, LINE_COLOURS
+from obc_ros.core.library.figures.style import EXACT, get_line, LINE_COLOURS
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.solver.exact.closed_forms import solve_brockett, solve_straight_line
 
@@ -111,7 +111,7 @@ def compute_circle_inputs(y: tuple[float, ...], u0: Array, t: Array) -> Array:
 
 
 def _draw_2_2(three: Trajectory, four: Trajectory) -> Figure:
-    figure = Figure(figsize=(WIDTH, 3.2), layout='constrained')
+    figure = Figure(figsize=(WIDTH, 3.9), layout='constrained')
     grid = figure.add_gridspec(1, 3, width_ratios=(1.1, 1, 1))
     solid = figure.add_subplot(grid[0], projection='3d')
     inputs, plane = figure.add_subplot(grid[1]), figure.add_subplot(grid[2])
@@ -122,29 +122,29 @@ def _draw_2_2(three: Trajectory, four: Trajectory) -> Figure:
     solid.quiver(*middle, *(0.2 * y), color=LINE_COLOURS[1])
     solid.text(*(middle + 0.24 * y), '$y$', color=LINE_COLOURS[1])
     solid.view_init(20, -18)
-    solid.set_box_aspect((1, 1, 1), zoom=0.82)
+    solid.set_box_aspect((1, 1, 1), zoom=0.78)
     solid.set(xlabel='$q_1$', ylabel='$q_2$', title='(b) path for $y = (1, 2, 2)$',
-              xticks=[-0.5, 0, 0.5], yticks=[0, 0.5, 1], zticks=[-1, -0.5, 0])
+              xticks=[-0.5, 0.5], yticks=[0, 1], zticks=[-1, 0])
     for axis in (solid.xaxis, solid.zaxis):
         axis.set_rotate_label(False)
     solid.set_zlabel('$q_3$')
     u = read_inputs(three, 3)
     exact = compute_circle_inputs(VECTORS[0], u[0], three.t)
     for index in range(3):
-        inputs.plot(three.t, u[:, index], color=LINE_COLOURS[index], label=f'$u_{index + 1}$')
+        inputs.plot(three.t, u[:, index], label=f'$u_{index + 1}$', **get_line(index))
         inputs.plot(three.t, exact[:, index], **EXACT)
     inputs.plot([], [], label='closed form', **EXACT)
-    inputs.set(xlim=(0, 1), ylim=(-4.9, 7.2), yticks=[-4, -2, 0, 2, 4])
+    inputs.set(xlim=(0, 1), yticks=[-4, -2, 0, 2, 4])
     label_axes(inputs, '(b) its inputs', 'time $t$ [s]', '$u$ [1/s]')
-    inputs.legend(ncols=2, loc='upper center')
+    inputs.legend(ncols=2, loc='upper center', bbox_to_anchor=(0.5, -0.22), columnspacing=0.8)
     for index, (first, second, text) in enumerate((
             ('q1', 'q2', '$(q_1, q_2)$, once'), ('q3', 'q4', '$(q_3, q_4)$, twice'))):
-        plane.plot(four.x[first], four.x[second], color=LINE_COLOURS[index], label=text)
+        plane.plot(four.x[first], four.x[second], label=text, **get_line(index))
     plane.plot(0, 0, 'ko', markersize=4)
     plane.set_aspect('equal', adjustable='datalim')
     plane.margins(0.1)
     label_axes(plane, r'(c) $m = 4$, $\sigma = (2, 1)$', '$q_1$, $q_3$', '$q_2$, $q_4$')
-    plane.legend(loc='upper center', bbox_to_anchor=(0.5, -0.22), ncols=2, columnspacing=1.0)
+    plane.legend(loc='upper center', bbox_to_anchor=(0.5, -0.22))
     return figure
 
 
@@ -194,22 +194,22 @@ def measure_length(path: Trajectory) -> float:
 
 
 def _draw_2_3(energy: Trajectory, slower: Trajectory, fastest: Trajectory) -> Figure:
-    figure, ((plane, speeds, ways),) = create_panels(1, 3)
-    for path, colour, marker, text in (
-            (energy, LINE_COLOURS[0], 'o', 'minimum $\\int \\dot x^T \\dot x\\,dt$'),
-            (slower, LINE_COLOURS[1], 's', 'another speed'),
-            (fastest, LINE_COLOURS[2], '^', 'minimum time, $|u| \\leq 1$')):
+    figure, ((plane, speeds, ways),) = create_panels(1, 3, 3.8)
+    for path, index, marker, text in (
+            (energy, 0, 'o', 'minimum $\\int \\dot x^T \\dot x\\,dt$'),
+            (slower, 1, 's', 'another speed'),
+            (fastest, 2, '^', 'minimum time, $|u| \\leq 1$')):
         share = path.t / path.T
         x, y = (np.interp(np.linspace(0, 1, 11), share, path.x[name]) for name in 'xy')
         shift = {'o': 0.0, 's': 0.2, '^': -0.2}[marker]
-        plane.plot(x - shift, y + 0.75 * shift, f'{marker}-', color=colour, markersize=4,
-                   label=text)
+        plane.plot(x - shift, y + 0.75 * shift, marker=marker, markersize=5, label=text,
+                   **get_line(index))
         way = np.hypot(path.x['x'], path.x['y'])
         speeds.plot(path.t, np.gradient(way, path.t) if path is slower else np.full(
-            path.t.size, 5 / path.T), color=colour)
-        ways.plot(path.t, way, color=colour)
+            path.t.size, 5 / path.T), **get_line(index))
+        ways.plot(path.t, way, **get_line(index))
     plane.set_aspect('equal')
-    label_axes(plane, 'positions at tenths of $T$', '$x_1$ [m] (shifted apart)', '$x_2$ [m]')
+    label_axes(plane, 'at tenths of $T$', '$x_1$ [m], shifted', '$x_2$ [m]')
     label_axes(speeds, 'speed', 'time $t$ [s]', '$|u|$ [m/s]')
     label_axes(ways, 'distance covered', 'time $t$ [s]', '$\\int |u|\\,dt$ [m]')
     for axes in (speeds, ways):

@@ -2,29 +2,33 @@
 # SPDX-License-Identifier: Apache-2.0
 """Exercise 2.6: a two-wheeled robot in minimum time, and maps of the words of its paths."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from math import asin, atan2, cos, hypot, pi, sin, sqrt
 from typing import Any
 
-from matplotlib.colors import BoundaryNorm, ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
+from matplotlib.patheffects import Normal, Stroke
 import numpy as np
+from obc_ros.cli.gallery.bodies import draw_two_wheeled
 from obc_ros.cli.gallery.drawing import create_panels, label_axes
 from obc_ros.cli.gallery.entry import ComparedRow, EntryResult, GalleryEntry
 from obc_ros.cli.gallery.extremals import find_least_times
 from obc_ros.cli.gallery.runner import Desk, Trajectory
-from obc_ros.core.library.figures.style import LINE_COLOURS
 from obc_ros.core.numerics.arrays import Array
-from scipy.ndimage import distance_transform_edt, label
+from obc_ros.core.solver.exact.reeds_shepp import find_shortest_path, Segment
+from scipy.ndimage import binary_erosion, distance_transform_edt, gaussian_filter, label
 
 Pose = tuple[float, float, float]
 
 SIDE, POINTS = 3.0, 20  # of the map [m]
 # Centres of squares: not on the lines where words of one or two arcs are fastest.
 PLACE = (np.arange(POINTS) + 0.5) * 2 * SIDE / POINTS - SIDE
-LARGE = 8  # squares: size of a region that gets a label
-ROBOT = np.maximum.outer(np.abs(PLACE), np.abs(PLACE)) < 0.5  # where the robot is drawn
+FINE = 121  # goals along a side of the maps that are drawn
+# Not on the lines where words of few arcs are fastest.
+GRID = np.linspace(-SIDE, SIDE, FINE) + 1e-6
+LETTER, LINE = 4, 7  # squares that a letter is wide, and a word is high
+ROBOT = np.maximum.outer(np.abs(GRID), np.abs(GRID)) < 0.25  # where the robot is drawn
 HEADINGS = (0.0, pi / 2)
 STRAIGHT = ((2.0, 0.0, 0.0), (-1.5, 0.0, 0.0))
 TURNS = ((0.0, 0.0, pi / 2), (0.0, 0.0, -1.0), (0.0, 0.0, 3.0))
@@ -33,9 +37,12 @@ OTHERS = ((0.0, 1.0, 0.0), (-1.0, 2.0, 0.0), (2.0, -1.0, 2.0), (1.0, 0.3, -2.0))
 PRINCIPLE = 'shortest extremal of the maximum principle'
 MIDDLE = 2 * asin(sin(pi / 4) / 2)  # [rad] the middle arc of a turn by 90 degrees
 SHOWN = (TANGENTS[0], OTHERS[0], (-1.0, 2.0, 0.0), (1.0, -1.5, pi / 2), TURNS[0])
-# Paul Tol's light colours: black letters on them are readable with any colour vision.
-LIGHT = ('#77AADD', '#EEDD88', '#44BB99', '#FFAABB', '#AAAA00', '#99DDFF', '#EE8866', '#DDDDDD',
-         '#BBCC33', '#FFFFFF')
+# Blue, yellow and grey differ in hue or lightness for every colour vision; letters are black.
+COLOURS = {
+    'CC|C': '#9CC3E4', 'C|CC': '#F2D975', 'C|C|C': '#FFFFFF', 'CSC': '#D6E6F4', 'CC|CC': '#AAAAAA',
+    'C|CC|C': '#D9B13B', 'CSC|C': '#C9C9C9', 'C|CSC': '#FBF3C0', 'C|CSC|C': '#6A9FD0',
+    'CCC': '#E3C3DC', 'CC': '#E6D9B8', 'CS': '#B8D8C8', 'SC': '#8FB8A4', 'C|C': '#C7B0E0',
+    'C': '#F0B090', 'S': '#D0E8A8'}
 
 
 def exercise_2_6(desk: Desk) -> EntryResult:
@@ -66,14 +73,21 @@ def exercise_2_6(desk: Desk) -> EntryResult:
             ComparedRow(f'{name}: $ω ∈ {{-M, 0, M}}$', *_steering(paths), 'the exercise'),
             ComparedRow(f'{name}: $T$ at the mirror image', *_mirrored(goals, paths),
                         'symmetry of the robot')]
-    return EntryResult(rows, _draw(maps, shown), (
-        'Left and middle: the fastest word from the origin (heading to the right) to each goal, '
-        'with $L = M = 1$. C is a turn, S a straight line, | a change of direction. Black: lines '
-        'of equal time, every 0.5 s. Right: five paths with their words; bold where the robot '
-        'drives backwards.',),
+    fine = [map_words(heading) for heading in HEADINGS]
+    points = np.array([(x, y) for y in GRID for x in GRID])
+    rows += [ComparedRow(
+        f'fine map, $θ_f = {heading:.4g}$: $T$ [s]', time.ravel(), find_least_times(
+            np.column_stack([points, np.full(len(points), heading)])), PRINCIPLE)
+        for heading, (_, _, time) in zip(HEADINGS, fine, strict=True)]
+    return EntryResult(rows, _draw_maps(fine), (
+        'The fastest word from the origin (heading to the right) to each goal, with $L = M = 1$. '
+        'C is a turn, S a straight line, | a change of direction. Dotted: lines of equal time, '
+        f'every second. The regions are drawn on a grid of {2 * SIDE / (FINE - 1):g} m, which the '
+        'solver answers without the nodes. Second figure: five paths with their words, in the '
+        'colours of the map.',),
         f'Turning by 90 degrees in place takes {turns[0].T:.9f} s at full speed, with '
         f'switches at {turns[0].switching_times[0]:.6f} and {turns[0].switching_times[1]:.6f} s; '
-        f'with $v = 0$ it takes {spot.T:.9f} s.')
+        f'with $v = 0$ it takes {spot.T:.9f} s.', {'paths': _draw_paths(shown)})
 
 
 def _motion(goal: Pose) -> dict[str, Any]:
@@ -170,68 +184,96 @@ def _mirrored(goals: list[Pose], paths: list[Trajectory]) -> tuple[Array, Array]
     return np.array([*times.values()]), np.array([times[y, x] for x, y in times])
 
 
-def _draw(maps: list[Any], shown: list[Trajectory]) -> Figure:
-    figure, (axes,) = create_panels(1, 3, 3.3)
-    words = sorted({spell_path(path) for _, paths in maps for path in paths},
-                   key=lambda text: (len(text.replace('|', '')), text))
-    for plot, heading, (_, paths) in zip(axes, HEADINGS, maps, strict=False):
-        index, time = (np.reshape(values, (POINTS, POINTS)) for values in (
-            [words.index(spell_path(path)) for path in paths], [path.T for path in paths]))
-        plot.pcolormesh(PLACE, PLACE, index, cmap=ListedColormap(LIGHT[:len(words)]),
-                        norm=BoundaryNorm(np.arange(len(words) + 1) - 0.5, len(words)),
-                        shading='nearest')
-        lines = plot.contour(PLACE, PLACE, time, levels=np.arange(0.5, 8, 0.5), colors='black',
-                             linewidths=0.5)
-        plot.clabel(lines, lines.levels[1::2], fontsize=7.5, fmt='%g')
-        for text, x, y in _places(index, words):
-            plot.text(x, y, text, fontsize=8.5, ha='center', va='center', zorder=4, bbox={
-                'facecolor': LIGHT[words.index(text)], 'edgecolor': 'none', 'pad': 1})
+def map_words(heading: float) -> tuple[list[str], Array, Array]:
+    """Return the words on a fine grid of goals, their numbers (FINE, FINE), and T there."""
+    paths = [find_shortest_path((0.0, 0.0, 0.0), (x, y, heading), 1.0)
+             for y in GRID.tolist() for x in GRID.tolist()]
+    spelled = [spell_segments(path.segments) for path in paths]
+    words = sorted(set(spelled), key=_order)
+    return (words, np.reshape([words.index(each) for each in spelled], (FINE, FINE)),
+            np.reshape([path.length for path in paths], (FINE, FINE)))
+
+
+def spell_segments(segments: Sequence[Segment]) -> str:
+    """Return the word of a path of a car as `spell_path` does."""
+    text, before = '', 0.0
+    for steering, length in segments:
+        text += ('|' if before * length < 0 else '') + ('S' if steering == 'S' else 'C')
+        before = length
+    return text
+
+
+def _order(word: str) -> tuple[int, str]:
+    return len(word.replace('|', '')), word
+
+
+def _draw_maps(maps: Sequence[tuple[list[str], Array, Array]]) -> Figure:
+    figure, (axes,) = create_panels(1, 2, 4.9)
+    shown = sorted({word for words, _, _ in maps for word in words}, key=_order)
+    for plot, heading, (words, index, time) in zip(axes, HEADINGS, maps, strict=True):
+        for number, word in enumerate(words):
+            mask = (index == number).astype(float)
+            plot.contourf(GRID, GRID, mask, levels=[0.5, 2.0], colors=[COLOURS[word]])
+            plot.contour(GRID, GRID, gaussian_filter(mask, 1.0), levels=[0.5], colors='black',
+                         linewidths=1.1)
+        lines = plot.contour(GRID, GRID, time, levels=np.arange(1, 8), colors='0.35',
+                             linewidths=0.8, linestyles=':')
+        plot.clabel(lines, lines.levels[1::2], fmt='%g s')
+        for word, x, y in _places(index, words):
+            plot.text(x, y, word, ha='center', va='center', zorder=4)
         _robot(plot, 0.0, 0.0, 0.0)
-        plot.set(aspect='equal', xticks=range(-3, 4), yticks=range(-3, 4))
+        plot.set(aspect='equal', xlim=(-SIDE, SIDE), ylim=(-SIDE, SIDE), xticks=range(-3, 4),
+                 yticks=range(-3, 4))
         plot.grid(False)
         degrees = np.degrees(heading)
         label_axes(plot, f'goal heading $\\theta_f = {degrees:.0f}$°', '$x_f$ [m]', '$y_f$ [m]')
-    figure.legend(handles=[Patch(color=colour, label=text)
-                           for colour, text in zip(LIGHT, words, strict=False)],
-                  loc='outside lower center', ncols=len(words), columnspacing=1.2,
-                  handlelength=1.1)
-    for path, colour in zip(shown, LINE_COLOURS, strict=False):
-        axes[2].plot(path.x['px'], path.x['py'], color=colour)
-        back = np.where(path.u['v'] < 0, 1.0, np.nan)
-        axes[2].plot(path.x['px'] * back, path.x['py'] * back, color=colour, linewidth=3.2)
+    figure.legend(handles=[Patch(facecolor=COLOURS[word], edgecolor='black', label=word)
+                           for word in shown], loc='outside lower center',
+                  ncols=-(-len(shown) // 2), handlelength=1.2)
+    return figure
+
+
+def _draw_paths(shown: list[Trajectory]) -> Figure:
+    figure, axes = create_panels(2, 3, 3.1)
+    *plots, empty = axes.ravel()
+    empty.remove()
+    for plot, path in zip(plots, shown, strict=True):
+        word, back = spell_path(path), np.where(path.u['v'] < 0, 1.0, np.nan)
+        plot.plot(path.x['px'], path.x['py'], color=COLOURS[word], linewidth=4,
+                  path_effects=[Stroke(linewidth=6, foreground='black'), Normal()])
+        plot.plot(path.x['px'] * back, path.x['py'] * back, color='black', linewidth=6)
+        draw_two_wheeled(plot, 0.0, 0.0, 0.0, width=0.4, colour='white')
         x, y, theta = (path.x[name][-1] for name in ('px', 'py', 'theta'))
-        axes[2].text(x + 0.4 * cos(theta) + 0.1, y + 0.4 * sin(theta), spell_path(path),
-                     color=colour,
-                     va='center', fontsize=8.5)
-        _robot(axes[2], x, y, theta, colour)
-    _robot(axes[2], 0.0, 0.0, 0.0)
-    axes[2].plot([], [], color='black', linewidth=3.2, label='backwards')
-    axes[2].set(aspect='equal', xlim=(-1.6, 3.2), ylim=(-2.0, 2.8), xticks=range(-1, 4),
-                yticks=range(-2, 3))
-    label_axes(axes[2], 'five paths', '$x$ [m]', '$y$ [m]', legend='upper right')
+        draw_two_wheeled(plot, x, y, theta, width=0.4, colour=COLOURS[word])
+        middle = np.array([path.x[name].min() + path.x[name].max() for name in ('px', 'py')]) / 2
+        plot.set(aspect='equal', xlim=middle[0] + [-1.6, 1.6], ylim=middle[1] + [-1.6, 1.6])
+        plot.set(xticks=np.arange(np.ceil(middle[0] - 1.6), middle[0] + 1.6),
+                 yticks=np.arange(np.ceil(middle[1] - 1.6), middle[1] + 1.6))
+        label_axes(plot, f'{word}, {path.T:.2f} s', '$x$ [m]', '$y$ [m]')
+    figure.legend(handles=[
+        Patch(facecolor='white', edgecolor='black', label='start'),
+        Patch(facecolor='0.7', edgecolor='black', label='goal; forwards:\ncolour of the word'),
+        Patch(facecolor='black', label='backwards')],
+        loc='center', bbox_to_anchor=(0.85, 0.27))
     return figure
 
 
 def _places(index: Array, words: list[str]) -> Iterator[tuple[str, float, float]]:
-    """Yield each word with the middle (x, y) of its largest region."""
+    """Yield each word with the middle (x, y) of its regions in which the word has room."""
     for number, text in enumerate(words):
-        regions, _ = label(index == number)
-        sizes = np.bincount(regions.ravel())[1:]
-        if sizes.size and sizes.max() >= LARGE:
-            inside = (regions == 1 + sizes.argmax()) & ~ROBOT
-            # A word is wider than high.
-            depth = distance_transform_edt(np.pad(inside, 1), sampling=(3, 1))[1:-1, 1:-1]
-            deepest = np.argwhere(depth == depth.max())
-            away = np.linalg.norm(deepest - deepest.mean(axis=0), axis=1)
-            row, column = deepest[away.argmin()]
-            yield text, PLACE[column], PLACE[row]
+        regions, count = label((index == number) & ~ROBOT)
+        for region in range(1, count + 1):
+            inside = np.pad(regions == region, 1)
+            width = LETTER * (2 * len(text) - text.count('|')) // 2
+            room = binary_erosion(inside, np.ones((LINE, width)))[1:-1, 1:-1]
+            if room.any():
+                depth = distance_transform_edt(np.pad(room, 1))[1:-1, 1:-1]
+                row, column = np.argwhere(depth == depth.max()).mean(axis=0).round().astype(int)
+                yield text, GRID[column], GRID[row]
 
 
-def _robot(axes: Any, x: float, y: float, theta: float, colour: str = 'black') -> None:
-    axes.annotate('', (x + 0.4 * cos(theta), y + 0.4 * sin(theta)), (x, y),
-                  arrowprops={'arrowstyle': '-|>', 'color': colour, 'linewidth': 1.5,
-                              'shrinkA': 0, 'shrinkB': 0})
-    axes.plot(x, y, 'o', color=colour, markersize=4)
+def _robot(axes: Any, x: float, y: float, theta: float, colour: str = 'white') -> None:
+    draw_two_wheeled(axes, x, y, theta, width=0.25, colour=colour)
 
 
 EXERCISE_2_6 = GalleryEntry(

@@ -8,12 +8,12 @@ from typing import Any
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 import numpy as np
-from obc_ros.cli.gallery.drawing import create_panels, label_axes, place_legend_below
+from obc_ros.cli.gallery.drawing import create_panels, label_axes
 from obc_ros.cli.gallery.entry import ComparedRow, EntryResult, GalleryEntry
 from obc_ros.cli.gallery.exact_loops import simulate_loop
 from obc_ros.cli.gallery.loop import Run
 from obc_ros.cli.gallery.runner import AnsweredRegulator, Desk
-from obc_ros.core.library.figures.style import EXACT, LINE_COLOURS, THIN
+from obc_ros.core.library.figures.style import EXACT, get_line, LINE_COLOURS, THIN
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.msg import Trajectory
 from obc_ros.ros.messages import flatten_doubles
@@ -97,7 +97,7 @@ def exercise_2_10(desk: Desk) -> EntryResult:
                  ComparedRow(f'(b) {text}: $φ$ [rad]', driven[name].u, u, 'Dormand-Prince 8(5,3)')]
     away = {name: run.x[:, 0] - evaluate_reference(run.t) for name, run in driven.items()}
     worst = {name: np.abs(error[driven[name].t > SHOWN - 1]).max() for name, error in away.items()}
-    return EntryResult(rows, _draw(design, step, driven, away), (
+    return EntryResult(rows, _draw(design, step), (
         f'(a) $Q_x = diag(1, 0)$, $Q_u = {RHO:g}$: $ω_0 = {OMEGA0:.3f}$ rad/s, $ζ = 0.707$. '
         f'Overshoot {100 * message.overshoot[0]:.2f} %, rise time {message.rise_time[0]:.3f} s, '
         f'crossover at {message.bandwidth[0]:.3f} rad/s, bandwidth {OMEGA0:.3f} rad/s, phase '
@@ -113,7 +113,8 @@ def exercise_2_10(desk: Desk) -> EntryResult:
         f"feedforward of the linear model, $θ_d = r'/v$, $φ_d = l r''/v^2$, "
         f'{100 * worst["linear"]:.0f} cm; with the flat one {1e3 * worst["flat"]:.0f} mm, the '
         f'effect of a zero-order hold of {1e3 * STEP:g} ms. A start 1 m off the course is '
-        'corrected within two seconds.'))
+        'corrected within two seconds.'),
+        more={'slalom': _draw_slalom(driven, away)})
 
 
 def evaluate_reference(t: Array) -> Array:
@@ -170,9 +171,9 @@ def _closed(K: Array, w: Array) -> Any:
     return a0 / (s**2 + K[0, 1] * B[1, 0] * s + a0)
 
 
-def _draw(design: AnsweredRegulator, step: Run, driven: dict[str, Run],
-          away: dict[str, Array]) -> Figure:
-    figure, ((response, magnitude, phase), (path, steering, error)) = create_panels(2, 3, 2.9)
+def _draw(design: AnsweredRegulator, step: Run) -> Figure:
+    figure, ((response, empty), (magnitude, phase)) = create_panels(2, 2, 3.2)
+    empty.remove()
     t = np.linspace(0, DURATION, 300)
     w = OMEGA0 / sqrt(2)
     response.plot(step.t, step.x[:, 0], color=LINE_COLOURS[0], label='nonlinear model')
@@ -183,24 +184,31 @@ def _draw(design: AnsweredRegulator, step: Run, driven: dict[str, Run],
     label_axes(response, '(a) step of $y_d$ by 1 m', 'time $t$ [s]', 'position $y$ [m]',
                legend='lower right')
     _draw_frequency(magnitude, phase, design)
+    figure.legend(*magnitude.get_legend_handles_labels(), loc='center',
+                  bbox_to_anchor=(0.77, 0.78))
+    return figure
+
+
+def _draw_slalom(driven: dict[str, Run], away: dict[str, Array]) -> Figure:
+    figure, ((path, steering), (error, empty)) = create_panels(2, 2, 3.2)
+    empty.remove()
     course_t = np.linspace(BEGIN, SHOWN, 500)
-    path.plot(course_t, evaluate_reference(course_t), label='$r(t)$', **EXACT)
     for index, (name, text) in enumerate((
             ('flat', 'flat feedforward'), ('linear', 'linear feedforward'),
-            ('none', 'feedback alone'), ('off', 'flat feedforward, start 1 m off'))):
-        run, style = driven[name], {'color': LINE_COLOURS[(2, 1, 3, 0)[index]], 'linewidth': 1.1}
+            ('none', 'feedback alone'), ('off', 'flat feedforward, 1 m off'))):
+        run, style = driven[name], get_line((2, 1, 3, 0)[index])
+        path.plot(run.t, run.x[:, 0], label=text, **style)
         if name in ('flat', 'off'):
-            path.plot(run.t, run.x[:, 0], **style)
             steering.plot(run.t, run.u[:, 0], drawstyle='steps-post', **style)
-        error.semilogy(run.t, np.maximum(np.abs(away[name]), 1e-6), label=text, **style)
-    path.set(xlim=(0, SHOWN), ylim=(-1.5, 1.9), yticks=[-1, 0, 1])
+        error.semilogy(run.t, np.maximum(np.abs(away[name]), 1e-6), **style)
+    path.plot(course_t, evaluate_reference(course_t), label='course $r(t)$', **EXACT)
+    path.set(xlim=(0, SHOWN), ylim=(-1.6, 1.6), yticks=[-1, 0, 1])
     label_axes(path, '(b) slalom of 1 m and 1 Hz', 'time $t$ [s]', 'position $y$ [m]')
-    path.legend(loc='upper right')
     steering.set(xlim=(0, SHOWN), ylim=(-0.9, 0.9))
     label_axes(steering, '(b) steering', 'time $t$ [s]', r'$\phi$ [rad]')
     error.set(xlim=(0, SHOWN), ylim=(1e-3, 4))
     label_axes(error, '(b) tracking error', 'time $t$ [s]', '$|y - r|$ [m]')
-    place_legend_below(figure, error, 4)
+    figure.legend(*path.get_legend_handles_labels(), loc='center', bbox_to_anchor=(0.77, 0.25))
     return figure
 
 
@@ -211,8 +219,8 @@ def _draw_frequency(magnitude: Axes, phase: Axes, design: AnsweredRegulator) -> 
     for axes, values in ((magnitude, (20 * np.log10(np.abs(loop)), 20 * np.log10(np.abs(closed)))),
                          (phase, (np.degrees(np.unwrap(np.angle(loop))),
                                   np.degrees(np.unwrap(np.angle(closed)))))):
-        axes.semilogx(frequency, values[0], color=LINE_COLOURS[0], label='loop $L$')
-        axes.semilogx(frequency, values[1], '--', color=LINE_COLOURS[1], label='$r$ to $y$')
+        axes.semilogx(frequency, values[0], label='loop $L$', **get_line(0))
+        axes.semilogx(frequency, values[1], label='$r$ to $y$', **get_line(1))
         axes.axvline(crossover, **THIN)
         axes.set_xlim(0.1, 100)
     magnitude.axhline(0, **THIN)
@@ -223,10 +231,8 @@ def _draw_frequency(magnitude: Axes, phase: Axes, design: AnsweredRegulator) -> 
                                'shrinkB': 0})
     phase.text(0.85 * crossover, -168, f'{np.degrees(margin):.1f}°', ha='right')
     phase.set(ylim=(-190, 40), yticks=[-180, -135, -90, -45, 0])
-    label_axes(magnitude, '(a) frequency response', 'frequency [rad/s]', 'magnitude [dB]',
-               legend='upper right')
-    label_axes(phase, '(a) phase and its margin', 'frequency [rad/s]', 'phase [deg]',
-               legend='upper right')
+    label_axes(magnitude, '(a) frequency response', 'frequency [rad/s]', 'magnitude [dB]')
+    label_axes(phase, '(a) phase and its margin', 'frequency [rad/s]', 'phase [deg]')
 
 
 EXERCISE_2_10 = GalleryEntry(

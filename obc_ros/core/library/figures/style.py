@@ -36,9 +36,12 @@ STYLE: dict[str, Any] = {
     'savefig.dpi': 200}
 THIN: dict[str, Any] = {'color': 'grey', 'linewidth': 0.9, 'linestyle': (0, (4, 3)),
                         'zorder': 1.5}
-# A reference lies on the line that it confirms: spaced dots leave the colour of the line visible.
-EXACT: dict[str, Any] = {'color': 'black', 'linestyle': (0, (1, 3.5)), 'linewidth': 2.2,
-                         'zorder': 5}
+# A reference that lies on a line is circles: colour and dashes of the line stay visible. A
+# reference of marked values is a line beneath them.
+EXACT: dict[str, Any] = {
+    'color': 'black', 'linestyle': 'none', 'marker': 'o', 'markerfacecolor': 'none',
+    'markersize': 5.5, 'markeredgewidth': 1.1, 'markevery': 0.09, 'zorder': 5}
+EXACT_LINE: dict[str, Any] = {'color': 'black', 'linewidth': 1.0, 'zorder': 1.6}
 GREEK = ('alpha', 'beta', 'gamma', 'delta', 'epsilon', 'zeta', 'eta', 'theta', 'kappa', 'lambda',
          'mu', 'nu', 'xi', 'rho', 'sigma', 'tau', 'phi', 'chi', 'psi', 'omega')
 
