@@ -152,9 +152,9 @@ def test_a_terminal_without_unicode_is_enough(files, columns, variables):
 
 
 def test_an_error_has_no_empty_table_and_is_said_once(files, capsys):
-    assert main(['solve', 'missing.yaml']) == 2
+    assert main(['solve', 'q.txt']) == 2
     output = capsys.readouterr()
-    assert output.out == 'missing: missing.yaml: cannot be read: No such file or directory\n'
+    assert output.out == 'q: q.txt: cannot be read: No such file or directory\n'
     assert output.err == ''
 
 
