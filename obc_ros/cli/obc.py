@@ -28,7 +28,7 @@ SUBCOMMANDS = {
     'solve': 'solve optimal control problems and certify the solutions',
     'lqr': 'design linear quadratic regulators',
     'sweep': 'solve one problem for many values of its numbers',
-    'gallery': 'compute examples and exercises of the book, compare with references',
+    'gallery': 'compute examples and exercises of the book; exercise sheets, slides',
     'examples': 'list, print and copy problem files',
     'bench': 'run the benchmarks',
     'completion': 'print what completes commands, options and names in a shell',
@@ -49,7 +49,7 @@ ROS2 = {
     'launch': 'a loop or a fleet: obc launch obc_ros loop.launch.py scenario:=vehicle',
 }
 # The commands that do not work without ROS 2.
-NEED_ROS = ('demo', 'gallery', *ROS2)
+NEED_ROS = ('demo', *ROS2)
 
 
 class Version(argparse.Action):

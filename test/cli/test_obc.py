@@ -91,6 +91,13 @@ def test_a_command_without_ros_says_what_it_needs(name, pure, capsys):
     assert told.out == ''
 
 
+def test_the_gallery_without_ros_has_sheets_only(pure, tmp_path, capsys):
+    assert obc.main(['gallery']) == 1
+    assert capsys.readouterr().err.startswith('obc gallery: the gallery needs ROS 2, and obc_ros')
+    assert obc.main(['gallery', '--sheet', str(tmp_path / 'sheet.yaml')]) == 0
+    assert obc.main(['gallery', '--check', str(tmp_path / 'sheet.yaml')]) == 0
+
+
 def test_the_help_without_ros_lists_apart_what_does_not_work(pure, capsys):
     with pytest.raises(SystemExit):
         obc.main(['--help'])

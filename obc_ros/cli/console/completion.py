@@ -59,8 +59,8 @@ def complete_action(command: str, action: argparse.Action) -> Mapping[str, Any] 
     if action.metavar == 'DIR':
         found: Mapping[str, Any] = shtab.DIRECTORY
         return found
-    if action.metavar == 'FILE' and command in ('solve', 'lqr', 'sweep'):
-        return _complete_files(list_examples() if command != 'lqr' else ())
+    if action.metavar == 'FILE' and command in ('solve', 'lqr', 'sweep', 'gallery'):
+        return _complete_files(list_examples() if command in ('solve', 'sweep') else ())
     if action.dest == 'names':
         return _complete_words(_list_names(command))
     if action.dest == 'method':
@@ -74,6 +74,8 @@ def _list_names(command: str) -> list[str]:
     if command == 'examples':
         return list_examples()
     if command == 'gallery':
+        if explain_missing_ros():
+            return []
         from obc_ros.cli.gallery.chapter.all import ENTRIES  # matplotlib takes a second
         return [entry.name for entry in ENTRIES]
     try:

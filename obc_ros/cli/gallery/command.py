@@ -3,6 +3,8 @@
 """
 `obc gallery`: examples, theorems and exercises of chapter 2, computed by running nodes.
 
+Exercise sheets and slides need no ROS 2.
+
 ``DIR/index.html`` is the page, ``DIR/NAME.png`` the figure of an entry, ``DIR/gallery.json`` the
 numbers. The page shows the PNG files; ``--format`` adds PDF and SVG. Results of other entries in
 DIR are kept. Loops are recorded in ``DIR/recordings``.
@@ -15,7 +17,8 @@ import sys
 
 from obc_ros.cli import results
 from obc_ros.cli.processes import lock_folder
-from obc_ros.core.text.errors import quote, suggest_name
+from obc_ros.core.text.errors import quote, StatementError, suggest_name
+from obc_ros.ros.installation import require_ros
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -24,11 +27,19 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--out', type=Path, default=Path('out/gallery'), metavar='DIR',
                         help='directory of page, figures and numbers (default: out/gallery)')
     results.add_format(parser)
-    parser.add_argument('--list', action='store_true', help='list the entries')
+    instead = parser.add_mutually_exclusive_group()
+    instead.add_argument('--list', action='store_true', help='list the entries')
+    instead.add_argument('--sheet', type=Path, metavar='FILE',
+                         help='write an exercise sheet of the chapter, a YAML file')
+    instead.add_argument('--check', type=Path, metavar='FILE',
+                         help='check the answers of a sheet and say why wrong ones are wrong')
 
 
 def run(args: argparse.Namespace) -> int:
     """Run entries; return 0 if all numbers are in tolerance, 1 if not, 2 for an unknown name."""
+    if args.sheet or args.check:
+        return _teach(args)
+    require_ros('the gallery')
     from obc_ros.cli.gallery.chapter.all import ENTRIES  # matplotlib takes a second
     known = {entry.name: entry for entry in ENTRIES}
     unknown = [name for name in args.names if name not in known]
@@ -45,6 +56,20 @@ def run(args: argparse.Namespace) -> int:
     with lock_folder(args.out):
         return work_and_write(chosen, args.out, list(known),
                               tuple(dict.fromkeys(('png', *args.format))))
+
+
+def _teach(args: argparse.Namespace) -> int:
+    """Write or check a sheet, or write slides; return the exit status."""
+    from obc_ros.cli.teaching.sheet import report_sheet, write_sheet  # imports CasADi
+    if args.sheet:
+        write_sheet(args.sheet)
+        print(f'{args.sheet}; obc gallery --check {args.sheet} checks the answers')
+        return 0
+    try:
+        return report_sheet(args.check)
+    except StatementError as error:
+        print(f'obc gallery: {error}', file=sys.stderr)
+        return 2
 
 
 def _suggest(name: str, known: Collection[str]) -> str:
