@@ -33,11 +33,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                          help='write an exercise sheet of the chapter, a YAML file')
     instead.add_argument('--check', type=Path, metavar='FILE',
                          help='check the answers of a sheet and say why wrong ones are wrong')
+    instead.add_argument('--slides', action='store_true',
+                         help='make slides.html of the figures in the directory of --out')
 
 
 def run(args: argparse.Namespace) -> int:
     """Run entries; return 0 if all numbers are in tolerance, 1 if not, 2 for an unknown name."""
-    if args.sheet or args.check:
+    if args.sheet or args.check or args.slides:
         return _teach(args)
     require_ros('the gallery')
     from obc_ros.cli.gallery.chapter.all import ENTRIES  # matplotlib takes a second
@@ -60,6 +62,10 @@ def run(args: argparse.Namespace) -> int:
 
 def _teach(args: argparse.Namespace) -> int:
     """Write or check a sheet, or write slides; return the exit status."""
+    if args.slides:
+        from obc_ros.cli.gallery.slides import write_slides
+        print(write_slides(args.out, args.names))
+        return 0
     from obc_ros.cli.teaching.sheet import report_sheet, write_sheet  # imports CasADi
     if args.sheet:
         write_sheet(args.sheet)
