@@ -124,7 +124,7 @@ REGULATOR_QUESTIONS = (
         '2.10-gain', 'Exercise 2.10 (a) with Qx = diag(1, 0), Qu = 1: give the gain K.',
         '[k1, k2]', ((1.0, 2.0),), {},
         ((((-5.0, 5.0), (-5.0, -5.0)), POLES),
-         (((0.4, 0.2),), 'this is the first row of P: K = Qu^-1 B^T P, its second row times 5'),
+         (((0.2, 0.2),), 'this is the first row of P: K = Qu^-1 B^T P, its second row times 5'),
          (((0.2, 0.4),), 'this is the second row of P: the factor B^T = (0, 5) is missing'),
          (((-1.0, -2.0),), NEGATIVE),
          (((180.0 / 3.141592653589793, 2.0),), 'phi is in degrees; wanted radians')),
