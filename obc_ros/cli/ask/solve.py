@@ -20,6 +20,7 @@ from obc_ros.core.library.figures.files import save_figure
 from obc_ros.core.ocp.method_names import get_method, NAMES
 from obc_ros.core.ocp.solution import Condition, Optimality, Solution
 from obc_ros.core.text.errors import quote, StatementError
+from obc_ros.core.text.tables import format_value
 from obc_ros.workers.pool import LONGEST_LIMIT, TIME_LIMIT
 
 HEADER = ('problem', 'status', 'cost', 'certificate', 'optimum', 'method', 'time')
@@ -149,7 +150,7 @@ def _show(asked: list[Question]) -> None:
     for question in asked:
         if found := question.solution and question.solution.free_parameters:
             print(f'{question.label}: ' + ', '.join(
-                f'{name} = {value:.10g}' for name, value in found.items()))
+                f'{name} = {format_value(value)}' for name, value in found.items()))
         if question.status != 'solved' and question.message:
             print(quote(f'{question.label}: {question.message}', None))
 

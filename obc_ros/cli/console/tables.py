@@ -52,9 +52,10 @@ def _print_on_terminal(header: Sequence[str], rows: Sequence[Sequence[str]],
     console = Console(highlight=False)
     table = Table(box=None, padding=(0, GAP, 0, 0), pad_edge=False)
     needed = GAP * (len(header) - 1)
-    for title, column in zip(header, zip(*rows, strict=True), strict=True):
+    for number, (title, *column) in enumerate(zip(header, *rows, strict=True)):
         longest = max(map(len, (title, *column)))
-        least = longest if longest <= WRAPPED else LEAST
+        # The first column has names, which are not broken.
+        least = longest if number == 0 or longest <= WRAPPED else LEAST
         table.add_column(title, min_width=least, no_wrap=least == longest, overflow='fold')
         needed += least
     if needed <= console.width:

@@ -8,6 +8,7 @@ import math
 
 from obc_ros.core.ocp.solution import Attempt, Verdict
 from obc_ros.core.text.errors import quote
+from obc_ros.core.text.tables import ZERO
 
 TREE_HEADER = ('attempt', 'cost', 'loss', 'work', 'result')
 _LEAF = 'collocation'   # alone in an attempt it says nothing that the attempt does not
@@ -88,7 +89,9 @@ def _result(attempt: Attempt) -> str:
 
 
 def _number(value: float, form: str) -> str:
-    return '' if math.isnan(value) else format(value, form)
+    if math.isnan(value):
+        return ''
+    return '0' if abs(value) < ZERO else format(value, form)
 
 
 def _cut(text: str, width: int) -> str:
