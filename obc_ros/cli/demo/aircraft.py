@@ -15,28 +15,35 @@ from obc_ros.cli.console.tables import print_table
 from obc_ros.cli.demo.flight import Event, Flight, fly, set_parameters
 from obc_ros.cli.demo.report import measure_step, report_loop
 from obc_ros.cli.flight_client import Pilot
+from obc_ros.cli.gallery.bodies import ARM, draw_aircraft, PLUME
 from obc_ros.core.library.figures.files import save_figure
-from obc_ros.core.library.figures.style import STYLE
-from obc_ros.core.lqr.design.report import read_matrices
+from obc_ros.core.library.figures.style import (
+    get_line,
+    LINE_COLOURS,
+    new_figure,
+    STYLE,
+    THIN,
+)
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.msg import LqrDesign
-from scipy.linalg import expm
 
 FIRST_STEP, CHANGE, SECOND_STEP, GUST, REFUSAL, END = 1.0, 12.0, 13.0, 31.0, 37.0, 41.0
-LABELS = -1.2  # [m] lower end of the axis: the labels of the events are below the curves
+LABELS = -2.2  # [m] lower end of the axis: the labels of the events are below the curves
+SHOWN = 3.0  # [s] after the second step
+POSES = (0.0, 1.2, 3.0), (0.3, 0.7, 1.4, 3.0, 10.0)  # [s] after the steps
+SHRUNK = 0.35  # size of the drawn aircraft
 # The weights printed in Example 2.5; 5 degrees correspond to 1.3131 instead of 2 pi / 9.
 EXAMPLE_2_5 = {'Qx': [100.0, 1.0, 2 * pi / 9, 0.0, 0.0, 0.0], 'Qu': [0.1, 0.1]}
 
 
 @dataclass(frozen=True)
 class UnitStep:
-    """A unit step in x and y: begin [s], start [m], span [s], weights, figure and design."""
+    """A unit step in x and y: begin [s], start [m], span [s], weights and design."""
 
     begin: float
     start: float
     span: float
     weights: str
-    figure: str
     design: LqrDesign
 
 
@@ -45,21 +52,20 @@ def run(out: Path, real_time: bool, formats: Sequence[str]) -> int:
     steps: list[UnitStep] = []
     flight = Flight('aircraft', 'aircraft.yaml', END, (
         Event(FIRST_STEP, 'step to (1, 1) with Qx = I',
-              lambda pilot: _step(pilot, steps, 0.0, 10.0, 'Qx = I', '2.4a')),
+              lambda pilot: _step(pilot, steps, 0.0, 10.0, 'Qx = I')),
         Event(CHANGE, 'weights of Example 2.5, in flight', _take_weights),
         Event(SECOND_STEP, 'step to (2, 2) with the weights of Example 2.5',
-              lambda pilot: _step(pilot, steps, 1.0, 15.0, 'Example 2.5', '2.5')),
+              lambda pilot: _step(pilot, steps, 1.0, 15.0, 'Example 2.5')),
         Event(GUST, 'a gust from the side, 4 N for 1 s', lambda pilot: ''),
         Event(REFUSAL, 'Qu = [-0.1, 0.1]', _refused_weights)))
     return fly(flight, out, real_time, lambda pilot, wall: _conclude(
         pilot, wall, steps, out, formats))
 
 
-def _step(pilot: Pilot, steps: list[UnitStep], start: float, span: float, weights: str,
-          figure: str) -> str:
+def _step(pilot: Pilot, steps: list[UnitStep], start: float, span: float, weights: str) -> str:
     goal, asked = start + 1.0, pilot.now
     design = _change(pilot, {'setpoint': [goal, goal, 0.0, 0.0, 0.0, 0.0]})
-    steps.append(UnitStep(asked, start, span, weights, figure, design))
+    steps.append(UnitStep(asked, start, span, weights, design))
     return ''
 
 
@@ -111,67 +117,77 @@ def _jump(asked: float, t: Array, u: Array) -> float:
 
 
 def _draw(t: Array, x: Array, tu: Array, u: Array, steps: list[UnitStep]) -> Figure:
-    figure = Figure(figsize=(13, 7), layout='constrained')
-    axes = figure.subplots(2, 3)
-    for row, step in enumerate(steps):
-        _positions(axes[row, 0], t - step.begin, x[:, :2] - step.start, step)
-        _inputs(axes[row, 1], tu - step.begin, u - step.design.ue, step)
-    _flight(axes[0, 2], t, x)
-    _tilt(axes[1, 2], t, x)
-    figure.suptitle('Vectored thrust aircraft, three nodes over DDS')
+    figure = new_figure(8.6)
+    grid = figure.add_gridspec(2, 2, height_ratios=(1.35, 1.0))
+    plane = figure.add_subplot(grid[0, :])
+    for index, step in enumerate(steps):
+        during = (t >= step.begin) & (t <= step.begin + step.span)
+        plane.plot(*x[during, :2].T, label=f'step, {step.weights}', **get_line(index))
+    for moments, step in zip(POSES, steps, strict=True):
+        for moment in moments:
+            at = t.searchsorted(step.begin + moment).clip(max=len(t) - 1)
+            force = u[tu.searchsorted(t[at], 'right').clip(1) - 1]
+            draw_aircraft(plane, *x[at, :3], force, arm=SHRUNK * ARM, plume=SHRUNK * PLUME)
+            plane.annotate(f'{moment:g} s', x[at, :2], (16, -18), textcoords='offset points')
+    plane.set(aspect='equal', xlim=(-0.35, 3.0), ylim=(-0.3, 2.3), xlabel='$p_x$ [m]',
+              ylabel='$p_y$ [m]')
+    plane.legend(loc='upper left')
+    fast = steps[-1]
+    _thrust(figure.add_subplot(grid[1, 0]), t, x, tu, u, fast)
+    _flight(figure.add_subplot(grid[1, 1]), t, x)
+    later = (t >= fast.begin) & (t <= fast.begin + fast.span)
+    fall, tilt = fast.start - x[later, 1].min(), np.degrees(np.abs(x[later, 2]).max())
+    figure.suptitle(f'The fast step in $p_x$ tilts the aircraft by up to {tilt:.0f}°. Tilted, its '
+                    f'thrust does not\ncarry its weight, and $p_y$ falls by {fall:.2f} m before '
+                    'it climbs. (Three nodes over DDS)')
     return figure
 
 
-def _linear(step: UnitStep) -> tuple[Array, Array, Array]:
-    """Return t, x and u - ue of the same step of the linearization, as in the book."""
-    told = read_matrices(step.design)
-    times = np.linspace(0.0, step.span, 1001)
-    one = expm((told.A - told.B @ told.K) * times[1])
-    errors = [-np.array([1.0, 1.0, 0.0, 0.0, 0.0, 0.0])]
-    for _ in times[1:]:
-        errors.append(one @ errors[-1])
-    return times, np.array(errors) + [1.0, 1.0, 0.0, 0.0, 0.0, 0.0], -np.array(errors) @ told.K.T
+def compute_lift(x: Array, u: Array) -> Array:
+    """
+    Return the vertical part of the thrust.
+
+    Parameters
+    ----------
+    x : ndarray, shape (N, 6)
+        States; the third is theta [rad].
+    u : ndarray, shape (N, 2)
+        f1 and f2 [N], along the wings and upwards in the frame of the aircraft.
+
+    Returns
+    -------
+    ndarray, shape (N,)
+        f1 sin theta + f2 cos theta [N].
+
+    """
+    lift: Array = u[:, 0] * np.sin(x[:, 2]) + u[:, 1] * np.cos(x[:, 2])
+    return lift
 
 
-def _positions(axes: Axes, t: Array, positions: Array, step: UnitStep) -> None:
-    for index, (name, style) in enumerate((('px', '-'), ('py', '--'))):
-        axes.plot(t, positions[:, index], style, label=name)
-    times, linear, _ = _linear(step)
-    axes.plot(times, linear[:, :2], ':', color='0.4', linewidth=1, label=['linear model', None])
-    axes.axhline(1.0, color='0.7', linewidth=0.8, zorder=0)
-    lowest = min(0.0, positions[(t >= 0) & (t <= step.span)].min() - 0.05)
-    axes.set(xlim=(0, step.span), ylim=(lowest, 1.5), xlabel='time since the step [s]',
-             ylabel='position px, py [m]', title=f'Step, {step.weights} (Figure {step.figure})')
+def _thrust(axes: Axes, t: Array, x: Array, tu: Array, u: Array, step: UnitStep) -> None:
+    """Draw the vertical part of the thrust and the weight in the first seconds of a step."""
+    during = (t >= step.begin) & (t <= step.begin + SHOWN)
+    force = u[tu.searchsorted(t[during], 'right') - 1]
+    time, lift, weight = t[during] - step.begin, compute_lift(x[during], force), step.design.ue[1]
+    axes.plot(time, lift, label='vertical thrust', **get_line(1))
+    axes.axhline(weight, color='black', linewidth=1.3, label='weight $m g$')
+    axes.fill_between(time, lift, weight, where=lift < weight, color=LINE_COLOURS[1], alpha=0.25)
+    axes.set(xlim=(0, SHOWN), xlabel='time since the step [s]', ylabel='force [N]',
+             title=f'step, {step.weights}')
     axes.legend(loc='lower right')
 
 
-def _inputs(axes: Axes, t: Array, u: Array, step: UnitStep) -> None:
-    during = (t >= -0.5) & (t <= step.span)
-    axes.step(t[during], u[during, 0], where='post', label='u1 = f1')
-    axes.step(t[during], u[during, 1], '--', where='post', label='u2 = f2 - m g')
-    times, _, linear = _linear(step)
-    axes.plot(times, linear, ':', color='0.4', linewidth=1, label=['linear model', None])
-    axes.set(xlim=(-0.5, step.span), xlabel='time since the step [s]', ylabel='input [N]',
-             title=f'Inputs, {step.weights} (Figure {step.figure})')
-    axes.legend()
-
-
 def _flight(axes: Axes, t: Array, x: Array) -> None:
-    axes.plot(t, x[:, 0], label='px')
-    axes.plot(t, x[:, 1], '--', label='py')
+    for index, name in enumerate(('$p_x$', '$p_y$')):
+        axes.plot(t, x[:, index], label=name, **get_line(index))
     for moment, what, side in (
             (FIRST_STEP, 'step', 'left'), (CHANGE, 'new weights', 'right'),
             (SECOND_STEP, 'step', 'left'), (GUST, 'gust', 'left'),
-            (REFUSAL, 'rejected change', 'left')):
-        axes.axvline(moment, color='0.8', linewidth=0.8, zorder=0)
-        axes.annotate(what, (moment, 0.03), (4 if side == 'left' else -4, 0),
+            (REFUSAL, 'refusal', 'left')):
+        axes.axvline(moment, **THIN)
+        axes.annotate(what, (moment, 0.03), (2 if side == 'left' else -2, 0),
                       xycoords=('data', 'axes fraction'), textcoords='offset points',
-                      rotation=90, fontsize=9, color='0.3', ha=side, va='bottom')
+                      rotation=90, ha=side, va='bottom')
     axes.set(xlim=(-2, END), ylim=(LABELS, 2.3), xlabel='time [s]', ylabel='position [m]',
-             yticks=np.arange(0.0, 2.1, 0.5), title='Whole flight')
-    axes.legend(loc='center', bbox_to_anchor=(0.62, 0.55))
-
-
-def _tilt(axes: Axes, t: Array, x: Array) -> None:
-    axes.plot(t, np.degrees(x[:, 2]))
-    axes.set(xlim=(0, END), xlabel='time [s]', ylabel='angle theta [deg]', title='Tilt')
+             yticks=[0, 1, 2], title='the whole flight')
+    axes.legend(loc='center', bbox_to_anchor=(0.62, 0.6))

@@ -113,7 +113,7 @@ def _draw(name: str, wanted: tuple[Array, Array], driven: tuple[Array, Array],
     axes[0].plot(*driven, label='driven', **get_line(0))
     axes[0].plot(*wanted, label='reference', **EXACT)
     axes[0].set(ylabel='$p_y$ [m]')
-    axes[0].legend()
+    figure.legend(loc='outside lower center', ncols=2)
     axes[1].plot(error[0], 1e3 * error[1], **get_line(0))
     axes[1].axhline(0.0, **THIN)
     axes[1].set(ylabel='error of $p_y$ [mm]')

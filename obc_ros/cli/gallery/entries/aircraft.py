@@ -198,8 +198,7 @@ def _draw_flight(linear: Run, whole: Run) -> Figure:
         plane.plot(run.x[:, 0], run.x[:, 1], label=text, **line | style)
     for time in POSES:
         k = int(np.argmin(np.abs(whole.t - time)))
-        u = whole.u[k] + [0.0, MASS * GRAVITY]
-        draw_aircraft(plane, *whole.x[k, :3], u, arm=SHRUNK * ARM, plume=SHRUNK * 0.012)
+        draw_aircraft(plane, *whole.x[k, :3], whole.u[k], arm=SHRUNK * ARM, plume=SHRUNK * 0.012)
         plane.annotate(f'{time:g} s', whole.x[k, :2], (18, 4), textcoords='offset points')
     plane.set(aspect='equal')
     plane.margins(0.08)

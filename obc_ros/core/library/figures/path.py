@@ -22,7 +22,7 @@ from obc_ros.core.ocp.augmentation import hide_added_states, restore_added_state
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.ocp.solution import Solution
 
-ZERO = 1e-4   # of the magnitude of its terms: a quantity below it is drawn as 0
+NEGLIGIBLE = 1e-4   # of the magnitude of its terms: a quantity below it is drawn as 0
 
 
 def draw_path(problem: Problem, solution: Solution, title: str) -> Any:
@@ -93,13 +93,13 @@ def _list_conditions(problem: Problem, path: Solution, hamiltonian: Array
     """Yield switching function and Hamiltonian; a panel without columns is 0 throughout."""
     values, sizes = compute_slopes(problem, path.x, path.u, path.lam)
     group = [k for k in range(problem.m)
-             if np.abs(values[:, k]).max() > ZERO * sizes[:, k].max()]
+             if np.abs(values[:, k]).max() > NEGLIGIBLE * sizes[:, k].max()]
     # Where the terms of dH/du cancel, the axis must not magnify their rounding errors.
     yield (r'\partial H/\partial u', Panel(
         'switching\nfunctions', problem.inputs, values, group, zero=True,
         template=r'\partial H/\partial {}', size=float(sizes.max())))
     size = _size_hamiltonian(problem, path)
-    group = [0] if np.abs(hamiltonian).max() > ZERO * size else []
+    group = [0] if np.abs(hamiltonian).max() > NEGLIGIBLE * size else []
     yield 'H', Panel('Hamiltonian', ['H'], hamiltonian[:, None], group, size=1.0,
                      zero=problem.final_time.free and not problem.has_clock)
 
