@@ -27,6 +27,7 @@ Record = Mapping[str, Any]
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = ROOT / 'docs' / 'gallery'
+DERIVATIONS = ROOT / 'docs' / 'derivations.md'
 OUT = ROOT / 'out' / 'gallery'
 SOURCES = ('obc_ros', 'msg', 'srv', 'action')
 WIDTH = 118  # of a line of Markdown
@@ -79,6 +80,8 @@ def sections(record: Record, commit: str) -> Iterator[str]:
     for figure in record['figures']:
         yield f'![Figure of {name}]({figure})'
     yield from map(paragraph, record['notes'])
+    if f'\n## {record["label"]}\n' in DERIVATIONS.read_text(encoding='utf-8'):
+        yield f'[Derivation](../derivations.md#{anchor(record["label"])}) of the formulas.'
     if record['erratum']:
         yield '## Errata of the book'
         yield from map(paragraph, filter(None, (record['erratum'], record['finding'])))
@@ -97,6 +100,11 @@ def sections(record: Record, commit: str) -> Iterator[str]:
         *(note for note, wanted in notes if wanted),
         'Without a ROS 2 installation, write `obc` in place of `ros2`.']))
     yield 'The [gallery](../gallery.md) lists all entries.'
+
+
+def anchor(heading: str) -> str:
+    """Return the address of a heading within its page, as GitHub and MyST make it."""
+    return re.sub(r'[^\w -]', '', heading.lower()).replace(' ', '-')
 
 
 def _row(row: Record) -> str:

@@ -37,4 +37,7 @@ def _markup(node: nodes.Element, as_block: bool) -> str:
         return ''
     # Bars are alike on both sides: a browser cannot tell which opens, and spaces them out.
     bar = r'<mo stretchy="false" lspace="0" rspace="0">\1</mo>'
-    return re.sub(r'<mo[^>]*>([|∣‖])</mo>', bar, markup)
+    markup = re.sub(r'<mo[^>]*>([|∣‖])</mo>', bar, markup)
+    # docutils puts the index of a letter with a dot under the letter, in place of beside it.
+    return re.sub(r'<munderover>\s*(<mi>[^<]*</mi>)(.*?)(<mo[^>]*>[˙¨~^]</mo>)\s*</munderover>',
+                  r'<msub><mover>\1\3</mover>\2</msub>', markup, flags=re.DOTALL)

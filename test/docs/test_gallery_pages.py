@@ -105,3 +105,16 @@ def test_a_figure_has_high_resolution_and_a_small_file(entry: GalleryEntry) -> N
         with Image.open(path) as figure:
             assert figure.width >= 1600
         assert path.stat().st_size < 200_000
+
+
+def test_each_derivation_is_linked_from_the_page_of_its_entry() -> None:
+    text = (DOCS / 'derivations.md').read_text(encoding='utf-8')
+    headings = re.findall(r'^## (.*)$', text, re.MULTILINE)
+    entries = {records.label(entry.name): entry for entry in ENTRIES}
+    assert headings == [label for label in entries if label in headings]  # in the same order
+    assert set(entries) - set(headings) == {'Example 2.5'}  # flown, nothing to derive
+    anchors = {re.sub(r'[^\w -]', '', each.lower()).replace(' ', '-') for each in headings}
+    assert set(re.findall(r'\]\(#(.*?)\)', text)) <= anchors
+    for heading in headings:
+        name, = re.findall(r'derivations\.md#(\S+)\)', read(entries[heading]))
+        assert name == heading.lower().replace('.', '').replace(' ', '-')

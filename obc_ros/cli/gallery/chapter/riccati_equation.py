@@ -123,9 +123,9 @@ def section_2_4(desk: Desk) -> EntryResult:
         'tend to the positive root $1 + √2$ of (2.9); the end only matters for the last second. '
         'Top right: the elements of $P(t)$ of the double integrator, from $P_1 = 0$ (solid) and '
         '$P_1 = 2 I$ (dashed), and the solution of (2.9) (thin). As $Q_u = 1$, '
-        '$K(t) = (p_{12}, p_{22})$. Bottom left: the distance to that solution '
-        'decays twice as fast as the slowest pole of the closed loop, $-1/√2$. This is why the gain of the infinite horizon is a good gain until shortly '
-        'before the end.',
+        '$K(t) = (p_{12}, p_{22})$. Bottom left: the distance to that solution decays twice as '
+        'fast as the slowest pole of the closed loop, $-1/√2$. This is why the gain of the '
+        'infinite horizon is a good gain until shortly before the end.',
         f'Bottom right: a loop of `plant_simulator` and `lqr_node` with `horizon` {STOP:g} s and '
         f'$P_1 = {HEAVY:g} I$. The heavy terminal weight brings the state to rest at the end of '
         'the horizon; the constant gain (dashed) is still on its way.'))
