@@ -17,37 +17,26 @@ from obc_ros.core.numerics.instructions import Instructions
 
 # Rows evaluated at once: the unit; the most of a function built for one call; of many rows.
 _FEW, _ALL, _MANY = 16, 128, 256
-_PAID = 0, 20_000   # rows so far after which a function of up to `_ALL`, of `_MANY` rows pays
+_PAID = 20_000   # rows so far after which a function of `_MANY` rows pays
 
 
 class Columns:
-    """
-    The instructions of a function of scalars, applied to columns.
+    """The instructions of a function of scalars with one input, applied to columns."""
 
-    Parameters
-    ----------
-    function : casadi.Function
-        A function of SX.
-    shared : sequence of int, optional
-        Indices of the inputs that are the same for all rows.
+    def __init__(self, function: ca.Function) -> None:
+        self._instructions, self._length = Instructions(function), function.size1_in(0)
 
-    """
-
-    def __init__(self, function: ca.Function, shared: Sequence[int] = ()) -> None:
-        self._shared = shared
-        self._instructions = Instructions(function)
-
-    def __call__(self, rows: int, *given: ca.MX) -> list[ca.MX]:
-        """Return outputs (rows, length) for inputs (rows, length), or (length, 1) if shared."""
-        split = [(ca.vertsplit if i in self._shared else ca.horzsplit)(part) if part.numel()
-                 else [] for i, part in enumerate(given)]
+    def function(self, rows: int) -> ca.Function:
+        """Return the function from (rows, length) to (rows, length of the output)."""
+        given = ca.MX.sym('given', rows, self._length)
+        split = ca.horzsplit(given) if self._length else []
         unary, binary = ca.MX.unary, ca.MX.binary
 
         def apply(operation: int, operands: list[ca.MX]) -> ca.MX:
             return (binary(operation, operands[0], operands[1]) if len(operands) == 2
                     else unary(operation, operands[0]))
 
-        found = self._instructions.evaluate(lambda i, k: split[i][k], ca.MX, apply)
+        found = self._instructions.evaluate(lambda i, k: split[k], ca.MX, apply)
         columns = dict[int, ca.MX]()   # of values that are the same for all rows
 
         def column(part: ca.MX) -> ca.MX:
@@ -58,13 +47,9 @@ class Columns:
                 columns[key] = ca.repmat(part, rows, 1)
             return columns[key]
 
-        return [ca.horzcat(*map(column, parts)) if parts else ca.MX(rows, 0) for parts in found]
-
-    def function(self, rows: int, lengths: Sequence[int]) -> ca.Function:
-        """Return the function of `rows` rows for inputs of the given lengths."""
-        given = [ca.MX.sym('given', *((length, 1) if i in self._shared else (rows, length)))
-                 for i, length in enumerate(lengths)]
-        return ca.Function('columns', given, [ca.densify(part) for part in self(rows, *given)])
+        return ca.Function('columns', [given], [
+            ca.densify(ca.horzcat(*map(column, parts)) if parts else ca.MX(rows, 0))
+            for parts in found])
 
 
 class ByColumn:
@@ -77,14 +62,11 @@ class ByColumn:
         Returns the function for a given number of rows.
     inputs, outputs : int
         Lengths of a row.
-    paid : tuple of two int, optional
-        Rows after which building it for up to 128 and for 256 rows pays; 16 before.
 
     """
 
-    def __init__(self, of: Callable[[int], ca.Function], inputs: int, outputs: int,
-                 paid: Sequence[int] = _PAID) -> None:
-        self._of, self._shape, self._paid, self._seen = of, (inputs, outputs), paid, 0
+    def __init__(self, of: Callable[[int], ca.Function], inputs: int, outputs: int) -> None:
+        self._of, self._shape, self._seen = of, (inputs, outputs), 0
         # By number of rows: arguments, results, the call that evaluates them, its buffer.
         self._parcels: dict[int, tuple[Array, Array, Callable[[], None], Any]] = {}
 
@@ -107,10 +89,8 @@ class ByColumn:
 
     def _size(self, left: int, begun: bool) -> int:
         """Return how many rows to evaluate next; a remainder uses a function that exists."""
-        if self._seen < self._paid[0]:
-            return _FEW
         if left > _ALL:
-            return _MANY if self._seen >= self._paid[1] else _ALL
+            return _MANY if self._seen >= _PAID else _ALL
         most = _MANY if begun else left + max(_FEW, left // 3)
         return min((size for size in self._parcels if left <= size <= most),
                    default=-(-left // _FEW) * _FEW)

@@ -118,8 +118,7 @@ class VectorizedFunction:
 
     @cached_property
     def _by_column(self) -> ByColumn:
-        columns, inputs = Columns(self._function), self._inputs[-1]
-        return ByColumn(lambda rows: columns.function(rows, [inputs]), inputs, self._outputs[-1])
+        return ByColumn(Columns(self._function).function, self._inputs[-1], self._outputs[-1])
 
 
 class Chain:

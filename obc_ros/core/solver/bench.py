@@ -264,7 +264,6 @@ class Bench:
                 outcome = program.solve(problem, mesh, w, sizes, limits, self.meter)
             attempt.end(*outcome.judge(), cost=outcome.objective)
         self.whole.credit(outcome.iterations * each)
-        self.programs.worked(outcome.iterations, mesh.layout)
         return outcome
 
     def is_accurate(self, outcome: TranscriptionOutcome) -> bool:

@@ -327,9 +327,6 @@ class NeighbourOptions:
     alone: float = steer(
         1.0, 'part of these within which one minimum stays the best', '', 'test_kink_mesh.py')
     several: float = steer(0.05, 'the same if several minima are known')
-    derive: int = steer(1000, 'work after which faster derivatives are built', 'work')
-    usual: int = steer(10, 'iterations expected of a new program', 'iterations')
-    again: int = steer(4, 'weight of the work of a structure that was solved')
 
 
 @dataclass(frozen=True)

@@ -137,10 +137,9 @@ class ProgramCache:
         self.several = False   # whether several minima were found for one of the problems
         self._problem, self._smooth = problem, smooth
         self._convex: tuple[Problem | None, bool] = None, False
-        self._pieces: dict[tuple[int, bool, bool], Pieces] = {}
+        self._pieces: dict[tuple[int, bool], Pieces] = {}
         self._fitters: dict[bool, Fitter] = {}
-        self._transcriptions: OrderedDict[tuple[Layout, bool], Transcription] = OrderedDict()
-        self._work = 0   # iterations times intervals of Runge-Kutta steps
+        self._transcriptions: OrderedDict[Layout, Transcription] = OrderedDict()
         self.build_time = time.monotonic() - begun
 
     def restated(self, problem: Problem) -> Problem:
@@ -157,9 +156,7 @@ class ProgramCache:
 
     def transcription(self, problem: Problem, layout: Layout) -> Transcription:
         """
-        Return the program of a layout.
-
-        It is built once; a second time, with faster derivatives, when enough work is expected.
+        Return the program of a layout, which is built once.
 
         Parameters
         ----------
@@ -169,28 +166,19 @@ class ProgramCache:
             Phases, intervals and scheme.
 
         """
-        options = self.options.neighbour
-        ahead = 0 if (layout, False) in self._transcriptions else options.usual * layout.intervals
-        swift = not layout.stages and self._work + ahead > options.derive
-        found = self._transcriptions.pop((layout, swift), None)
+        found = self._transcriptions.pop(layout, None)
         if found is None:
             begun = time.monotonic()
-            kind = layout.stages, layout.free_durations, swift
+            kind = layout.stages, layout.free_durations
             if kind not in self._pieces:
                 self._pieces[kind] = Pieces(problem, *kind)
             found = Transcription(
                 problem, layout, self._pieces[kind], self.options.coarse)
             self.build_time += time.monotonic() - begun
-        self._transcriptions[layout, swift] = found
-        if len(self._transcriptions) > options.kept:
+        self._transcriptions[layout] = found
+        if len(self._transcriptions) > self.options.neighbour.kept:
             self._transcriptions.popitem(last=False)
         return found
-
-    def worked(self, iterations: int, layout: Layout) -> None:
-        """Count the iterations of a program, which decide when faster derivatives are built."""
-        options = self.options.neighbour
-        weight = options.again if self.answers else 1
-        self._work += 0 if layout.stages else weight * iterations * layout.intervals
 
     def remember(self, answer: Answered) -> None:
         """Keep a solved problem for its neighbours."""

@@ -3,10 +3,10 @@
 """
 The improvements, in the order in which they are tried in their stage.
 
-A new improvement is a file and a line in IMPROVEMENTS. Four strategies are called directly. Mesh
-refinement and constraint tightening are the loop itself (`descent`). Negative curvature and the
-active set are steps of the nonlinear program, which knows no mesh (`nlp`). The indirect method is
-also a method by name (`refine_indirectly`), which explains why it does not apply.
+A new improvement is a file and a line in IMPROVEMENTS. Three strategies are called directly. Mesh
+refinement and constraint tightening are the loop itself (`descent`). Negative curvature is a step
+of the nonlinear program, which knows no mesh (`nlp`). The indirect method is also a method by
+name (`refine_indirectly`), which explains why it does not apply.
 """
 
 from obc_ros.core.ocp.solution import Verdict

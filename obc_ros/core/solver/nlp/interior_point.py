@@ -31,7 +31,7 @@ from numpy.typing import NDArray
 from obc_ros.core.numerics.arrays import Array, Index, lapack
 from obc_ros.core.solver.options import DEFAULTS
 
-PROXIMAL = 1e-10      # subtracted from the diagonal of rows: redundant ones are not singular then
+_PROXIMAL = 1e-10      # subtracted from the diagonal of rows: redundant ones are not singular then
 _CURVATURE = 1e-9     # least curvature along an accepted step
 _LARGEST_SHIFT = 1e10   # multiple of the identity at which the method gives up
 _SHORTEST = 1e-7      # part of a step at which the line search gives up
@@ -39,7 +39,6 @@ _ENOUGH = 10.0        # error in multiples of mu below which mu is decreased
 _APART = 1e10         # largest factor between z and mu / distance
 _MULTIPLIERS = 1e3    # least-squares multipliers larger than this are not used at the start
 _NEAREST = 1e-2       # largest initial distance from an active bound, as part of the span
-BESIDE = 0.03         # distance from a bound, as part of the span, below which it counts as active
 _HUGE = 1e100         # number above which powers overflow
 _ROUGH = 1e-5         # infeasibility that is small enough for an approximate cost
 _FAR = 0.1            # infeasibility below which it does not end early
@@ -307,7 +306,7 @@ class Interior:
         self.spans = np.minimum((upper - lower)[np.concatenate([self.low, self.high])], 1.0)
         self.row = program.is_row.astype(float)
         self.free = (~program.is_row & ~self.fixed).astype(float)
-        self.base = self.fixed - PROXIMAL * self.row
+        self.base = self.fixed - _PROXIMAL * self.row
         self.odd = int(program.is_row.sum()) % 2 == 1
         self.shift = 0.0
         self.sure = False   # whether the Hessian needed no shift in the last step
@@ -381,14 +380,6 @@ class Interior:
         gap = self.gaps(y)
         return self.measured(Iterate(
             y=y, gap=gap, z=mu / gap, mu=mu, values=self.program.values(y)))
-
-    def sides(self, now: Iterate) -> NDArray[np.int8]:
-        """Return -1 or 1 where the lower or upper bound of an unknown is active, else 0."""
-        found = np.zeros(len(self.row), dtype=np.int8)
-        past, count = now.gap < BESIDE * self.spans, len(self.low)
-        found[self.low[past[:count]]] = -1
-        found[self.high[past[count:]]] = 1
-        return found
 
     def measured(self, now: Iterate) -> Iterate:
         """Return an iterate with its residuals."""

@@ -10,9 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from obc_ros.core.numerics.arrays import Array, Index
-from obc_ros.core.solver.nlp.active_set import follow_active_set
 from obc_ros.core.solver.nlp.interior_point import (
-    BESIDE,
     Interior,
     Iterate,
     Pattern,
@@ -30,7 +28,6 @@ _STEEPEST = 100.0    # largest entry of the gradient of the cost at a start afte
 _FAR, _NEAR = (0.1, 1e-2), (1e-6, 1e-6)
 # Initial barrier parameter from the solution of a neighbour: in its last one, minimum, maximum.
 _RESUMED = 100.0, 1e-8, 1e-4
-_NEARLY = StoppingRule(feasible=1e-8, optimal=1e-8)   # where the active set method takes over
 
 
 class Stages:
@@ -149,10 +146,7 @@ class Stages:
             watch: Callable[[float, float], bool], *, near: bool = False,
             multipliers: tuple[Array, Array] | None = None, mu: float = 0.0) -> Found:
         """
-        Solve the program.
-
-        With multipliers the active set method is tried first. Then the interior-point method is
-        run; near its end the active set method takes over if it can.
+        Solve the program by the interior-point method.
 
         Parameters
         ----------
@@ -167,7 +161,7 @@ class Stages:
         near : bool
             Whether the start is near the solution.
         multipliers : pair of ndarray, optional
-            Initial `lam_w` and `lam_g`; of `lam_w` only the signs are used.
+            Initial `lam_w` and `lam_g`; the method estimates `lam_w` anew.
         mu : float, optional
             Barrier parameter at which these were found.
 
@@ -185,16 +179,7 @@ class Stages:
             return watch(f / self.factor, worst)
 
         if multipliers is not None:
-            z = np.zeros(self.size)
-            z[self.at_w] = multipliers[0] * self.factor
-            y[self.at_rows] = multipliers[1] * self.factor
-            beside = BESIDE * np.minimum(upper - lower, 1.0)
-            side = ((z > 0) & (upper - y <= beside)).astype(np.int8)
-            side[(z < 0) & (y - lower <= beside)] = -1
-            side[lower == upper] = 0
-            followed = follow_active_set(self, (lower, upper), y, side, goal, seen)
-            if followed is not None:
-                return self._followed((lower, upper), *followed)
+            y[self.at_rows] = multipliers[1]
         work = Interior(self, lower, upper)
         if near and multipliers is not None:
             now = work.resume(y, float(np.clip(_RESUMED[0] * mu, *_RESUMED[1:])))
@@ -204,26 +189,8 @@ class Stages:
             now = work.measured(self._scale(replace(now, z=np.ones_like(now.z))))
         if multipliers is None:
             now = work.multipliers(now)
-        if not goal.rough:
-            # Near the solution the active set is known, and the active set method is exact.
-            now = solve_program(work, now, _NEARLY, seen)
-            followed = follow_active_set(self, (lower, upper), now.y, work.sides(now), goal, seen
-                                         ) if now.converged else None
-            if followed is not None:
-                return self._followed((lower, upper), *followed[:2],
-                                      now.iterations + followed[2])
-            now = replace(now, converged=False)
         end = solve_program(work, now, goal, seen)
         return self._found(work, leave_saddle(work, end, goal, seen))
-
-    def _followed(self, bounds: tuple[Array, Array], y: Array, there: ProgramValues, steps: int
-                  ) -> Found:
-        held = (y <= bounds[0]) | (y >= bounds[1])
-        return Found(
-            w=y[self.at_w], f=there.f / self.factor, g=there.c[self.at_rows],
-            lam_w=np.where(held, -there.slope, 0.0)[self.at_w] / self.factor,
-            lam_g=y[self.at_rows] / self.factor, converged=True, status='followed',
-            iterations=steps)
 
     def _scale(self, now: Iterate) -> Iterate:
         """Scale the cost down if its gradient is very large at a start without multipliers."""

@@ -8,7 +8,7 @@ small functions are differentiated. Their derivatives are scattered into sparse 
 so that the time to build the program hardly depends on the number of copies.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -16,7 +16,6 @@ import casadi as ca
 import numpy as np
 from obc_ros.core.numerics.arrays import Index
 from obc_ros.core.numerics.vectorized import VectorizedFunction
-from obc_ros.core.solver.transcription.step_derivatives import StepDerivatives
 
 # A function, and the rows and columns of the entries of its result.
 Derivative = tuple[ca.Function, Index, Index]
@@ -32,16 +31,11 @@ class Piece:
         Local variables (nv,), constants of one copy, constants of all copies.
     g, cost : casadi.SX
         Rows (r,) and cost (1,).
-    derivatives : callable, optional
-        Returns an evaluator of both and their derivatives for many rows, which replaces CasADi's
-        derivatives if these take longer.
 
     """
 
-    def __init__(self, v: ca.SX, own: ca.SX, shared: ca.SX, g: ca.SX, cost: ca.SX,
-                 derivatives: Callable[[], StepDerivatives] | None = None) -> None:
-        self._arguments = [v, own, shared]
-        self._g, self._cost, self._derivatives = g, cost, derivatives
+    def __init__(self, v: ca.SX, own: ca.SX, shared: ca.SX, g: ca.SX, cost: ca.SX) -> None:
+        self._arguments, self._g, self._cost = [v, own, shared], g, cost
         self.r = int(g.numel())
 
     @cached_property
@@ -79,10 +73,6 @@ class Piece:
     def whole(self) -> 'Whole':
         """Return values and derivatives as one function of numpy arrays."""
         values = VectorizedFunction(self._arguments, [self._g, self._cost], 8)
-        if self._derivatives is not None:
-            known = self._derivatives()
-            return Whole(self.r, np.array(known.slope.row(), dtype=np.int64), _places(known.J),
-                         _places(known.H), known, values)
         factor, lam, slope, J, H, both = self._symbols
         return Whole(self.r, np.array(slope.row(), dtype=np.int64), _places(J), _places(H),
                      VectorizedFunction([*self._arguments, factor, lam],
@@ -110,7 +100,7 @@ class Whole:
         Number of rows of g.
     slope, jacobian, curvature : ndarray, or pair of ndarray
         Rows, or rows and columns, of the entries of the derivatives.
-    batch : VectorizedFunction or StepDerivatives
+    batch : VectorizedFunction
         From v, own, shared, factor and lam to g, the cost, its gradient, the gradient of
         factor cost + lam' g, and the entries of the Jacobian of g and of the Hessian.
     values : VectorizedFunction
@@ -122,7 +112,7 @@ class Whole:
     slope: Index
     jacobian: tuple[Index, Index]
     curvature: tuple[Index, Index]
-    batch: VectorizedFunction | StepDerivatives
+    batch: VectorizedFunction
     values: VectorizedFunction
 
 

@@ -2,14 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """The pieces of a transcription: an interval by one of two schemes, ends, path constraints."""
 
-from functools import partial
 
 import casadi as ca
 from obc_ros.core.numerics.collocation import build_collocation, compute_gauss_points
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.solver.transcription.block_program import Piece
 from obc_ros.core.solver.transcription.runge_kutta import build_rate, step_of
-from obc_ros.core.solver.transcription.step_derivatives import StepDerivatives
 
 
 def _gauss(problem: Problem, states: tuple[ca.SX, ca.SX, ca.SX], inputs: tuple[ca.SX, ca.SX],
@@ -45,12 +43,10 @@ class Pieces:
         Gauss points in an interval; 0: an explicit Runge-Kutta step.
     free : bool
         Whether lengths of phases are unknown; the derivatives are much longer then.
-    swift : bool
-        Use derivatives of explicit steps that are evaluated faster, and take longer to build.
 
     """
 
-    def __init__(self, problem: Problem, stages: int, free: bool, swift: bool = False) -> None:
+    def __init__(self, problem: Problem, stages: int, free: bool) -> None:
         n, m = problem.n, problem.m
         sx, su = ca.SX.sym('sx', n), ca.SX.sym('su', m)
         st, sj = ca.SX.sym('st'), ca.SX.sym('sj')
@@ -62,16 +58,13 @@ class Pieces:
         none, h = ca.SX(0, 1), st * duration * fraction
         v, own = ([duration], [fraction]) if free else ([], [fraction, duration])
         given = (ca.vertcat(xa, ua, ub, *v, ca.vec(inner), xb), ca.vertcat(*own), self.shared)
-        staged = swift and not stages and not problem.path.numel()
         rows, cost = (_gauss if stages else _explicit)(
             problem, (sx * xa, ca.repmat(sx, 1, stages) * inner, sx * xb), (su * ua, su * ub), h)
         points = [(xa, ua)] + [(inner[:, j], (1 - c) * ua + c * ub)
                                for j, c in enumerate(compute_gauss_points(stages))]
         at_points = (limits(sx * x, su * u, problem.p) for x, u in points)
         self.interval = Piece(
-            *given, ca.vertcat(*(row / sx for row in rows), *at_points), cost / sj,
-            partial(StepDerivatives, problem, given, (xa, ua, ub, xb), (sx, su, sj), h,
-                    st * fraction if free else none) if staged else None)
+            *given, ca.vertcat(*(row / sx for row in rows), *at_points), cost / sj)
         terminal = ca.Function('terminal', [problem.x, problem.p], [problem.psi, problem.V])
         psi, V = terminal.call([sx * xb, problem.p])
         self.end = Piece(xb, none, self.shared, psi, V / sj)

@@ -97,13 +97,13 @@ def test_derivatives_of_a_program_equal_those_of_casadi():
 @pytest.mark.parametrize(('f', 'cost'), [
     (('y', 'u'), '1'), (('0*x', '3'), 'x + u'), (('k*x*y*sin(w)', 'u*x - cos(y)'), 'k*abs(u*y)'),
     (('sin(x*y) + u**2', 'u*w*exp(-x)'), '(x - y*u)**2 + w**2')])
-def test_derivatives_of_an_interval_equal_those_of_casadi(f, cost, free):
-    """The chain rule through the stages equals CasADi's derivatives of the whole step."""
+def test_derivatives_of_many_intervals_equal_those_of_casadi(f, cost, free):
+    """The rows, evaluated together, have the derivatives of each interval in their places."""
     problem = problems.build({
         'states': ['x', 'y'], 'inputs': ['u', 'w'], 'parameters': {'k': 2},
         'dynamics': dict(zip('xy', f, strict=True)), 'running_cost': cost,
         'initial_state': {'x': 1, 'y': 2}, 'final_time': {'free': False, 'value': 1}})
-    piece = Pieces(problem, 0, free, swift=True).interval
+    piece = Pieces(problem, 0, free).interval
     nv, whole, rows = 9 if free else 8, piece.whole, 40
     v, own, shared = (ca.MX.sym(name, size) for name, size in (
         ('v', nv), ('own', 1 if free else 2), ('shared', 7)))
