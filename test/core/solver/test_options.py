@@ -12,7 +12,7 @@ import problems
 import pytest
 
 TEST = Path(__file__).resolve().parents[2]
-WITHOUT = 53   # options without provenance
+WITHOUT = 23   # options without provenance
 
 
 def write(value):
@@ -27,7 +27,8 @@ def test_every_option_has_a_meaning_and_its_own_name():
 
 
 def test_the_provenance_of_an_option_is_a_problem_or_a_test():
-    known = {path.stem for path in (TEST.parent / 'obc_ros' / 'examples').glob('*.yaml')} | {
+    folders = TEST.parent / 'obc_ros' / 'examples', TEST / 'collections'
+    known = {path.stem for folder in folders for path in folder.rglob('*.yaml')} | {
         path.name for path in (TEST / 'core').rglob('test_*.py')}
     named = [each for each in list_options() if each.needed_by]
     assert [each.name for each in named if each.needed_by not in known] == []
@@ -46,7 +47,7 @@ def test_defaults_read_back_are_the_defaults():
     ('multistart.most=20', 'multistart', 'most', 20),
     (' coarse.rough = 1e-3 ', 'coarse', 'rough', 1e-3),
     ('boundary.gaps=0.1, 0.02', 'boundary', 'gaps', (0.1, 0.02)),
-    ('descent.boundary_arcs=3', 'descent', 'boundary_arcs', (3,))])
+    ('coarse.late=3', 'coarse', 'late', (3,))])
 def test_one_option_changes(given, group, field, value):
     changed = read_options([given])
     assert getattr(getattr(changed, group), field) == value

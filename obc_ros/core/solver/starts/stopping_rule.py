@@ -25,8 +25,6 @@ class Effort:
         strongly nonlinear; whether coarse solves fail, end at very different costs, or are slow.
     stages : int
         Collocation points in an interval; 0: Runge-Kutta steps.
-    minima : int
-        Number of local minima found.
     complete : bool
         Whether no further minimum is expected (Boender, Rinnooy Kan 1987).
 
@@ -42,7 +40,6 @@ class Effort:
     bent: bool = False
     rough: bool = False
     stages: int = 0
-    minima: int = 1
     complete: bool = False
 
 
@@ -64,8 +61,7 @@ def explain_enough(effort: Effort, options: MultistartOptions) -> str:
 
     """
     number, spent, hard = effort.starts, effort.spent, effort.before > options.hard
-    weary = effort.total > options.weary and spent > options.weary_starts
-    if spent > options.lavish if effort.certified else weary:
+    if spent > options.lavish:
         return f'the work for further starts is used up after {number}'
     if (effort.rough or effort.bent) and effort.certified and not (hard or effort.uneven) and (
             spent > max(options.rough_work, effort.before)):
@@ -79,11 +75,10 @@ def explain_enough(effort: Effort, options: MultistartOptions) -> str:
 
 
 def _are_many(effort: Effort, options: MultistartOptions) -> bool:
-    """Return whether at least the minimum number of starts was tried."""
+    """Return whether the minimum of starts, or of their work, was tried."""
     hard = effort.before > options.hard
     if effort.uneven or hard and not effort.stages:
-        return effort.starts >= options.many and effort.spent >= options.many_work
+        return effort.spent >= options.many_work
     least = options.least_bent if effort.bent else 1
     least = options.least_hard if hard or effort.rough else least
-    times = 2 if least > 1 and effort.minima > options.few and not hard else 1
-    return effort.starts >= max(times * least, effort.wanted)
+    return effort.starts >= max(least, effort.wanted)
