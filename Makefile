@@ -30,7 +30,7 @@ REQUIRED := $(addprefix requirements/,$(DISTRO).txt ros.txt) $(TESTED)
 # Python files are no prerequisite: the installation is editable, a change is seen at once.
 SOURCES := setup.py pyproject.toml package.xml CMakeLists.txt requirements/build_backend.py \
 	cmake resource \
-	$(wildcard cmake/* resource/*) $(foreach folder,msg srv action config launch,\
+	$(wildcard cmake/* resource/*) $(foreach folder,msg srv action config launch foxglove rviz,\
 	$(wildcard $(folder) $(folder)/*))
 
 # A sourced ROS 2 or another environment must not leak into this one.

@@ -41,6 +41,7 @@ PINS = Path(__file__).with_name('jazzy.txt')
 ROS_PLATFORM = 'linux-x86_64'
 DEPENDENCIES = (
     'casadi>=3.6.5',
+    'contourpy>=1.2',
     'control>=0.10',
     'matplotlib>=3.8',
     'numpy>=1.26',
@@ -58,6 +59,7 @@ ROS_WHEELS = (
     'ros-nav-msgs',
     'ros-std-msgs',
     'ros-std-srvs',
+    'ros-visualization-msgs',
 )
 # What builds the messages.
 BUILD = ('catkin-pkg', 'cmake>=3.20', 'ninja', 'numpy>=1.26')

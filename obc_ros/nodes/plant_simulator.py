@@ -4,10 +4,12 @@
 Node plant_simulator: integrates a system with the commands that it receives.
 
 Publishes ``state`` (State); ``odom`` (nav_msgs/Odometry) of a body in a plane, see
-`conversions`; ``/clock`` when asked or when speed is 0; ``/diagnostics``. Subscribes
-to ``command`` (Command). Services: ``~/reset`` (Trigger) to x0, time and noise begin anew;
-``~/pause`` (SetBool); ``~/step`` (Trigger), to the next state of a paused plant. Parameters: see
-`Settings`.
+`conversions`; ``/clock`` when asked or when speed is 0; ``/diagnostics``; while somebody
+subscribes, ``markers`` (visualization_msgs/MarkerArray) and ``trail`` (nav_msgs/Path) of a plant
+with positions, and ``tf`` when asked. Subscribes to ``command`` (Command) and, for the set point,
+to ``lqr_node/design`` (LqrDesign). Services: ``~/reset`` (Trigger) to x0, time and noise begin
+anew; ``~/pause`` (SetBool); ``~/step`` (Trigger), to the next state of a paused plant. Parameters:
+see `Settings`.
 
 A separate thread receives commands and paces the plant. All access to the plant holds its lock.
 
@@ -35,6 +37,14 @@ from obc_ros.core.closed_loop.simulator import Simulator
 from obc_ros.core.systems.system import System
 from obc_ros.core.text.errors import StatementError
 from obc_ros.msg import Command, State
+from obc_ros.nodes.views.plant_view import (
+    check_view,
+    FASTEST,
+    LONGEST_TRAIL,
+    Moment,
+    PlantView,
+    ViewSettings,
+)
 from obc_ros.ros import conversions
 from obc_ros.ros.executor import run
 from obc_ros.ros.hardware_id import HARDWARE, identify
@@ -120,6 +130,17 @@ class Settings:
     seed: int = declare_field(0, 'seed of the noise', lower=0, used_when=(('noise.*',),))
     priority: int = declare_field(0, PRIORITY, lower=0, upper=99, read_only=True)
     hardware_id: str = declare_field('', HARDWARE)
+    markers: bool = declare_field(
+        True, 'true: publish the body, the set point and the trail while somebody subscribes')
+    marker_rate: float = declare_field(
+        FASTEST, 'maximum number of markers and frames per second of wall time', 'Hz', lower=0.1,
+        upper=FASTEST, used_when=(('markers',), ('publish_tf',)))
+    trail_length: int = declare_field(
+        100, 'maximum number of poses of the trail, five per second; 0: no trail', lower=0,
+        upper=LONGEST_TRAIL, used_when=(('markers',),))
+    publish_tf: bool = declare_field(
+        False, 'true: publish the frame base_link in odom on tf; requires tf2_msgs',
+        read_only=True)
     noise: Mapping[str, float] = group(_of_states)
     disturbance: Mapping[str, float] = group(_of_disturbances)
 
@@ -127,6 +148,11 @@ class Settings:
     def simulated_stamps(self) -> bool:
         """Return whether stamps are simulated time."""
         return self.lockstep or self.publish_clock or self.speed != 1.0
+
+    @property
+    def view(self) -> ViewSettings:
+        """Return what is shown of the plant."""
+        return ViewSettings(self.markers, self.marker_rate, self.trail_length, self.publish_tf)
 
 
 @dataclass(frozen=True)
@@ -137,6 +163,7 @@ class PlantCandidate:
     x0: tuple[float, ...]
     conditions: Conditions
     pacing: Pacing
+    view: ViewSettings
 
 
 def judge_plant_settings(settings: Settings) -> PlantCandidate:
@@ -162,9 +189,10 @@ def judge_plant_settings(settings: Settings) -> PlantCandidate:
         seed=settings.seed)
     x0 = settings.x0 or system.setpoint
     Simulator(system, x0, conditions)
+    check_view(system, settings.view)
     return PlantCandidate(system, x0, conditions, Pacing(
         steps, settings.speed, settings.lockstep, settings.simulated_stamps,
-        settings.command_timeout, settings.pause_at))
+        settings.command_timeout, settings.pause_at), settings.view)
 
 
 class PlantSimulator(Node):
@@ -191,6 +219,7 @@ class PlantSimulator(Node):
         self._looked, self._contested = (time.monotonic(), 0.0), 0
         self._lock = Lock()
         self._offer(settings)
+        self._view = PlantView(self, candidate.system, candidate.view, self._observe)
         self._log_start()
         self._publish()
         self._thread = OwnThread(self, self._commands, self._on_command, self._go_on,
@@ -253,6 +282,13 @@ class PlantSimulator(Node):
             self._map.fill(
                 self._odometry, plant.sample, plant.simulator.slope(plant.sample))
             self._odom.publish(self._odometry)
+
+    def _observe(self) -> Moment:
+        """Return the last published state, for the view."""
+        with self._lock:
+            plant = self._plant
+            return Moment(plant.stamp, plant.simulator.time, plant.sample.copy(),
+                          plant.simulator.u)
 
     def _on_command(self, message: Command) -> None:
         stamp = conversions.read_nanoseconds(message.header.stamp)
@@ -317,6 +353,7 @@ class PlantSimulator(Node):
             self._plant.simulator.configure(candidate.system, candidate.conditions)
             self._odometry = self._map.message(candidate.conditions.noise)
             self._x0 = candidate.x0
+        self._view.adopt(candidate.system, candidate.view)
         self._thread.wake()
 
     def _log_start(self) -> None:

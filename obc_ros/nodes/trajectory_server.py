@@ -6,8 +6,10 @@ Node trajectory_server: solves optimal control problems on request, with a certi
 Services: ``~/solve`` (SolveOptimalControl), ``~/design_lqr`` (DesignLqr), ``~/minimize``
 (Minimize), ``~/plan`` (PlanMotion). Action: ``~/solve_optimal_control``, the same request as
 ``~/solve`` with feedback and cancel. Publishes ``reference`` (Trajectory, transient local) when a
-plan is to be executed, and ``/diagnostics``. Subscribes to ``state`` (State) or ``odom``
-(nav_msgs/Odometry), from which a plan without a start begins. Parameters: see `Settings`.
+plan is to be executed, and ``/diagnostics``; the last plan of a plant with positions as ``plan``
+(nav_msgs/Path) and ``plan_markers`` (visualization_msgs/MarkerArray), if somebody subscribes.
+Subscribes to ``state`` (State) or ``odom`` (nav_msgs/Odometry), from which a plan without a start
+begins. Parameters: see `Settings`.
 
 Worker processes solve the problems, so that the node always responds.
 """
@@ -26,6 +28,7 @@ from obc_ros.core.ocp.solution import MAX_INTERVALS
 from obc_ros.core.text.errors import ObcError, quote, StatementError
 from obc_ros.msg import Trajectory
 from obc_ros.nodes.present_state import PresentState
+from obc_ros.nodes.views.plan_view import PlanView
 from obc_ros.ros import messages
 from obc_ros.ros.callback_guards import guard_callbacks
 from obc_ros.ros.executor import run
@@ -87,6 +90,8 @@ class Settings:
         0.5, 'maximum age of the state at which a plan may begin', 's', lower=1e-3)
     state_source: str = declare_field(
         'state', STATE_SOURCE, choices=tuple(SOURCES), read_only=True)
+    markers: bool = declare_field(
+        True, 'true: publish the path, goal and obstacles of the last plan if somebody subscribes')
 
 
 class TrajectoryServer(Node):
@@ -94,6 +99,7 @@ class TrajectoryServer(Node):
 
     _pools: tuple[Pool, ...] = ()  # until the parameters are accepted
     _cluster: Any = None           # a ClusterPool, if there is a scheduler
+    _view: PlanView | None = None
 
     def __init__(self, **options: Any) -> None:
         super().__init__('trajectory_server', allow_undeclared_parameters=True, **options)
@@ -101,6 +107,7 @@ class TrajectoryServer(Node):
         self._solvers = Pool(ANSWERS, 0)
         self._designers = Pool(ANSWERS, 1, niceness=0)  # short designs do not wait for solves
         self._pools = self._solvers, self._designers
+        self._view = PlanView(self)
         self._adopt(self._settings.settings)
         self._jobs: dict[bytes, tuple[Any, Job]] = {}   # with their pools
         self._asked = 0
@@ -161,6 +168,8 @@ class TrajectoryServer(Node):
 
     async def _solve(self, request: Any, response: Any) -> Any:
         messages.fill_answer(response, await self._ask('solve', request, request.time_limit))
+        if response.success:
+            self._view.show(response.trajectory, request.problem)
         return response
 
     async def _minimize(self, request: Any, response: Any) -> Any:
@@ -185,6 +194,8 @@ class TrajectoryServer(Node):
         messages.fill_answer(response, packet)
         if response.success and request.execute:
             self._publish(response.trajectory)
+        if response.success:
+            self._view.show(response.trajectory)
         return response
 
     def _check_state(self, packet: Packet, timeout: float) -> Packet:
@@ -220,6 +231,7 @@ class TrajectoryServer(Node):
         messages.fill_answer(result, await self._ask(
             'solve', goal.request, goal.request.time_limit, progress, goal))
         if result.success:
+            self._view.show(result.trajectory, goal.request.problem)
             goal.succeed()
         elif goal.is_cancel_requested:
             goal.canceled()
@@ -300,6 +312,7 @@ class TrajectoryServer(Node):
         return packet
 
     def _adopt(self, settings: Settings) -> None:
+        self._view.is_shown = settings.markers
         self._solvers.queue_length = settings.queue_length
         self._solvers.affinities = settings.cache_size
         self._solvers.resize(settings.workers)

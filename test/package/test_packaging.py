@@ -39,6 +39,7 @@ INTERFACES = [file for kind in ('msg', 'srv', 'action') for file in sorted(ROOT.
 ROSDEP_KEYS = {
     'ament_index_python': 'ament_index_python',
     'casadi': 'casadi-pip',
+    'contourpy': 'python3-matplotlib',   # which requires it
     'control': 'python-control-pip',
     'matplotlib': 'python3-matplotlib',
     'mcap': 'mcap-ros2-support',
@@ -47,6 +48,8 @@ ROSDEP_KEYS = {
     'scipy': 'python3-scipy',
     'yaml': 'python3-yaml',
 }
+# What is among the packages of ROS 2, but not among its wheels: imported only if it is there.
+NO_WHEELS = {'tf2_msgs'}
 # The modules of Python that Windows or macOS lacks, or whose functions it lacks.
 NOT_EVERYWHERE = {'ctypes', 'fcntl', 'grp', 'posix', 'pty', 'pwd', 'resource', 'syslog', 'termios',
                   'tty'}
@@ -155,7 +158,8 @@ def test_an_interface_is_installed(file):
 
 @pytest.mark.ros
 def test_data_files_are_installed():
-    data = [*(ROOT / 'config').iterdir(), *(ROOT / 'launch').glob('*.py'), ROOT / 'package.xml']
+    data = [*(ROOT / 'config').iterdir(), *(ROOT / 'launch').glob('*.py'), ROOT / 'package.xml',
+            *(ROOT / 'foxglove').iterdir(), *(ROOT / 'rviz').iterdir()]
     for file in data:
         assert installed(f'share/obc_ros/{name(file)}').read_bytes() == file.read_bytes()
     assert installed('share/obc_ros/cmake/obc_rosConfig.cmake').is_file()
@@ -278,7 +282,10 @@ def test_every_dependency_is_used():
                if any(path.is_relative_to(folder) for folder in folders)}
     fields = {found for file in INTERFACES for found in re.findall(
         r'^([a-z_]+)/[A-Z]', file.read_text(encoding='utf-8'), re.MULTILINE)}
-    used = modules | fields | {'rosidl_default_runtime'}
+    text = ''.join(path.read_text(encoding='utf-8') for path in PYTHON
+                   if path.is_relative_to(ROOT / 'obc_ros'))
+    named = {module for module in NO_WHEELS if f"import_module('{module}.msg')" in text}
+    used = modules | fields | named | {'rosidl_default_runtime'}
     keys = {ROSDEP_KEYS.get(module, module) for module in used}
     declared = {element.text for element in PACKAGE if element.tag in ('depend', 'exec_depend')}
     assert declared <= keys, f'package.xml: {sorted(declared - keys)}'

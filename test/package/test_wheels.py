@@ -134,8 +134,8 @@ def test_the_editable_pure_wheel_finds_the_modules_in_the_sources(unpacked, tmp_
 @builds
 def test_the_sdist_has_all_that_the_build_with_ros_reads(unpacked):
     """CMake installs some folders only if they are there."""
-    for folder in ('action', 'benchmarks', 'cmake', 'config', 'launch', 'msg', 'obc_ros',
-                   'requirements', 'resource', 'security', 'srv'):
+    for folder in ('action', 'benchmarks', 'cmake', 'config', 'foxglove', 'launch', 'msg',
+                   'obc_ros', 'requirements', 'resource', 'rviz', 'security', 'srv'):
         for path in (ROOT / folder).rglob('*'):
             if path.is_file() and '__pycache__' not in path.parts:
                 assert (unpacked / path.relative_to(ROOT)).is_file(), path

@@ -1,0 +1,141 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""The messages that show a plan: a path, and markers."""
+
+from collections.abc import Sequence
+
+from builtin_interfaces.msg import Time
+from geometry_msgs.msg import Point, PoseStamped
+from nav_msgs.msg import Path
+import numpy as np
+from obc_ros.core.numerics.arrays import Array
+from obc_ros.core.systems import registry
+from obc_ros.core.systems.system import System
+from obc_ros.core.text.errors import ObcError
+from obc_ros.msg import OptimalControlProblem, Trajectory
+from obc_ros.nodes.views.bodies import (
+    BLUE,
+    BodyMarkers,
+    Colour,
+    FIRE,
+    GHOST,
+    GREEN,
+    make_marker,
+    RED,
+)
+from obc_ros.nodes.views.obstacles import find_boundaries, find_box
+from obc_ros.nodes.views.plane import PlaneMap
+from obc_ros.ros.conversions import ODOM, read_nanoseconds, set_stamp
+from obc_ros.ros.messages import read_statement
+from visualization_msgs.msg import Marker
+
+MOST_POSES = 200   # of a path
+MOST_SWITCHES = 200
+
+
+def make_path(plan: Trajectory) -> Path | None:
+    """
+    Return the path of a plan; None if its states have no place in a plane.
+
+    Parameters
+    ----------
+    plan : Trajectory
+        A stamp of a pose is that of the plan and its time.
+
+    Returns
+    -------
+    Path
+        At most `MOST_POSES` samples of the plan, the first and the last one included.
+
+    """
+    places, plane = _list_places(plan)
+    if not plane.has_places:
+        return None
+    path = Path()
+    begin = read_nanoseconds(plan.header.stamp)
+    path.header.frame_id, path.header.stamp = ODOM, plan.header.stamp
+    for index in _choose(plan.t):
+        pose = PoseStamped(pose=plane.pose(*map(float, places[index])))
+        pose.header.frame_id = ODOM
+        set_stamp(pose.header.stamp, begin + round((plan.t[index] - plan.t[0]) * 1e9))
+        path.poses.append(pose)
+    return path
+
+
+def make_markers(plan: Trajectory, problem: OptimalControlProblem | None) -> list[Marker]:
+    """
+    Return the markers of a plan; none if its states have no place in a plane.
+
+    Parameters
+    ----------
+    plan : Trajectory
+        The plan.
+    problem : OptimalControlProblem, optional
+        Its problem, for the obstacles.
+
+    Returns
+    -------
+    list of Marker
+        Start, goal, switching times, and boundaries of path constraints and bounds on px and py.
+
+    """
+    places, plane = _list_places(plan)
+    if not plane.has_places:
+        return []
+    system = _find_system(plan.system)
+    last = tuple(map(float, places[-1]))
+    markers = [_draw_points('start', [places[0]], plane, BLUE),
+               _draw_points('goal', [places[-1]], plane, GREEN)]
+    if system is not None:
+        u = plan.u[-system.m:] if len(plan.u) >= system.m else (0.0,) * system.m
+        markers += BodyMarkers(system, plane, 'goal_body', GHOST).fill(last, u, Time())
+    if times := plan.switching_times[:MOST_SWITCHES]:
+        markers.append(_draw_points('switching_times', np.column_stack([
+            np.interp(times, plan.t, column) for column in places.T]), plane, FIRE))
+    if problem is not None:
+        curves = find_boundaries(read_statement(problem), find_box(places[:, :2]))
+        if curves:
+            markers.append(_draw_curves('obstacles', curves, plane))
+    return markers
+
+
+def _list_places(plan: Trajectory) -> tuple[Array, PlaneMap]:
+    """Return (px, py, theta) of the samples, shape (N, 3), and the map of the plane."""
+    system = _find_system(plan.system)
+    plane = PlaneMap(plan.state_names, system.plane if system else '')
+    x = np.array(plan.x).reshape(len(plan.t), -1)
+    return np.array([plane.locate(row) for row in x]), plane
+
+
+def _find_system(name: str) -> System | None:
+    """Return a registered system with its default parameters; None if there is none."""
+    try:
+        return registry.get_system(name) if name else None
+    except ObcError:
+        return None
+
+
+def _choose(t: Sequence[float]) -> Array:
+    """Return the indices of samples at nearly equal distances in time."""
+    wanted = np.linspace(t[0], t[-1], MOST_POSES)
+    found = np.unique(np.searchsorted(np.array(t), wanted).clip(0, len(t) - 1))
+    found[-1] = len(t) - 1
+    return found
+
+
+def _draw_points(name: str, places: Sequence[Array] | Array, plane: PlaneMap, colour: Colour
+                 ) -> Marker:
+    marker = make_marker(name, 0, Marker.SPHERE_LIST, colour)
+    marker.scale.x = marker.scale.y = marker.scale.z = 0.1
+    marker.points = [plane.point(float(px), float(py)) for px, py, _ in places]
+    return marker
+
+
+def _draw_curves(name: str, curves: Sequence[Array], plane: PlaneMap) -> Marker:
+    marker = make_marker(name, 0, Marker.LINE_LIST, RED)
+    marker.scale.x = 0.04
+    for curve in curves:
+        points: list[Point] = [plane.point(*map(float, each)) for each in curve]
+        for pair in zip(points, points[1:], strict=False):
+            marker.points += pair
+    return marker

@@ -1,0 +1,73 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+The view of the last plan of trajectory_server: its path, goal, switching times and obstacles.
+
+Messages are made only if somebody subscribes. They are kept for later subscribers. Nothing that
+draws is imported before, so that the node starts as fast as without a view.
+"""
+
+from typing import Any
+
+from nav_msgs.msg import Path
+from obc_ros.msg import OptimalControlProblem, Trajectory
+from obc_ros.nodes.views.scene import Scene
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile
+
+PLAN_VIEW_QOS = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+LOOK_PERIOD = 0.5  # [s] between two looks for subscribers
+PLACES = {'px', 'py'}   # states without which there is nothing to draw
+
+
+class PlanView:
+    """
+    The view of the plans of a node.
+
+    Parameters
+    ----------
+    node : rclpy.node.Node
+        The node that publishes.
+
+    """
+
+    def __init__(self, node: Node) -> None:
+        self.is_shown = True
+        self._path = node.create_publisher(Path, 'plan', PLAN_VIEW_QOS)
+        self._scene = Scene(node, 'plan_markers', PLAN_VIEW_QOS)
+        self._plan: tuple[Trajectory, OptimalControlProblem | None] | None = None
+        self._todo: set[str] = set()
+        node.create_timer(LOOK_PERIOD, self._publish,
+                          clock=Clock(clock_type=ClockType.STEADY_TIME))
+
+    def show(self, plan: Trajectory, problem: OptimalControlProblem | None = None) -> None:
+        """
+        Show a plan in place of the last one; a plan without px and py among its states is not one.
+
+        Parameters
+        ----------
+        plan : Trajectory
+            Certified; its stamp is that of t = 0, or 0.
+        problem : OptimalControlProblem, optional
+            The problem that it solves, for the obstacles.
+
+        """
+        if PLACES & set(plan.state_names) and plan.t:
+            self._plan, self._todo = (plan, problem), {'path', 'markers'}
+            self._publish()
+
+    def _publish(self) -> None:
+        """Publish what has subscribers and is not published yet."""
+        watched: dict[str, Any] = {
+            'path': self._path.get_subscription_count() > 0, 'markers': self._scene.is_watched}
+        todo = {name for name in self._todo if watched[name]}
+        if not (self.is_shown and todo and self._plan):
+            return
+        from obc_ros.nodes.views.plan_messages import make_markers, make_path  # CasADi: 0.3 s
+        self._todo -= todo
+        if 'path' in todo and (path := make_path(self._plan[0])):
+            self._path.publish(path)
+        if 'markers' in todo:
+            self._scene.show(make_markers(*self._plan))

@@ -1,0 +1,54 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""Where a state puts a body that moves in a plane, as points and poses in the frame odom."""
+
+from collections.abc import Sequence
+import math
+
+from geometry_msgs.msg import Point, Pose
+
+_COORDINATES = ('px', 'py', 'theta')
+
+
+class PlaneMap:
+    """
+    Map from states to places in a plane.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Names of the states. Without px, py or theta that coordinate is 0.
+    plane : str
+        As in `System`; empty: horizontal, and then px and py have to be among the states.
+
+    Attributes
+    ----------
+    has_places : bool
+        Whether a state has a place.
+
+    """
+
+    def __init__(self, names: Sequence[str], plane: str) -> None:
+        self.is_vertical = plane == 'vertical'
+        self._at = [names.index(name) if name in names else None for name in _COORDINATES]
+        known = sum(index is not None for index in self._at[:2])
+        self.has_places = known == 2 or (bool(plane) and known == 1)
+
+    def locate(self, x: Sequence[float]) -> tuple[float, float, float]:
+        """Return (px [m], py [m], theta [rad]) of a state or of its derivative, shape (n,)."""
+        px, py, theta = (0.0 if index is None else float(x[index]) for index in self._at)
+        return px, py, theta
+
+    def point(self, px: float, py: float, aside: float = 0.0) -> Point:
+        """Return a point of the plane, moved by `aside` [m] to the normal of the plane."""
+        return Point(x=px, y=-aside, z=py) if self.is_vertical else Point(x=px, y=py, z=aside)
+
+    def pose(self, px: float, py: float, theta: float) -> Pose:
+        """Return a pose; angles are positive as in `conversions`."""
+        pose = Pose(position=self.point(px, py))
+        pose.orientation.w = math.cos(theta / 2)
+        if self.is_vertical:
+            pose.orientation.y = -math.sin(theta / 2)
+        else:
+            pose.orientation.z = math.sin(theta / 2)
+        return pose

@@ -1,0 +1,176 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+The view of a plant: its body, the set point, its trail, and its frame if that is wanted.
+
+Messages are made only while somebody subscribes. Without subscribers a timer looks for one, twice
+a second. This is done in the thread of the executor; another one publishes the states.
+"""
+
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+import math
+from time import monotonic
+
+from builtin_interfaces.msg import Time
+from geometry_msgs.msg import PoseStamped
+from nav_msgs.msg import Path
+from obc_ros.core.numerics.arrays import Array
+from obc_ros.core.systems.system import System
+from obc_ros.core.text.errors import StatementError
+from obc_ros.msg import LqrDesign
+from obc_ros.nodes.views.bodies import BodyMarkers, InputMarkers
+from obc_ros.nodes.views.frames import check_frames, FrameBroadcaster
+from obc_ros.nodes.views.plane import PlaneMap
+from obc_ros.nodes.views.scene import Scene
+from obc_ros.nodes.views.set_point import SetPointMarkers
+from obc_ros.ros.conversions import ODOM, set_stamp
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile
+
+FASTEST = 30.0      # [Hz] largest rate of the markers
+LONGEST_TRAIL = 500   # poses
+IDLE_PERIOD = 0.5          # [s] between two looks for subscribers
+TRAIL_PERIOD = 0.2  # [s] between two poses of the trail: a path of 100 poses takes 1 ms to publish
+STEP = 1e-3         # [m] least distance between two poses of the trail
+LATEST = QoSProfile(depth=1)
+DESIGN_QOS = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+
+
+@dataclass(frozen=True)
+class Moment:
+    """A published state: stamp [ns], simulated time [s], x (n,), and the acting input u (m,)."""
+
+    stamp: int
+    time: float
+    x: Array
+    u: Array
+
+
+@dataclass(frozen=True)
+class ViewSettings:
+    """What a view shows: see the parameters of plant_simulator."""
+
+    markers: bool
+    rate: float
+    trail_length: int
+    publish_tf: bool
+
+
+def check_view(system: System, settings: ViewSettings) -> None:
+    """
+    Check that a view can show what is wanted.
+
+    Raises
+    ------
+    StatementError
+        If the frame of the plant is wanted, and it has none or there is no message for it.
+
+    """
+    if not settings.publish_tf:
+        return
+    if not (system.plane and {'px', 'py', 'theta'} <= set(system.state_names)):
+        raise StatementError(f'publish_tf: the states of {system.name} '
+                             f'({", ".join(system.state_names)}) are not a pose in a plane')
+    check_frames()
+
+
+class PlantView:
+    """
+    The view of the plant of a node.
+
+    Parameters
+    ----------
+    node : rclpy.node.Node
+        The node that publishes.
+    system : System
+        The plant.
+    settings : ViewSettings
+        What is shown.
+    observe : callable
+        Returns the last published state.
+
+    """
+
+    def __init__(self, node: Node, system: System, settings: ViewSettings,
+                 observe: Callable[[], Moment]) -> None:
+        self._observe = observe
+        self._plane = PlaneMap(system.state_names, system.plane)
+        self._design: LqrDesign | None = None
+        if not self._plane.has_places:
+            return
+        self._scene = Scene(node, 'markers', LATEST)
+        self._path = node.create_publisher(Path, 'trail', LATEST)
+        self._frames = FrameBroadcaster(node) if settings.publish_tf else None
+        self.adopt(system, settings)
+        node.create_subscription(LqrDesign, 'lqr_node/design', self._take, DESIGN_QOS)
+        self._timer = node.create_timer(
+            IDLE_PERIOD, self._publish, clock=Clock(clock_type=ClockType.STEADY_TIME))
+
+    def adopt(self, system: System, settings: ViewSettings) -> None:
+        """Show a plant with other parameters, or something else of it."""
+        if not self._plane.has_places:
+            return
+        self._settings = settings
+        self._body = BodyMarkers(system, self._plane, 'body')
+        self._input = InputMarkers(system, self._plane)
+        self._set_point = SetPointMarkers(system, self._plane)
+        if self._design is not None:
+            self._set_point.take(self._design)
+        self._trail: deque[PoseStamped] = deque(maxlen=settings.trail_length)
+        self._since, self._due = -math.inf, 0.0
+
+    def _take(self, design: LqrDesign) -> None:
+        self._design = design
+        self._set_point.take(design)
+
+    def _publish(self) -> None:
+        """Publish what has subscribers."""
+        wanted = self._settings.markers
+        markers = wanted and self._scene.is_watched
+        trail = wanted and bool(self._trail.maxlen) and self._path.get_subscription_count() > 0
+        frame = self._frames is not None and self._frames.is_watched
+        idle = TRAIL_PERIOD if trail else IDLE_PERIOD
+        period = 1.0 / self._settings.rate if markers or frame else idle
+        self._timer.timer_period_ns = round(period * 1e9)
+        if not wanted:
+            self._scene.clear()
+        if not trail:
+            self._trail.clear()
+        if not (markers or trail or frame):
+            return
+        moment = self._observe()
+        place = self._plane.locate(moment.x)
+        if not all(map(math.isfinite, (*place, *moment.u))):
+            return
+        stamp = Time()
+        set_stamp(stamp, moment.stamp)
+        if markers:
+            self._scene.show([
+                *self._body.fill(place, moment.u, stamp),
+                *self._input.fill(place, moment.u, stamp), *self._set_point.fill(place, stamp)])
+        if frame and self._frames is not None:
+            self._frames.publish(self._plane.pose(*place), stamp)
+        if trail and (now := monotonic()) >= self._due:
+            self._due = now + TRAIL_PERIOD
+            self._extend(place, moment.time, stamp)
+
+    def _extend(self, place: tuple[float, float, float], time: float, stamp: Time) -> None:
+        """Add a pose to the trail, which begins anew after a reset, and publish it."""
+        if time < self._since:
+            self._trail.clear()
+        self._since = time
+        pose = self._plane.pose(*place)
+        last = self._trail[-1].pose.position if self._trail else None
+        if last is None or math.dist(
+                (last.x, last.y, last.z),
+                (pose.position.x, pose.position.y, pose.position.z)) >= STEP:
+            each = PoseStamped(pose=pose)
+            each.header.frame_id, each.header.stamp = ODOM, stamp
+            self._trail.append(each)
+        path = Path(poses=list(self._trail))
+        path.header.frame_id, path.header.stamp = ODOM, stamp
+        self._path.publish(path)
