@@ -13,8 +13,14 @@ from matplotlib.figure import Figure
 import numpy as np
 from obc_ros.cli.ask.regulator_requests import Case
 from obc_ros.core.library.figures.files import save_figure
-from obc_ros.core.library.figures.panels import FEW
-from obc_ros.core.library.figures.style import LINE_COLOURS, STYLE, THIN, typeset_symbol
+from obc_ros.core.library.figures.panels import FEW, set_title
+from obc_ros.core.library.figures.style import (
+    get_line,
+    new_figure,
+    STYLE,
+    THIN,
+    typeset_symbol,
+)
 from obc_ros.core.lqr.design.report import read_matrices
 from obc_ros.core.lqr.lqr import lqr
 from obc_ros.core.lqr.sampled import discretize_plant, sampled_lqr
@@ -48,10 +54,10 @@ def draw_figure(case: Case) -> Figure:
     design, given = case.design, case.given or {}
     cross = np.reshape(given['cross'], B.shape) if 'cross' in given else None
     loop = LinearLoop(A, B, K, poles, design.sample_time, design.delay)
-    drawn = Figure(figsize=(10.0, 7.5), layout='constrained')
+    drawn: Figure = new_figure(7.6)
     step, magnitude, locus, phase = drawn.subplots(2, 2).ravel()
-    drawn.suptitle(case.message if case.message.startswith(f'{case.name}:')
-                   else f'{case.name}: {case.message}')
+    set_title(drawn, case.message if case.message.startswith(f'{case.name}:')
+              else f'{case.name}: {case.message}')
     _steps(step, loop, design.state_names)
     _frequency(magnitude, phase, loop, design.input_names)
     _locus(locus, loop, Weights(Qx, Qu, cross, given.get('stability', 0.0)))
@@ -85,7 +91,7 @@ def find_held_states(A: Array, B: Array) -> Iterator[int]:
 
 def _steps(axes: Axes, loop: LinearLoop, names: list[str]) -> None:
     """Draw x_i after a unit step of its set point, with u = ue - K (x - xe)."""
-    axes.set_title('unit step of each set point that an input can hold')
+    axes.set_title('unit step of each set point')
     A, B = loop.plant
     length, M = SETTLING / -loop.poles.real.max(), A - B @ loop.K
     count = max(2, min(10_000, round(length / loop.period))) if loop.period else SAMPLES
@@ -97,8 +103,7 @@ def _steps(axes: Axes, loop: LinearLoop, names: list[str]) -> None:
         free = control.initial_response(closed, t, np.eye(len(A))[i], squeeze=False).outputs[i]
         axes.plot(loop.delay + t, 1.0 - free,
                   label=f'${typeset_symbol(names[i])}$',
-                  color=LINE_COLOURS[index % len(LINE_COLOURS)],
-                  marker='.' if count < SHOWN else '')
+                  marker='.' if count < SHOWN else '', **get_line(index))
     axes.axhline(1.0, **THIN)
     axes.set_xlabel('time [s]')
     axes.set_ylabel('state')
@@ -115,8 +120,7 @@ def _frequency(magnitude: Axes, phase: Axes, loop: LinearLoop, names: list[str])
         others = [k for k in range(len(names)) if k != j]
         opened = control.ss(A - B[:, others] @ K[others], B[:, [j]], K[[j]], 0, loop.period)
         gain = control.frequency_response(opened, w).frdata[0, 0]
-        style = {'color': LINE_COLOURS[j % len(LINE_COLOURS)],
-                 'label': f'${typeset_symbol(name)}$'}
+        style = get_line(j) | {'label': f'${typeset_symbol(name)}$'}
         magnitude.loglog(w, np.abs(gain), **style)
         angle = np.rad2deg(np.unwrap(np.angle(gain)))
         # an LQR loop has a phase between -180 and 0 degrees at its last gain crossover
@@ -125,7 +129,7 @@ def _frequency(magnitude: Axes, phase: Axes, loop: LinearLoop, names: list[str])
         phase.semilogx(w, angle - 360.0 * np.round((crossing + 90.0) / 360.0), **style)
     magnitude.axhline(1.0, **THIN)
     phase.axhline(-180.0, **THIN)
-    magnitude.set_title('loop of each input, other loops closed')
+    magnitude.set_title('loop of each input')
     magnitude.set_ylabel('magnitude')
     phase.set_ylabel('phase [deg]')
     phase.set_xlabel('frequency [rad/s]')
@@ -139,7 +143,7 @@ def _locus(axes: Axes, loop: LinearLoop, weights: Weights) -> None:
              for pole in _poles(loop, replace(weights, Qu=rho * weights.Qu))]
     rho = np.log10([rho for rho, _ in found])
     s = np.array([pole for _, pole in found])
-    points = axes.scatter(s.real, s.imag, c=rho, s=6, cmap='viridis')
+    points = axes.scatter(s.real, s.imag, c=rho, s=9, cmap='viridis', rasterized=True)
     axes.plot(loop.poles.real, loop.poles.imag, 'x', color='black', label=r'$\rho = 1$')
     axes.axvline(0.0, **THIN)
     reach = 2.0 * np.abs(loop.poles).max()

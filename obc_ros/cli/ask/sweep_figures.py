@@ -21,6 +21,7 @@ from obc_ros.sweep.axes import SAMPLE
 WIDTH, HEIGHT = 6.4, 4.8   # [in]
 LEVELS = 10
 MOST_CURVES = 6            # inputs or switching times in one panel
+MARKERS = 'os^Dv*'         # of these
 # Okabe and Ito's colours, for 'not solved yet' and then the flags of the status.
 STATUS_COLOURS = ('#FFFFFF', '#56B4E9', '#000000', '#E69F00', '#D55E00', '#999999', '#CC79A7',
                   '#009E73')
@@ -78,17 +79,17 @@ def _draw_curves(figure: Figure, dataset: Any, keys: list[str], style: str = '.-
         return
     inputs, times = dataset['inputs'].values[order], dataset['switching_times'].values[order]
     panels = figure.subplots(3 if np.isfinite(times).any() else 2, 1, sharex=True)
-    panels[0].plot(x, _solved(dataset, 'J')[order], style, color=LINE_COLOURS[0], markersize=3)
+    panels[0].plot(x, _solved(dataset, 'J')[order], style, color=LINE_COLOURS[0], markersize=5)
     panels[0].set_ylabel(_label(dataset, 'J', 'cost J'))
     names = dataset['input'].values[:MOST_CURVES]
     for k, name in enumerate(names):
-        panels[1].plot(x, inputs[:, k], style, color=LINE_COLOURS[k % 7], markersize=3,
-                       label=str(name))
+        panels[1].plot(x, inputs[:, k], MARKERS[k] + style[1:], color=LINE_COLOURS[k % 7],
+                       markersize=5, label=str(name))
     panels[1].set_ylabel('inputs at t = 0')
     if len(names) > 1:
         panels[1].legend()
     if len(panels) > 2:
-        panels[2].plot(x, times[:, :MOST_CURVES], '.', color=LINE_COLOURS[0], markersize=3)
+        panels[2].plot(x, times[:, :MOST_CURVES], '.', color=LINE_COLOURS[0], markersize=5)
         panels[2].set_ylabel('switching times [s]')
     panels[-1].set_xlabel(_label(dataset, keys[0]))
 
@@ -96,15 +97,15 @@ def _draw_curves(figure: Figure, dataset: Any, keys: list[str], style: str = '.-
 def _draw_loops(figure: Figure, dataset: Any, key: str, order: Any, style: str) -> None:
     """Draw cost, overshoot and decay of closed loops along one number."""
     x, panels = dataset[key].values[order], figure.subplots(3, 1, sharex=True)
-    panels[0].plot(x, _solved(dataset, 'J')[order], style, color=LINE_COLOURS[0], markersize=3)
+    panels[0].plot(x, _solved(dataset, 'J')[order], style, color=LINE_COLOURS[0], markersize=5)
     panels[0].set_ylabel(_label(dataset, 'J', 'cost J'))
     for k, name in enumerate(dataset['state'].values[:MOST_CURVES]):
-        panels[1].plot(x, dataset['overshoot'].values[order, k], style, markersize=3,
-                       color=LINE_COLOURS[k % 7], label=str(name))
+        panels[1].plot(x, dataset['overshoot'].values[order, k], MARKERS[k] + style[1:],
+                       markersize=5, color=LINE_COLOURS[k % 7], label=str(name))
     panels[1].set_ylabel('overshoot')
     panels[1].legend()
     panels[2].plot(x, _solved(dataset, 'decay')[order], style, color=LINE_COLOURS[0],
-                   markersize=3)
+                   markersize=5)
     panels[2].axhline(0.0, **THIN)
     panels[2].set_ylabel(_label(dataset, 'decay'))
     panels[2].set_xlabel(_label(dataset, key))
@@ -132,7 +133,7 @@ def _draw_value_map(figure: Figure, dataset: Any, keys: list[str]) -> None:
     figure.colorbar(mesh, label=_label(dataset, 'J', 'cost J'))
     if _spread(cost) and min(cost.shape) > 1:
         lines = axes.contour(x, y, cost, levels=LEVELS, colors='white', linewidths=0.8)
-        axes.clabel(lines, fontsize=7)
+        axes.clabel(lines, fontsize=12)
         (_draw_limit if 'decay' in dataset else _draw_surfaces)(axes, dataset, x, y)
     _label_plane(axes, dataset, keys)
 
