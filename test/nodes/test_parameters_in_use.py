@@ -78,6 +78,7 @@ PLANT: dict[str, tuple[Any, Values]] = {
     'x0': ([1.0] + 5 * [0.0], {}), 'speed': (2.0, {}), 'integrator': ('adaptive', {}),
     'tolerance': (1e-6, {'integrator': 'adaptive'}), 'actuator_lag': ([0.1, 0.1], {}),
     'input_delay': (0.1, {}), 'hardware_id': ('h1', {}), 'command_timeout': (0.5, {}),
+    'markers': (False, {}), 'marker_rate': (10.0, {}), 'trail_length': (50, {}),
     'pause_at': (3.0, {}), 'seed': (3, {'noise.px': 0.1}),
     **{f'noise.{name}': (0.1, {}) for name in STATES},
     **{f'disturbance.constant.{name}': (0.1, {}) for name in STATES},
@@ -87,7 +88,7 @@ PLANT: dict[str, tuple[Any, Values]] = {
 SERVER: dict[str, tuple[Any, Values]] = {
     'workers': (3, {}), 'time_limit': (5.0, {}), 'max_intervals': (100, {}),
     'cache_size': (3, {}), 'queue_length': (3, {}), 'hardware_id': ('h1', {}),
-    'scheduler': ('tcp://127.0.0.1:9', {}), 'state_timeout': (0.2, {})}
+    'markers': (False, {}), 'scheduler': ('tcp://127.0.0.1:9', {}), 'state_timeout': (0.2, {})}
 TABLES = {'lqr_node': LQR, 'plant_simulator': PLANT, 'trajectory_server': SERVER}
 CASES = [(node, name) for node, table in TABLES.items() for name in table]
 # The parameters that have an effect only under a condition, and start values under which they have
@@ -100,7 +101,8 @@ CONDITIONAL: dict[tuple[str, str], Values] = {
     ('lqr_node', 'on_stale'): {'state_timeout': 0.0},
     **{('plant_simulator', name): {} for name in (
         'tolerance', 'seed', 'disturbance.gust_start', 'disturbance.gust_duration')},
-    ('plant_simulator', 'command_timeout'): {'lockstep': True}}
+    ('plant_simulator', 'command_timeout'): {'lockstep': True},
+    **{('plant_simulator', name): {'markers': False} for name in ('marker_rate', 'trail_length')}}
 
 
 class Bench:
