@@ -143,7 +143,6 @@ def _draw_sets(plane: Axes) -> None:
     line = np.array([0.55, 1.45])
     plane.axvline(1.0, **THIN)
     plane.plot(line, 2 - line, **THIN)
-    plane.set_ylim(-0.35, 1.75)
     plane.set_aspect('equal', adjustable='datalim')  # shows that lambda(T) is normal
 
 

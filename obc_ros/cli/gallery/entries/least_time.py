@@ -21,6 +21,7 @@ STARTS = tuple((r * np.cos(angle), r * np.sin(angle))
 ARCS = ((1, 0, 0.0, 2.0), (-1, 1, 1.0, 2.5), (1, 1, 2.0, 0.7), (-1, 2, 0.5, 1.5),
         (1, 2, 2.8, 2.9), (-1, 3, 1.7, 0.4), (1, 4, 1.2, 2.2), (-1, 5, 2.4, 1.1))
 FREE = {'free': True, 'lower': 0.01, 'upper': 50}
+SAMPLED = 0.02  # [s] period of the feedback law
 
 
 def solve_double_integrator(x: float, v: float) -> tuple[float, float, float]:
@@ -93,7 +94,14 @@ def example_2_3(desk: Desk) -> EntryResult:
     return EntryResult(rows, _draw_2_3(plain, turning), (
         'Dots: the initial states. The input is minus the sign of the switching function $λ^T B$; '
         'it changes sign on the switching curve (black). The undamped oscillator switches every '
-        'half period.',))
+        'half period.',
+        'Second figure: the feedback law $u = -sgn(x_1 + c x_2|x_2|)$ of the double integrator, '
+        f'computed {1 / SAMPLED:g} times a second. $c = ½$ is the switching curve: one switch, '
+        'then a small cycle at the origin, which any period or delay leaves. With $c = 0.3$ the '
+        'path crosses the curve and switches ever more often. With $c = 0.8$, or with a gain of '
+        'the input that is not the expected one, it slides along the curve and $u$ switches again '
+        'and again: chattering.'),
+        more={'feedback': _draw_feedback()})
 
 
 def _costates(paths: list[Trajectory], plain: Array, known: list[tuple[Array, Array]]
@@ -143,6 +151,30 @@ def _draw_2_3(plain: list[Trajectory], turning: list[Trajectory]) -> Figure:
     right.legend(loc='upper center', ncols=3, columnspacing=0.6, handlelength=1.3,
                  handletextpad=0.3)
     place_legend_below(figure, left, 3)
+    return figure
+
+
+def _draw_feedback() -> Figure:
+    """Draw paths and inputs of u = -sgn(x1 + c x2 |x2|), sampled, for three c."""
+    figure, ((plane, inputs),) = create_panels(1, 2, 3.9)
+    t = np.arange(0.0, 6.0, SAMPLED)
+    for index, c in enumerate((0.5, 0.3, 0.8)):
+        x, u = np.empty((len(t), 2)), np.empty(len(t))
+        x1, x2 = 2.0, 0.0
+        for k in range(len(t)):
+            x[k], u[k] = (x1, x2), -np.sign(x1 + c * x2 * abs(x2))
+            x1, x2 = x1 + SAMPLED * x2 + SAMPLED**2 / 2 * u[k], x2 + SAMPLED * u[k]
+        plane.plot(x[:, 0], x[:, 1], label=f'$c = {c:g}$', **get_line(index))
+        inputs.plot(t, u - 3 * index, color=get_line(index)['color'], linewidth=1.2,
+                    drawstyle='steps-post')
+        inputs.annotate(f'$c = {c:g}$', (0.05, 1.25 - 3 * index), color=get_line(index)['color'])
+    v = np.linspace(-1.7, 0.7, 101)
+    plane.plot(-v * np.abs(v) / 2, v, color='black', linewidth=1.0, label='switching curve')
+    label_axes(plane, 'feedback on another curve', '$x_1$ [m]', '$x_2$ [m/s]',
+               legend='upper right')
+    label_axes(inputs, 'inputs', 'time $t$ [s]', '$u$ from -1 to 1, shifted')
+    inputs.set(xlim=(0, 6), ylim=(-7.4, 2.1), yticks=[-7, -6, -5, -4, -3, -2, -1, 0, 1],
+               yticklabels=['$-1$', '', '1'] * 3)
     return figure
 
 

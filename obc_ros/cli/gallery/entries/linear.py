@@ -63,9 +63,12 @@ def exercise_2_7(desk: Desk) -> EntryResult:
     return EntryResult(rows, _draw_2_7(systems, designs), (
         f'{SYSTEMS} random observable systems of 2 to 6 states, one input and one output, each '
         'with its own $ρ$ between 0.01 and 100. With the optimal feedback, all poles are in the '
-        'left half plane. A state that stays in the unobservable subspace has no cost. '
-        'Below: $V = x^T P x$ falls along every path of a closed loop, as $x^T P x$ is the cost '
-        'that is left.',),
+        'left half plane. Below: $V = x^T P x$ falls along every path of a closed loop, as '
+        '$x^T P x$ is the cost that is left.',
+        "Why: (2.9) gives $V' = -y^T y - ρu^T u ≤ 0$ along the loop. Where $V'$ stays 0, $u$ and "
+        '$y$ are 0, and observability leaves $x = 0$ only. Hence $P > 0$, no pole is on the '
+        'imaginary axis, and $V$ falls to 0. Without observability a state in the unobservable '
+        'subspace has no cost, and may grow.'),
         f'For $A = 1$, $B = 0$, $C = 1$, `trajectory_server` reports: “{refused.message}”.')
 
 
@@ -213,5 +216,7 @@ EXERCISE_2_7 = GalleryEntry(
 EXERCISE_2_8 = GalleryEntry(
     'exercise-2.8', 'An integrator and a lag', 'Exercise 2.8', (
         '$H(s) = (s + b)/s(s + a)$ with $V = ∫ (x_1^2 + u^2) dt$: (a) the Riccati equation as '
-        'four equations, (b) the gains, (c) natural frequency and damping ratio of the loop.',),
+        'four equations, (b) the gains, (c) natural frequency and damping ratio of the loop.',
+        'The four equations: $1 - p_{12}p_{21} = 0$, $p_{11} - ap_{12} - p_{12}p_{22} = 0$, '
+        '$p_{11} - ap_{21} - p_{21}p_{22} = 0$, $p_{12} + p_{21} - 2ap_{22} - p_{22}^2 = 0$.'),
     exercise_2_8)

@@ -236,7 +236,11 @@ def exercise_2_1(desk: Desk) -> EntryResult:
         f'(a): {INSTANCES} random $F = Σ c_k G_k$ in $R^{N}$. `trajectory_server` minimises '
         '$Fx + ½|x|^2$ on the kernel of $G$. The minimum is at 0, and the multipliers are '
         '$-c_k$. Left: beside $x*$ the gradient of $f$ has a component along $g = 0$, and $f$ '
-        'falls against it.',),
+        'falls against it.',
+        'Why: write $F^T = w + z$ with $w$ in the span of the $G_i^T$ and $z$ normal to it. Then '
+        '$G_i z = 0$ for all $i$, so that $0 = Fz = z^T z$, hence $z = 0$. For (b), every '
+        'direction $v$ with $Gv = 0$ is the tangent of a curve on $g = 0$, as the gradients are '
+        'independent; along it $f$ is stationary, $(∂f/∂x) v = 0$, and (a) applies.'),
         f'In all {saddles} quadratic instances the Hessian of $f + λ^T g$ has a negative '
         'eigenvalue: the constrained minimum is a saddle of it, and neither a minimum nor a '
         'maximum. On the right $f = x_1^2 - x_2^2$ on $x_2 = 0$, where $λ = 0$.')

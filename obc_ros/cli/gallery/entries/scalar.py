@@ -85,11 +85,14 @@ def example_2_2(desk: Desk) -> EntryResult:
     return EntryResult(rows, _draw_2_2(paths, many, limit), (
         'Coloured: solutions of `trajectory_server` for several weights $c$ of the final state. '
         'Circles: equations (2.5) and (2.4). As $c$ grows, $x*(t_f)$ decreases like $1/c$, and '
-        'the trajectory tends to that with the terminal constraint $x(t_f) = 0$ (grey, wide).',))
+        'the trajectory tends to that with the terminal constraint $x(t_f) = 0$ (grey, wide).',
+        'The cost increases with $c$, $dJ/dc = ½ x*(t_f)^2$. For small $c$ it is the final cost '
+        'of $u = 0$. For large $c$ it tends to the least input energy that reaches '
+        '$x(t_f) = 0$, which is finite.'))
 
 
 def _draw_2_2(paths: list[Trajectory], many: list[Trajectory], limit: Trajectory) -> Any:
-    figure, ((states, inputs, ends),) = create_panels(1, 3, 3.8)
+    figure, ((states, inputs), (ends, costs)) = create_panels(2, 2)
     t = np.linspace(0, TF, 200)
     for index, (c, path) in enumerate(zip(WEIGHTS, paths, strict=False)):
         states.plot(path.t, path.x['x'], label=f'$c = {c:g}$', **get_line(index))
@@ -105,10 +108,16 @@ def _draw_2_2(paths: list[Trajectory], many: list[Trajectory], limit: Trajectory
     fine = np.logspace(-2, 8, 200)
     ends.loglog(fine, [evaluate_equation_2_5(np.array(TF), c) for c in fine], label='(2.5)',
                 **EXACT_LINE)
+    costs.semilogx(MANY_WEIGHTS, [path.J for path in many], 'o', markersize=4.5,
+                   color=LINE_COLOURS[0], label='server')
+    costs.semilogx(fine, [solve_scalar_finite_horizon(A, B, c, X0, [0.0], tf=TF).J for c in fine],
+                   label='closed form', **EXACT_LINE)
+    costs.axhline(limit.J, label='$x(t_f) = 0$', **THIN)
+    label_axes(costs, 'cost', 'weight $c$', '$J$', legend='lower right')
     label_axes(states, 'state', 'time $t$ [s]', '$x^*(t)$')
     label_axes(inputs, 'input', 'time $t$ [s]', '$u^*(t)$ [1/s]')
     label_axes(ends, 'final state', 'weight $c$', '$x^*(t_f)$', legend='lower left')
-    place_legend_below(figure, states, 6)
+    place_legend_below(figure, states, 3)
     figure.suptitle(f'$\\dot x = ax + bu$,  $a = {A:g}$ s$^{{-1}}$,  $b = {B:g}$,  '
                     f'$x(0) = {X0:g}$,  $t_f = {TF:g}$ s')
     return figure
