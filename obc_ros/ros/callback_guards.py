@@ -37,7 +37,7 @@ def guard(node: Node) -> None:
 
 def guard_callbacks(node: Node, entity: Any, name: str) -> None:
     """
-    Log exceptions in the callback of a service or a subscription instead of ending the node.
+    Log exceptions in the callback of a service, subscription or timer instead of ending the node.
 
     The message of a response, if there is one, has the exception.
 
@@ -45,10 +45,10 @@ def guard_callbacks(node: Node, entity: Any, name: str) -> None:
     ----------
     node : rclpy.node.Node
         Whose log is used.
-    entity : Service or Subscription
+    entity : Service, Subscription or Timer
         Its attribute `callback` is replaced.
     name : str
-        Of the service or topic, for the log.
+        Of the service or topic, or what a timer does, for the log.
 
     """
     callback, errors = entity.callback, count(1)
@@ -62,7 +62,7 @@ def guard_callbacks(node: Node, entity: Any, name: str) -> None:
         except Exception as error:  # of any kind: no request may end the node
             sentence = f'{name}: {type(error).__name__}: {error} (error {next(errors)} here)'
             node.get_logger().error(f'{sentence}\n{format_exc()}')
-            response = arguments[-1]
+            response = arguments[-1] if arguments else None
             if hasattr(response, 'success') and hasattr(response, 'message'):
                 response.success, response.message = False, sentence
             return response

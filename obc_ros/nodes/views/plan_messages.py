@@ -92,7 +92,7 @@ def make_markers(plan: Trajectory, problem: OptimalControlProblem | None) -> lis
     if times := plan.switching_times[:MOST_SWITCHES]:
         markers.append(_draw_points('switching_times', np.column_stack([
             np.interp(times, plan.t, column) for column in places.T]), plane, FIRE))
-    if problem is not None:
+    if problem is not None and (problem.path_constraints or problem.state_bounds):
         curves = find_boundaries(read_statement(problem), find_box(places[:, :2]))
         if curves:
             markers.append(_draw_curves('obstacles', curves, plane))

@@ -3,8 +3,9 @@
 """
 The view of the last plan of trajectory_server: its path, goal, switching times and obstacles.
 
-Messages are made only if somebody subscribes. They are kept for later subscribers. Nothing that
-draws is imported before, so that the node starts as fast as without a view.
+Messages are made only if somebody subscribes, after the response to the request. They are kept for
+later subscribers. Nothing that draws is imported before, so that the node starts as fast as
+without a view.
 """
 
 from typing import Any
@@ -12,6 +13,7 @@ from typing import Any
 from nav_msgs.msg import Path
 from obc_ros.msg import OptimalControlProblem, Trajectory
 from obc_ros.nodes.views.scene import Scene
+from obc_ros.ros.callback_guards import guard_callbacks
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.node import Node
@@ -39,12 +41,13 @@ class PlanView:
         self._scene = Scene(node, 'plan_markers', PLAN_VIEW_QOS)
         self._plan: tuple[Trajectory, OptimalControlProblem | None] | None = None
         self._todo: set[str] = set()
-        node.create_timer(LOOK_PERIOD, self._publish,
-                          clock=Clock(clock_type=ClockType.STEADY_TIME))
+        timer = node.create_timer(LOOK_PERIOD, self._publish,
+                                  clock=Clock(clock_type=ClockType.STEADY_TIME))
+        guard_callbacks(node, timer, 'view of the plan')
 
     def show(self, plan: Trajectory, problem: OptimalControlProblem | None = None) -> None:
         """
-        Show a plan in place of the last one; a plan without px and py among its states is not one.
+        Show a plan in place of the last one; one without px and py among its states is ignored.
 
         Parameters
         ----------
@@ -56,7 +59,6 @@ class PlanView:
         """
         if PLACES & set(plan.state_names) and plan.t:
             self._plan, self._todo = (plan, problem), {'path', 'markers'}
-            self._publish()
 
     def _publish(self) -> None:
         """Publish what has subscribers and is not published yet."""

@@ -25,6 +25,7 @@ from obc_ros.nodes.views.frames import check_frames, FrameBroadcaster
 from obc_ros.nodes.views.plane import PlaneMap
 from obc_ros.nodes.views.scene import Scene
 from obc_ros.nodes.views.set_point import SetPointMarkers
+from obc_ros.ros.callback_guards import guard_callbacks
 from obc_ros.ros.conversions import ODOM, set_stamp
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
@@ -109,6 +110,7 @@ class PlantView:
         node.create_subscription(LqrDesign, 'lqr_node/design', self._take, DESIGN_QOS)
         self._timer = node.create_timer(
             IDLE_PERIOD, self._publish, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        guard_callbacks(node, self._timer, 'view of the plant')
 
     def adopt(self, system: System, settings: ViewSettings) -> None:
         """Show a plant with other parameters, or something else of it."""

@@ -11,6 +11,7 @@ from obc_ros.core.ocp.statement import build_problem
 from obc_ros.msg import Trajectory
 from obc_ros.nodes.views.obstacles import find_boundaries, find_box
 from obc_ros.nodes.views.plan_messages import make_markers, make_path, MOST_POSES
+from obc_ros.nodes.views.plan_view import PlanView
 from obc_ros.ros.conversions import read_nanoseconds
 from obc_ros.ros.messages import build_problem_message
 from obc_ros.srv import PlanMotion, SolveOptimalControl
@@ -104,6 +105,18 @@ def test_a_switched_off_view_shows_nothing_until_it_is_on(spawn, probe):
     assert not paths
     assert probe.set_parameters('/trajectory_server', markers=True)[0].successful
     probe.wait_for(lambda: paths, what='the plan')
+
+
+def test_a_plan_that_cannot_be_drawn_ends_no_node(probe):
+    """A defect is logged; the next plan is shown."""
+    view = PlanView(probe.node)
+    paths = probe.listen(Path, 'plan', LATCHED)
+    view.show(Trajectory(state_names=['px', 'py'], t=array('d', [0, 1]), x=array('d', [1, 2, 3])))
+    probe.spin_for(1.2)
+    assert not paths
+    view.show(plan([0.0, 1.0], [[1.0, 2.0], [3.0, 4.0]]))
+    probe.wait_for(lambda: paths, what='the next plan')
+    assert len(paths[-1].poses) == 2
 
 
 def test_a_long_plan_gives_a_path_of_bounded_length():
