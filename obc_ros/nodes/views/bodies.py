@@ -21,7 +21,7 @@ from visualization_msgs.msg import Marker
 Colour = tuple[float, float, float]
 SKIN, INK, GLASS, FIRE = (0.86, 0.89, 0.92), (0.11, 0.12, 0.14), (0.56, 0.71, 0.82), (0.9, 0.62, 0)
 BLUE, RED, GREEN = (0.0, 0.45, 0.7), (0.84, 0.37, 0.0), (0.0, 0.62, 0.45)
-PLUME = 0.012    # [m/N] length of the exhaust
+EXHAUST_LENGTH = 0.012    # [m/N] length of the exhaust
 LEAST = 1e-3     # [m] length of an arrow below which it is not drawn
 GHOST = 0.3      # opacity of a body at the set point or at a goal
 
@@ -179,7 +179,7 @@ class InputMarkers:
 
     def _fill_exhaust(self, marker: Marker, u: Sequence[float]) -> bool:
         """Draw the exhaust in the body frame; return whether it has a length."""
-        along, across = (-PLUME * float(force) for force in u)
+        along, across = (-EXHAUST_LENGTH * float(force) for force in u)
         length = math.hypot(along, across)
         marker.points = [self._plane.point(0.0, -self._arm),
                          self._plane.point(along, across - self._arm)]

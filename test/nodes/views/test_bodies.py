@@ -14,7 +14,7 @@ from numpy.testing import assert_allclose
 from obc_ros.core.systems import registry
 from obc_ros.core.systems.system import define, Signal
 from obc_ros.msg import LqrDesign
-from obc_ros.nodes.views.bodies import BodyMarkers, InputMarkers, PLUME
+from obc_ros.nodes.views.bodies import BodyMarkers, EXHAUST_LENGTH, InputMarkers
 from obc_ros.nodes.views.frames import make_transform
 from obc_ros.nodes.views.plane import PlaneMap
 from obc_ros.nodes.views.set_point import SetPointMarkers
@@ -99,7 +99,7 @@ def test_the_exhaust_is_opposite_to_the_force_on_the_aircraft(place, f1, f2):
     x = np.array([*place, 0.0, 0.0, 0.0])
     rates = system.f(x, np.array([f1, f2]))
     force = m * np.array([rates[3], 0.0, rates[4] + g])
-    assert_allclose(end - begin, -PLUME * force, atol=1e-9)
+    assert_allclose(end - begin, -EXHAUST_LENGTH * force, atol=1e-9)
     below = np.array([math.sin(place[2]), 0.0, -math.cos(place[2])])
     assert_allclose(begin, vector(plane.pose(*place).position) + r * below, atol=1e-9)
 
