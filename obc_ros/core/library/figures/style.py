@@ -33,9 +33,10 @@ STYLE: dict[str, Any] = {
     'legend.borderpad': 0.15, 'legend.labelspacing': 0.25, 'legend.handlelength': 2.0,
     'legend.handletextpad': 0.5, 'legend.columnspacing': 1.2,
     'figure.constrained_layout.w_pad': 0.08, 'figure.constrained_layout.h_pad': 0.06,
-    'axes.prop_cycle': (f"cycler('color', {list(LINE_COLOURS)}) + "
-                        f"cycler('linestyle', {list(LINE_DASHES)})"),
     'savefig.dpi': 200}
+# For figures that leave colours and dashes to matplotlib, as those of the notebooks.
+CYCLE = {'axes.prop_cycle': (f"cycler('color', {list(LINE_COLOURS)}) + "
+                             f"cycler('linestyle', {list(LINE_DASHES)})")}
 THIN: dict[str, Any] = {'color': 'grey', 'linewidth': 0.9, 'linestyle': (0, (4, 3)),
                         'zorder': 1.5}
 # A reference that lies on a line is circles: colour and dashes of the line stay visible. A
