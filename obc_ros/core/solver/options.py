@@ -270,9 +270,10 @@ class IndirectOptions:
 
     work: int = steer(800, 'work of a search from which on it is done', 'work', 'aircraft_5')
     quick: float = steer(1e-5, 'difference of the sampled input from u*, first', 'relative')
-    precise: float = steer(2e-7, 'the same of the method indirect, and second', 'relative')
+    precise: float = steer(
+        2e-7, 'the same of the method indirect, and second', 'relative', 'test_bvp.py')
     fewest: int = steer(64, 'minimum', 'samples')
-    most: int = steer(4000, 'maximum', 'samples')
+    most: int = steer(4000, 'maximum', 'samples', 'test_bvp.py')
 
 
 @dataclass(frozen=True)
