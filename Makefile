@@ -26,7 +26,7 @@ PIP := $(BIN)/python -m pip --disable-pip-version-check
 # What takes minutes shows what it does, and for how long.
 SHOWN := $(BIN)/python requirements/progress.py
 TESTED := $(addprefix requirements/,run.txt test.txt notebooks.txt)
-REQUIRED := $(addprefix requirements/,$(DISTRO).txt ros.txt) $(TESTED)
+REQUIRED := $(addprefix requirements/,$(DISTRO).txt ros.txt web.txt) $(TESTED)
 # Python files are no prerequisite: the installation is editable, a change is seen at once.
 SOURCES := setup.py pyproject.toml package.xml CMakeLists.txt requirements/build_backend.py \
 	cmake resource \
@@ -37,7 +37,7 @@ SOURCES := setup.py pyproject.toml package.xml CMakeLists.txt requirements/build
 unexport AMENT_PREFIX_PATH CMAKE_PREFIX_PATH COLCON_PREFIX_PATH LD_LIBRARY_PATH PYTHONPATH
 unexport ROS_DISTRO ROS_VERSION ROS_PYTHON_VERSION _ROS_WHEELS_BOOTSTRAP_COMPLETE VIRTUAL_ENV
 
-.PHONY: help setup develop demo check test smoke pure kernel lint house bench gallery picture docs clean
+.PHONY: help setup develop demo view check test smoke pure kernel lint house bench gallery picture docs clean
 .DELETE_ON_ERROR:
 
 help: ## say what there is to make
@@ -50,6 +50,9 @@ develop: setup $(VENV)/.develop ## the set-up, colcon and the commit hooks
 
 demo: setup ## the set-up, then the loop in flight (SYSTEM=aircraft|vehicle)
 	$(BIN)/obc demo $(SYSTEM) $(ARGS)
+
+view: setup ## the set-up, then the loop and its live page in a browser (SYSTEM=aircraft|vehicle)
+	$(BIN)/obc view --scenario $(SYSTEM) $(ARGS)
 
 check: lint house ## in 90 s: lint, house, every quick test, one loop over DDS
 	$(BIN)/pytest -n 2 --dist load --maxschedchunk 1 -m check $(ARGS)
@@ -87,6 +90,7 @@ picture: setup ## fly the aircraft, and draw the pictures of the README
 	$(BIN)/python docs/moving_picture.py out/aircraft docs/flight.gif
 	$(BIN)/python docs/example_figure.py
 	$(BIN)/python docs/badges.py
+	$(BIN)/python docs/view_pictures.py
 
 docs: setup .venv-docs/.requirements ## the documentation, in out/docs
 	@$(BIN)/python docs/run_notebooks.py

@@ -18,7 +18,8 @@ from obc_ros.core.text.errors import ObcError, quote, suggest_name
 from obc_ros.ros.installation import explain_missing_ros, require_ros
 
 HELPERS = ('baseline', 'timing')  # no benchmarks: a comparison of two versions, and shared code
-NODES = ('fuzz', 'hosts', 'latency', 'real_time', 'scale', 'server', 'soak')  # these need ROS 2
+# These need ROS 2.
+NODES = ('fuzz', 'hosts', 'latency', 'real_time', 'scale', 'server', 'soak', 'view')
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -30,12 +30,14 @@ SUBCOMMANDS = {
     'sweep': 'solve one problem for many values of its numbers',
     'gallery': 'compute examples and exercises of the book; exercise sheets, slides',
     'examples': 'list, print and copy problem files',
+    'view': 'show a loop or a recording in a browser, tune and plan there',
     'bench': 'run the benchmarks',
     'completion': 'print what completes commands, options and names in a shell',
 }
 # The modules of subcommands that have a folder.
 MODULES = {'demo': 'demo.command', 'solve': 'ask.solve', 'lqr': 'ask.lqr', 'sweep': 'ask.sweep',
-           'gallery': 'gallery.command', 'completion': 'console.completion'}
+           'gallery': 'gallery.command', 'completion': 'console.completion',
+           'view': 'view.command'}
 # With the names and arguments of `ros2`: modules of obc_ros.cli.ros2.
 ROS2 = {
     'param': 'parameters of running nodes: list, get, set, describe, dump, load',
@@ -49,7 +51,7 @@ ROS2 = {
     'launch': 'a loop or a fleet: obc launch obc_ros loop.launch.py scenario:=vehicle',
 }
 # The commands that do not work without ROS 2.
-NEED_ROS = ('demo', *ROS2)
+NEED_ROS = ('demo', 'view', *ROS2)
 
 
 class Version(argparse.Action):

@@ -309,7 +309,7 @@ def test_modules_without_ros_import_what_the_pure_wheel_requires():
 
 @pytest.mark.parametrize('distro', ['jazzy', 'kilted'])
 def test_every_wheel_is_pinned(distro):
-    for part in (distro, 'ros', 'run', 'test', 'notebooks', 'develop', 'docs'):
+    for part in (distro, 'ros', 'run', 'test', 'notebooks', 'web', 'develop', 'docs'):
         for line in (ROOT / 'requirements' / f'{part}.txt').read_text().splitlines():
             assert not line or line.startswith('#') or re.match(r'[\w.\[\]-]+==[\w.]+', line), line
 

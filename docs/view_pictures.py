@@ -1,0 +1,118 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""Take the pictures of docs/view.md from a running page (`make picture`)."""
+
+import io
+from pathlib import Path
+import shutil
+import subprocess
+import sys
+import time
+from typing import Any
+from urllib.error import URLError
+from urllib.request import urlopen
+
+import keep_gallery
+from PIL import Image
+from playwright.sync_api import sync_playwright
+
+ROOT = Path(__file__).resolve().parents[1]
+PICTURES = ROOT / 'docs' / 'view'
+PORT = 8090
+ADDRESS = f'http://127.0.0.1:{PORT}/'
+WIDE, NARROW = {'width': 1280, 'height': 900}, {'width': 360, 'height': 740}
+GOAL = (0.72, 0.2)       # of the picture's width and height
+FRAMES, PAUSE = 45, 0.1  # of the moving picture, and the time [s] between two of them
+COLOURS, SIZE = 96, (896, 630)
+
+
+def start_page() -> 'subprocess.Popen[bytes]':
+    """Start the loop of the aircraft and its page."""
+    process = subprocess.Popen([Path(sys.executable).with_name('obc'), 'view', '--no-browser',
+                                '--port', str(PORT)])
+    for _ in range(300):
+        try:
+            with urlopen(ADDRESS, timeout=5.0):
+                return process
+        except URLError:
+            time.sleep(0.1)
+    raise SystemExit('obc view does not serve its page')
+
+
+def keep(page: Any, name: str, **options: Any) -> None:
+    """Write a picture of a page."""
+    file = PICTURES / f'{name}.png'
+    page.screenshot(path=file, **options)
+    keep_gallery.keep_figure(file, file)
+
+
+def open_page(browser: Any, **options: Any) -> Any:
+    """Open the page, and wait for its sliders."""
+    page = browser.new_page(**options)
+    page.goto(ADDRESS)
+    page.get_by_label('weight of px, as a number').wait_for()
+    return page
+
+
+def take_pictures(browser: Any) -> None:
+    """Write a picture of each view, and the moving one."""
+    page = open_page(browser, viewport=WIDE)
+    page.get_by_label('weight of px, as a number').fill('100')
+    page.get_by_label('weight of f1, as a number').fill('0.1')
+    page.wait_for_timeout(1500)
+    keep(page, 'weights')
+    page.get_by_label('weight of f2, as a number').fill('-0.1')
+    page.get_by_role('alert').filter(has_text='positive definite').wait_for()
+    keep(page, 'rejected')
+    page.get_by_label('weight of f2, as a number').fill('1')
+    page.get_by_role('button', name='Apply').click()
+    page.wait_for_timeout(1000)
+    plane = page.locator('.obc-plane')
+    box = plane.bounding_box()
+    plane.click(position={'x': GOAL[0] * box['width'], 'y': GOAL[1] * box['height']})
+    page.get_by_text('solved: ').wait_for()
+    page.wait_for_timeout(500)
+    keep(page, 'plan', full_page=True)
+    record_flight(page)
+    page.get_by_role('tab', name='Plant', exact=True).click()
+    page.wait_for_timeout(500)
+    keep(page, 'plant')
+    page.close()
+    narrow = open_page(browser, viewport=NARROW, color_scheme='dark')
+    narrow.wait_for_timeout(1500)
+    keep(narrow, 'telephone')
+    narrow.close()
+
+
+def record_flight(page: Any) -> None:
+    """Write the moving picture: the plan is flown."""
+    page.get_by_role('button', name='Fly it').click()
+    frames = []
+    for _ in range(FRAMES):
+        shot = Image.open(io.BytesIO(page.screenshot())).convert('RGB')
+        frames.append(shot.resize(SIZE, Image.Resampling.LANCZOS))
+        page.wait_for_timeout(1000 * PAUSE)
+    palette = frames[0].quantize(COLOURS, dither=Image.Dither.NONE)
+    reduced = [each.quantize(palette=palette, dither=Image.Dither.NONE) for each in frames]
+    reduced[0].save(PICTURES / 'flight.gif', save_all=True, append_images=reduced[1:], loop=0,
+                    duration=[200] * (len(reduced) - 1) + [3000], optimize=True)
+
+
+def main() -> int:
+    """Start the page, and take the pictures."""
+    PICTURES.mkdir(exist_ok=True)
+    process = start_page()
+    try:
+        with sync_playwright() as playwright:
+            browser = playwright.chromium.launch(
+                executable_path=shutil.which('chromium'), args=['--no-sandbox'])
+            take_pictures(browser)
+            browser.close()
+    finally:
+        process.terminate()
+        process.wait(20.0)
+    return 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,133 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+Who may open the page, and who may control the loop.
+
+The page is for this machine unless `--host` says otherwise; then it asks for a token. Requests of
+pages of other sites are rejected: a browser sends their origin.
+"""
+
+from collections.abc import Awaitable, Callable, MutableMapping
+import hmac
+from http.cookies import SimpleCookie
+import secrets
+from typing import Any
+from urllib.parse import parse_qs, urlsplit
+
+Scope = MutableMapping[str, Any]
+Receive = Callable[[], Awaitable[Any]]
+Send = Callable[[Any], Awaitable[None]]
+
+COOKIE = 'obc_view_token'
+FORM = (b'<!doctype html><meta charset=utf-8><title>obc view</title>'
+        b'<meta name=viewport content="width=device-width, initial-scale=1">'
+        b'<form method=get><label>Token that obc view has printed: '
+        b'<input name=token type=password autofocus></label> <button>Open</button></form>')
+
+
+class Gate:
+    """
+    Rejects requests from other sites and, with a token, those without it (ASGI middleware).
+
+    Parameters
+    ----------
+    app : callable
+        The application behind it.
+    token : str
+        Empty: none is asked for, and only names of this machine are served.
+
+    """
+
+    def __init__(self, app: Any, token: str = '') -> None:
+        self._app, self._token = app, token
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Serve a request, or answer it with 403."""
+        if scope['type'] not in ('http', 'websocket'):
+            await self._app(scope, receive, send)
+            return
+        headers = {key.lower().decode('latin-1'): value.decode('latin-1')
+                   for key, value in scope['headers']}
+        if not self._is_own(headers):
+            await _reject(scope, send, b'this page is served to its own address only')
+        elif not self._token or _has_cookie(headers, self._token):
+            await self._app(scope, receive, send)
+        elif scope['type'] == 'http' and self._gives_token(scope):
+            await _admit(send, self._token)
+        else:
+            await _reject(scope, send, FORM)
+
+    def _is_own(self, headers: dict[str, str]) -> bool:
+        """Return whether a request comes from this page and, without a token, to this machine."""
+        host, origin = headers.get('host', ''), headers.get('origin')
+        if origin is not None and urlsplit(origin).netloc != host:
+            return False
+        name = urlsplit(f'//{host}').hostname
+        return bool(self._token) or name in ('127.0.0.1', 'localhost', '::1')
+
+    def _gives_token(self, scope: Scope) -> bool:
+        query = parse_qs(scope.get('query_string', b'').decode('latin-1'))
+        given = query.get('token', [''])[0]
+        return hmac.compare_digest(given.encode(), self._token.encode())
+
+
+def _has_cookie(headers: dict[str, str], token: str) -> bool:
+    cookie = SimpleCookie(headers.get('cookie', '')).get(COOKIE)
+    return cookie is not None and hmac.compare_digest(cookie.value.encode(), token.encode())
+
+
+async def _admit(send: Send, token: str) -> None:
+    await send({'type': 'http.response.start', 'status': 303, 'headers': [
+        (b'location', b'/'),
+        (b'set-cookie', f'{COOKIE}={token}; HttpOnly; SameSite=Strict; Path=/'.encode())]})
+    await send({'type': 'http.response.body', 'body': b''})
+
+
+async def _reject(scope: Scope, send: Send, body: bytes) -> None:
+    if scope['type'] == 'websocket':
+        await send({'type': 'websocket.close', 'code': 1008})
+        return
+    await send({'type': 'http.response.start', 'status': 403, 'headers': [
+        (b'content-type', b'text/html; charset=utf-8'), (b'cache-control', b'no-store')]})
+    await send({'type': 'http.response.body', 'body': body})
+
+
+def make_token() -> str:
+    """Return a new token."""
+    return secrets.token_urlsafe(16)
+
+
+class Helm:
+    """
+    Which page controls the loop: one at a time.
+
+    Parameters
+    ----------
+    allowed : bool
+        False: all pages only watch.
+
+    """
+
+    def __init__(self, allowed: bool) -> None:
+        self.allowed = allowed
+        self._holder = ''
+
+    def take(self, page: str) -> bool:
+        """Give the control to a page, if nobody has it; return whether it has it."""
+        if self.allowed and not self._holder:
+            self._holder = page
+        return self.has(page)
+
+    def seize(self, page: str) -> None:
+        """Give the control to a page, whoever has it."""
+        if self.allowed:
+            self._holder = page
+
+    def leave(self, page: str) -> None:
+        """Take the control from a page that closes."""
+        if self._holder == page:
+            self._holder = ''
+
+    def has(self, page: str) -> bool:
+        """Return whether a page has the control."""
+        return self.allowed and self._holder == page

@@ -1,0 +1,239 @@
+// Copyright 2026 The obc_ros developers
+// SPDX-License-Identifier: Apache-2.0
+// Draws a body in its plane and the signals of a loop over time. All texts go to canvases: none
+// of them can become markup.
+const WINDOW = 20; // [s] of signals
+const TRAIL = 900; // points behind the body
+const ACK = 10; // frames between two acknowledgements
+const PANEL = 84; // [px] height of a panel of signals
+
+export default {
+  template: `<div class="obc-view">
+    <canvas ref="plane" class="obc-plane" role="img" :aria-label="label" @click="click"></canvas>
+    <canvas ref="plots" class="obc-plots" role="img" aria-label="signals over the last 20 s"></canvas>
+  </div>`,
+  props: { scene: Object },
+  data: () => ({ label: "no state yet" }),
+  mounted() {
+    this.frames = [];
+    this.path = [];
+    this.box = null;
+    this.drawing = false;
+    this.observer = new ResizeObserver(() => this.draw());
+    this.observer.observe(this.$el);
+  },
+  unmounted() {
+    this.observer.disconnect();
+  },
+  methods: {
+    push(frame) {
+      const last = this.frames[this.frames.length - 1];
+      if (last && frame.t < last.t) this.frames = [];
+      this.frames.push(frame);
+      if (this.frames.length > TRAIL) this.frames.splice(0, this.frames.length - TRAIL);
+      if (frame.n % ACK === 0) this.$emit("ack", frame.n);
+      this.draw();
+    },
+    plan(points) {
+      this.path = points;
+      this.draw();
+    },
+    draw() {
+      if (this.drawing) return;
+      this.drawing = true;
+      requestAnimationFrame(() => {
+        this.drawing = false;
+        if (!this.$refs.plane || !this.scene) return;
+        this.drawPlane();
+        this.drawPlots();
+      });
+    },
+    prepare(canvas, height) {
+      const ratio = window.devicePixelRatio || 1;
+      const width = this.$el.clientWidth;
+      if (canvas.width !== Math.round(width * ratio) || canvas.height !== Math.round(height * ratio)) {
+        canvas.width = Math.round(width * ratio);
+        canvas.height = Math.round(height * ratio);
+        canvas.style.height = height + "px";
+      }
+      const context = canvas.getContext("2d");
+      context.setTransform(ratio, 0, 0, ratio, 0, 0);
+      const dark = document.body.classList.contains("body--dark");
+      const colours = dark
+        ? { paper: "#15181c", ink: "#e6e9ec", grid: "#343a40", faint: "#9aa3ab" }
+        : { paper: "#ffffff", ink: "#1b1f24", grid: "#dde2e6", faint: "#5c656d" };
+      context.fillStyle = colours.paper;
+      context.fillRect(0, 0, width, height);
+      context.font = "12px system-ui, sans-serif";
+      return { context, width, height, colours };
+    },
+    drawPlane() {
+      const plane = this.scene.plane;
+      this.$refs.plane.style.display = plane ? "block" : "none";
+      if (!plane) return;
+      const height = Math.max(220, Math.min(430, this.$el.clientWidth * 0.62));
+      const { context, width, colours } = this.prepare(this.$refs.plane, height);
+      const frame = this.frames[this.frames.length - 1];
+      this.follow(frame, width, height);
+      const [left, bottom, scale] = this.box;
+      const place = (x, y) => [(x - left) * scale, height - (y - bottom) * scale];
+      this.drawGrid(context, width, height, colours, place);
+      this.line(context, this.path.map((p) => place(p[0], p[1])), "#009E73", [6, 4], 2);
+      this.line(context, this.frames.map((f) => place(f.x[plane.x], f.x[plane.y])), "#0072B2", [], 1.5);
+      if (!frame) return;
+      if (frame.goal.length) this.drawGoal(context, place(frame.goal[plane.x], frame.goal[plane.y]));
+      this.drawBody(context, frame, place, scale, colours);
+      this.label = this.scene.states
+        .map((s, i) => `${s.name} ${frame.x[i].toFixed(2)} ${s.unit}`).join(", ");
+      context.fillStyle = colours.ink;
+      context.font = "14px system-ui, sans-serif";
+      context.fillText(`t = ${frame.t.toFixed(1)} s`, 10, 20);
+    },
+    follow(frame, width, height) {
+      const plane = this.scene.plane;
+      const points = this.path.map((p) => [p[0], p[1]]);
+      if (frame) {
+        points.push([frame.x[plane.x], frame.x[plane.y]]);
+        if (frame.goal.length) points.push([frame.goal[plane.x], frame.goal[plane.y]]);
+        this.frames.slice(-90).forEach((f) => points.push([f.x[plane.x], f.x[plane.y]]));
+      }
+      if (!points.length) points.push([0, 0]);
+      const xs = points.map((p) => p[0]);
+      const ys = points.map((p) => p[1]);
+      const [x0, x1] = [Math.min(...xs), Math.max(...xs)];
+      const [y0, y1] = [Math.min(...ys), Math.max(...ys)];
+      const size = this.scene.size;
+      const scale = Math.min(width / (x1 - x0 + 1.2 * size), height / (y1 - y0 + 1.2 * size));
+      const wanted = [(x0 + x1) / 2 - width / scale / 2, (y0 + y1) / 2 - height / scale / 2, scale];
+      this.box = this.box ? this.box.map((v, i) => v + 0.12 * (wanted[i] - v)) : wanted;
+    },
+    drawGrid(context, width, height, colours, place) {
+      const [left, bottom, scale] = this.box;
+      const step = this.round(90 / scale);
+      context.strokeStyle = colours.grid;
+      context.fillStyle = colours.faint;
+      context.lineWidth = 1;
+      context.font = "11px system-ui, sans-serif";
+      const digits = Math.max(0, -Math.floor(Math.log10(step)));
+      for (let x = Math.ceil(left / step) * step; x < left + width / scale; x += step) {
+        const [px] = place(x, 0);
+        this.line(context, [[px, 0], [px, height]], colours.grid, [], 1);
+        context.fillText(x.toFixed(digits), px + 3, height - 5);
+      }
+      for (let y = Math.ceil(bottom / step) * step; y < bottom + height / scale; y += step) {
+        const [, py] = place(0, y);
+        this.line(context, [[0, py], [width, py]], colours.grid, [], 1);
+        context.fillText(y.toFixed(digits), 3, py - 3);
+      }
+      const { x, y } = this.scene.plane;
+      const name = (s) => `${s.name} [${s.unit}]`;
+      context.fillText(name(this.scene.states[x]), width - 60, height - 5);
+      context.fillText(name(this.scene.states[y]), 3, 36);
+    },
+    round(value) {
+      const power = Math.pow(10, Math.floor(Math.log10(value)));
+      return power * [1, 2, 5, 10].find((m) => m * power >= value);
+    },
+    drawGoal(context, [x, y]) {
+      this.line(context, [[x - 9, y], [x + 9, y]], "#D55E00", [], 2.5);
+      this.line(context, [[x, y - 9], [x, y + 9]], "#D55E00", [], 2.5);
+    },
+    drawBody(context, frame, place, scale, colours) {
+      const plane = this.scene.plane;
+      const [ox, oy] = [frame.x[plane.x], frame.x[plane.y]];
+      const angle = plane.theta === null ? 0 : frame.x[plane.theta];
+      const [c, s] = [Math.cos(angle), Math.sin(angle)];
+      const turn = ([x, y]) => place(ox + c * x - s * y, oy + s * x + c * y);
+      if (this.scene.plume && frame.u.length === 2) {
+        const [f1, f2] = frame.u.map((f) => -f * this.scene.plume);
+        const length = Math.hypot(f1, f2) || 1;
+        const side = [-f2 / length * 0.035, f1 / length * 0.035];
+        this.fill(context, [[side[0], -this.scene.arm + side[1]], [f1, f2 - this.scene.arm],
+          [-side[0], -this.scene.arm - side[1]]].map(turn), "#E69F00", "none");
+      }
+      if (this.scene.body.length) {
+        this.scene.body.forEach((part) =>
+          this.fill(context, part.points.map(turn), part.colour, "#1b1f24"));
+      } else {
+        const [x, y] = place(ox, oy);
+        context.beginPath();
+        context.arc(x, y, 6, 0, 2 * Math.PI);
+        context.fillStyle = "#56B4E9";
+        context.fill();
+        context.strokeStyle = colours.ink;
+        context.stroke();
+      }
+    },
+    fill(context, points, colour, edge) {
+      context.beginPath();
+      points.forEach(([x, y], i) => (i ? context.lineTo(x, y) : context.moveTo(x, y)));
+      context.closePath();
+      context.fillStyle = colour;
+      context.fill();
+      if (edge === "none") return;
+      context.strokeStyle = edge;
+      context.lineWidth = 1;
+      context.stroke();
+    },
+    line(context, points, colour, dash, width) {
+      if (points.length < 2) return;
+      context.beginPath();
+      points.forEach(([x, y], i) => (i ? context.lineTo(x, y) : context.moveTo(x, y)));
+      context.strokeStyle = colour;
+      context.lineWidth = width;
+      context.setLineDash(dash);
+      context.stroke();
+      context.setLineDash([]);
+    },
+    drawPlots() {
+      const panels = this.scene.panels;
+      const { context, width, colours } = this.prepare(
+        this.$refs.plots, panels.length * PANEL + 18);
+      const last = this.frames[this.frames.length - 1];
+      const end = last ? last.t : 0;
+      const shown = this.frames.filter((f) => f.t > end - WINDOW);
+      panels.forEach((panel, row) => this.drawPanel(context, panel, row, shown, end, width, colours));
+      context.fillStyle = colours.faint;
+      context.fillText("time [s]", width - 60, panels.length * PANEL + 13);
+    },
+    drawPanel(context, panel, row, frames, end, width, colours) {
+      const [left, right, top, height] = [52, width - 96, row * PANEL + 8, PANEL - 16];
+      const value = (f, s) => (s.of === "cost" ? f.cost : s.of === "latency" ? f.latency : f[s.of][s.index]);
+      const values = frames.flatMap((f) => panel.signals.map((s) => value(f, s))).filter(Number.isFinite);
+      panel.limits.forEach((l) => {
+        if (values.some((v) => Math.abs(v - l) < 0.5 * Math.abs(l) + 1e-9)) values.push(l);
+      });
+      let [low, high] = values.length ? [Math.min(...values), Math.max(...values)] : [0, 1];
+      const margin = Math.max(0.08 * (high - low), panel.floor);
+      [low, high] = [low - margin, high + margin];
+      const px = (t) => right - (end - t) / WINDOW * (right - left);
+      const py = (v) => top + (high - v) / (high - low) * height;
+      context.strokeStyle = colours.grid;
+      context.strokeRect(left, top, right - left, height);
+      context.fillStyle = colours.faint;
+      context.font = "11px system-ui, sans-serif";
+      context.fillText(high.toPrecision(3), 4, top + 10);
+      context.fillText(low.toPrecision(3), 4, top + height);
+      context.fillText(panel.unit, 4, top + height / 2 + 4);
+      panel.limits.filter((l) => l > low && l < high).forEach((l) =>
+        this.line(context, [[left, py(l)], [right, py(l)]], colours.faint, [4, 3], 1));
+      panel.signals.forEach((s, i) => {
+        const points = frames.map((f) => [px(f.t), py(value(f, s))])
+          .filter(([, y]) => Number.isFinite(y));
+        this.line(context, points, s.colour, s.dash, 1.7);
+        context.fillStyle = colours.ink;
+        this.line(context, [[right + 6, top + 8 + 14 * i], [right + 24, top + 8 + 14 * i]], s.colour, s.dash, 2);
+        context.fillText(s.name, right + 28, top + 12 + 14 * i);
+      });
+    },
+    click(event) {
+      if (!this.box) return;
+      const [left, bottom, scale] = this.box;
+      const area = this.$refs.plane.getBoundingClientRect();
+      this.$emit("goal", {
+        x: left + (event.clientX - area.left) / scale,
+        y: bottom + (area.bottom - event.clientY) / scale,
+      });
+    },
+  },
+};

@@ -1,0 +1,116 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""Charts and tables of a solution: its path, its certificate, what was tried."""
+
+from collections.abc import Sequence
+import math
+from typing import Any
+
+from nicegui import ui
+import numpy as np
+from obc_ros.core.library.figures.style import LINE_COLOURS
+from obc_ros.core.numerics.arrays import Array
+from obc_ros.msg import Attempt, Certificate, Trajectory
+
+POINTS = 400     # of a drawn line
+NOTHING = 1e-12  # residual that is rounding
+# Vue shows values as text, never as markup.
+_VERDICT = (
+    '<q-td :props="props"><span :class="props.row.good ? `obc-good` : `obc-bad`">'
+    '{{ props.value }}</span></q-td>')
+
+
+def choose_points(count: int) -> Array:
+    """Return the indices of at most `POINTS` samples of `count`, with the first and the last."""
+    return np.unique(np.linspace(0, count - 1, POINTS).astype(int))
+
+
+def draw_path_lines(path: Trajectory) -> None:
+    """Draw inputs, states, costates and the Hamiltonian of a path in the present container."""
+    keep = choose_points(len(path.t))
+    t = np.asarray(path.t)[keep]
+    names, inputs = list(map(str, path.state_names)), list(map(str, path.input_names))
+    draw_lines('inputs', t, np.reshape(path.u, (len(path.t), -1))[keep], inputs)
+    draw_lines('states', t, np.reshape(path.x, (len(path.t), -1))[keep], names)
+    if len(path.lam):
+        draw_lines('costates', t, np.reshape(path.lam, (len(path.t), -1))[keep],
+                   [f'\u03bb {name}' for name in names])
+    if len(path.hamiltonian):
+        draw_lines('Hamiltonian', t, np.asarray(path.hamiltonian)[keep, None], ['H'])
+
+
+def draw_lines(title: str, t: Any, values: Any, names: Sequence[str]) -> ui.echart:
+    """
+    Draw signals over time in the present container.
+
+    Parameters
+    ----------
+    title : str
+        Of the chart.
+    t : ndarray, shape (N,)
+        Times [s].
+    values : ndarray, shape (N, k)
+        The signals.
+    names : sequence of str
+        k names.
+
+    """
+    return ui.echart({
+        'title': {'text': title, 'left': 0, 'textStyle': {'fontSize': 13}}, 'animation': False,
+        'tooltip': {'trigger': 'axis'}, 'aria': {'enabled': True},
+        'legend': {'right': 8, 'top': 0, 'type': 'scroll', 'left': 90},
+        'grid': {'left': 52, 'right': 12, 'top': 32, 'bottom': 26},
+        'xAxis': {'type': 'value', 'name': 's', 'max': float(t[-1])},
+        'yAxis': {'type': 'value', **_choose_range(values)},
+        'series': [{'name': name, 'type': 'line', 'showSymbol': False,
+                    'lineStyle': {'color': LINE_COLOURS[i % len(LINE_COLOURS)], 'width': 2,
+                                  'type': ('solid', 'dashed', 'dotted')[i % 3]},
+                    'itemStyle': {'color': LINE_COLOURS[i % len(LINE_COLOURS)]},
+                    'data': np.column_stack([t, column]).tolist()}
+                   for i, (name, column) in enumerate(zip(names, values.T, strict=True))],
+    }).classes('obc-lines')
+
+
+def _choose_range(values: Any) -> dict[str, float]:
+    """Return the range of an axis; variations far below the values are rounding."""
+    low, high = float(np.min(values)), float(np.max(values))
+    size = max(abs(low), abs(high))
+    margin = max(0.06 * (high - low), 1e-3 * size, 1e-9)
+    return {'min': float(f'{low - margin:.3g}'), 'max': float(f'{high + margin:.3g}')}
+
+
+def show_certificate(certificate: Certificate) -> ui.table:
+    """Show the conditions of a certificate with residuals and tolerances as a table."""
+    rows = [{'name': str(name), 'residual': _format(residual), 'tolerance': f'{tolerance:.0e}',
+             'good': bool(residual <= tolerance),
+             'holds': '\u2713 holds' if residual <= tolerance else '\u2717 exceeded'}
+            for name, residual, tolerance in zip(certificate.conditions, certificate.residuals,
+                                                 certificate.tolerances, strict=True)]
+    table = ui.table(columns=[
+        {'name': 'name', 'label': 'condition', 'field': 'name', 'align': 'left'},
+        {'name': 'residual', 'label': 'residual', 'field': 'residual', 'align': 'right'},
+        {'name': 'tolerance', 'label': 'allowed', 'field': 'tolerance', 'align': 'right'},
+        {'name': 'holds', 'label': '', 'field': 'holds', 'align': 'left'}],
+        rows=rows, row_key='name').props('dense flat').classes('w-full')
+    table.add_slot('body-cell-holds', _VERDICT)
+    return table
+
+
+def _format(residual: float) -> str:
+    return f'{residual:.1e}' if residual >= NOTHING else 'below 1e-12' if residual else '0'
+
+
+def show_attempts(attempts: Sequence[Attempt]) -> None:
+    """Show what was tried for a solution, folded."""
+    if not attempts:
+        return
+    with ui.expansion('what was tried').classes('w-full'):
+        ui.table(columns=[
+            {'name': name, 'label': label, 'field': name, 'align': 'left'}
+            for name, label in (('what', 'step'), ('cost', 'cost'), ('verdict', 'verdict'),
+                                ('why', 'why'))],
+            rows=[{'number': index, 'what': f'{each.method}: {each.what}' if each.what
+                   else str(each.method), 'cost': f'{each.cost:.8g}' if math.isfinite(each.cost)
+                   else '', 'verdict': str(each.verdict), 'why': str(each.why)}
+                  for index, each in enumerate(attempts)],
+            row_key='number', pagination=20).props('dense flat wrap-cells').classes('w-full')

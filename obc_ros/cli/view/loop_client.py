@@ -1,0 +1,344 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+The ROS side of the page: it reads a loop in a thread of its own, and calls its services.
+
+Subscriptions are best effort: a page that falls behind never delays a publisher.
+"""
+
+import asyncio
+from collections import deque
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Future, InvalidStateError
+from contextlib import suppress
+import queue
+import re
+import threading
+import time
+from typing import Any
+
+from obc_ros.action import SolveOptimalControl
+from obc_ros.cli.recording import LATCHED
+from obc_ros.cli.view.telemetry import describe_plant, Frame, measure_cost, Plant
+from obc_ros.core.text.errors import ObcError
+from obc_ros.msg import Command, LqrDesign, OptimalControlProblem, State, Trajectory
+from obc_ros.ros.executor import limit_leaving
+from obc_ros.ros.service_qos import BURST
+from obc_ros.ros.subscription_thread import Apart
+from rcl_interfaces.msg import Log, Parameter
+from rcl_interfaces.srv import GetParameters, ListParameters, SetParametersAtomically
+import rclpy
+from rclpy.action import ActionClient
+from rclpy.executors import SingleThreadedExecutor
+import rclpy.parameter
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+
+PERIOD = 1.0 / 30.0  # [s] between two frames
+QUEUE = QoSProfile(depth=64, reliability=ReliabilityPolicy.BEST_EFFORT)
+
+LINES = 500     # of the log
+LINE = 1000     # characters of a line of the log
+DISCOVERED = 3.0   # [s] in which a service is discovered
+ANSWERS = 10.0  # [s] in which a service responds; a plan has its own limit
+AGE = 0.2       # [s] that a state waits for its command in the measurement of the latency
+
+
+class Request:
+    """
+    A problem for trajectory_server.
+
+    Parameters
+    ----------
+    problem : OptimalControlProblem
+        The statement.
+    time_limit : float
+        Of the solution [s].
+
+    Attributes
+    ----------
+    phase : str
+        What is tried now, in words.
+
+    """
+
+    def __init__(self, problem: OptimalControlProblem, time_limit: float) -> None:
+        self.goal = SolveOptimalControl.Goal(problem=problem, time_limit=time_limit)
+        self.phase, self.handle, self.is_cancelled = '', None, False
+
+    def cancel(self) -> None:
+        """Ask for the end; the client passes it on once the server has the request."""
+        self.is_cancelled = True
+
+
+class LoopClient:
+    """
+    A client of the nodes of one loop.
+
+    Parameters
+    ----------
+    namespace : str
+        Of the loop; empty: none.
+
+    Attributes
+    ----------
+    plant : Plant or None
+        Signals of the plant; None before the first design.
+    design : LqrDesign or None
+        The design in use.
+    reference : Trajectory or None
+        The last reference.
+    states, commands : int
+        Number of messages received.
+
+    """
+
+    def __init__(self, namespace: str = '') -> None:
+        self.plant: Plant | None = None
+        self.design: LqrDesign | None = None
+        self.reference: Trajectory | None = None
+        self.states = self.commands = 0
+        self._frame: Frame | None = None
+        self._lines: deque[tuple[int, str]] = deque(maxlen=LINES)
+        self._numbered = 0
+        self._sent: dict[int, int] = {}
+        self._latency = float('nan')
+        self._u: Sequence[float] = ()
+        self._jobs: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
+        self._solver: ActionClient | None = None
+        self._waiting: list[Callable[[], None]] = []
+        self._clients: dict[str, Any] = {}
+        self._context = rclpy.Context()
+        rclpy.init(args=[], context=self._context)
+        self._node = rclpy.create_node(
+            'obc_view', namespace=namespace, context=self._context, use_global_arguments=False,
+            start_parameter_services=False)
+        self._executor = SingleThreadedExecutor(context=self._context)
+        self._executor.add_node(self._node)
+        self._subscribe()
+        self._running = True
+        self._thread = threading.Thread(target=self._run, name='loop', daemon=True)
+        self._thread.start()
+
+    def _subscribe(self) -> None:
+        apart, node = Apart(), self._node
+        self._taken = [
+            (node.create_subscription(kind, topic, lambda _: None, QUEUE, callback_group=apart),
+             act) for kind, topic, act in (
+                (State, 'state', self._on_state), (Command, 'command', self._on_command))]
+        node.create_subscription(LqrDesign, 'lqr_node/design', self._on_design, LATCHED)
+        node.create_subscription(Trajectory, 'reference', self._on_reference, LATCHED)
+        node.create_subscription(Log, '/rosout', self._on_log, LATCHED)
+
+    def close(self) -> None:
+        """Leave the graph."""
+        self._running = False
+        self._executor.wake()
+        self._thread.join()
+        with limit_leaving():
+            self._executor.shutdown()
+            self._node.destroy_node()
+            self._context.try_shutdown()
+
+    def take_frame(self) -> Frame | None:
+        """Return the newest frame; None if it was taken before."""
+        frame, self._frame = self._frame, None
+        return frame
+
+    def list_lines(self, after: int = 0) -> list[tuple[int, str]]:
+        """Return the lines of the log with numbers above `after`."""
+        return [each for each in tuple(self._lines) if each[0] > after]
+
+    def count_lines(self) -> int:
+        """Return the number of the last line of the log."""
+        return self._numbered
+
+    async def wait_for_line(self, node: str, word: str, after: int, timeout: float) -> str:
+        """Return the next line of a node with a word; empty if there is none in `timeout` [s]."""
+        deadline = time.monotonic() + timeout
+        while time.monotonic() < deadline:
+            for _, line in self.list_lines(after):
+                if re.search(rf'[ .]{node}: ', line) and word in line:
+                    return line.partition(' ')[2]
+            await asyncio.sleep(0.05)
+        return ''
+
+    def _run(self) -> None:
+        due = time.monotonic()
+        while self._running:
+            with suppress(queue.Empty):
+                while True:
+                    self._jobs.get_nowait()()
+            now = time.monotonic()
+            if now >= due:
+                self._take()
+                waiting, self._waiting = self._waiting, []
+                for job in waiting:
+                    job()
+                due = max(due + PERIOD, now)
+            self._executor.spin_once(timeout_sec=max(0.0, due - time.monotonic()))
+
+    def _take(self) -> None:
+        for subscription, act in self._taken:
+            with subscription.handle:
+                while (taken := subscription.handle.take_message(
+                        subscription.msg_type, False)) is not None:
+                    act(*taken)
+
+    def _on_state(self, message: State, info: Mapping[str, int]) -> None:
+        stamp = _read_stamp(message)
+        self.states += 1
+        self._sent[stamp] = info['source_timestamp']
+        while len(self._sent) > 2 * QUEUE.depth:
+            self._sent.pop(next(iter(self._sent)))
+        design = self.design
+        self._frame = Frame(
+            1e-9 * stamp, message.x, self._u, design.xe if design else (),
+            measure_cost(design, message.x) if design else float('nan'), self._latency)
+
+    def _on_command(self, message: Command, info: Mapping[str, int]) -> None:
+        self.commands += 1
+        self._u = message.u
+        if (begun := self._sent.get(_read_stamp(message))) is not None:
+            late = 1e-9 * (info['source_timestamp'] - begun)
+            if 0.0 <= late < AGE:
+                self._latency = late
+
+    def _on_design(self, design: LqrDesign) -> None:
+        if self.plant is None or design.system != self.plant.system:
+            self.plant = describe_plant(design)
+        self.design = design
+
+    def _on_reference(self, reference: Trajectory) -> None:
+        self.reference = reference
+
+    def _on_log(self, line: Log) -> None:
+        self._numbered += 1
+        level = {30: 'warning: ', 40: 'error: ', 50: 'fatal: '}.get(int(line.level), '')
+        clock = time.strftime('%H:%M:%S', time.localtime(line.stamp.sec))
+        self._lines.append((self._numbered, f'{clock} {line.name}: {level}{line.msg}'[:LINE]))
+
+    async def call(self, kind: Any, service: str, request: Any, timeout: float = ANSWERS) -> Any:
+        """
+        Return the response of a service of the loop.
+
+        Raises
+        ------
+        ObcError
+            If there is no such service, or no response within `timeout` [s].
+
+        """
+        answer: Future[Any] = Future()
+        deadline = time.monotonic() + DISCOVERED
+        self._submit(lambda: self._ask(kind, service, request, answer, deadline))
+        try:
+            return await asyncio.wait_for(asyncio.wrap_future(answer), timeout)
+        except TimeoutError as error:
+            raise ObcError(f'{service} has not responded within {timeout:g} s') from error
+
+    def _ask(self, kind: Any, service: str, request: Any, answer: 'Future[Any]',
+             deadline: float) -> None:
+        client = self._clients.get(service)
+        if client is None:
+            client = self._clients[service] = self._node.create_client(
+                kind, service, qos_profile=BURST)
+        if client.service_is_ready():
+            client.call_async(request).add_done_callback(lambda done: _finish(answer, done))
+        elif time.monotonic() < deadline:   # it is being discovered
+            self._waiting.append(lambda: self._ask(kind, service, request, answer, deadline))
+        else:
+            answer.set_exception(ObcError(f'there is no service {service}: is the node running?'))
+
+    def _submit(self, job: Callable[[], None]) -> None:
+        self._jobs.put(job)
+        self._executor.wake()
+
+    async def solve(self, request: Request) -> Any:
+        """
+        Return the result of a request to trajectory_server.
+
+        Raises
+        ------
+        ObcError
+            If there is no server, or if it rejects the request or loses it.
+
+        """
+        answer: Future[Any] = Future()
+        deadline = time.monotonic() + DISCOVERED
+        self._submit(lambda: self._send(request, answer, deadline))
+        return await asyncio.wrap_future(answer)
+
+    def _send(self, request: Request, answer: 'Future[Any]', deadline: float) -> None:
+        if self._solver is None:
+            self._solver = ActionClient(
+                self._node, SolveOptimalControl, 'trajectory_server/solve_optimal_control',
+                goal_service_qos_profile=BURST, result_service_qos_profile=BURST,
+                cancel_service_qos_profile=BURST, feedback_sub_qos_profile=BURST)
+        if self._solver.server_is_ready():
+            self._solver.send_goal_async(
+                request.goal, lambda news: setattr(request, 'phase', str(news.feedback.phase))
+            ).add_done_callback(lambda sent: self._follow(request, sent.result(), answer))
+        elif time.monotonic() < deadline:
+            self._waiting.append(lambda: self._send(request, answer, deadline))
+        else:
+            answer.set_exception(ObcError('no trajectory_server runs in this loop'))
+
+    def _follow(self, request: Request, handle: Any, answer: 'Future[Any]') -> None:
+        if not handle.accepted:
+            answer.set_exception(ObcError('trajectory_server has rejected the request'))
+            return
+        request.handle = handle
+        result = handle.get_result_async()
+        result.add_done_callback(lambda done: _finish(answer, done, lambda found: found.result))
+        self._waiting.append(lambda: self._attend(request, answer))
+
+    def _attend(self, request: Request, answer: 'Future[Any]') -> None:
+        """Cancel a request, or end it if the server disappears."""
+        if answer.done():
+            return
+        if request.is_cancelled and request.handle is not None:
+            request.handle.cancel_goal_async()
+            request.handle = None
+        if self._solver is not None and not self._solver.server_is_ready():
+            _fail(answer, 'trajectory_server does not run any more')
+            return
+        self._waiting.append(lambda: self._attend(request, answer))
+
+    async def get_parameters(self, node: str, names: Sequence[str]) -> dict[str, Any]:
+        """Return the values of parameters of a node; those that it does not have are left out."""
+        response = await self.call(GetParameters, f'{node}/get_parameters',
+                                   GetParameters.Request(names=list(names)))
+        return {name: rclpy.parameter.parameter_value_to_python(value)
+                for name, value in zip(names, response.values, strict=False) if value.type}
+
+    async def list_parameters(self, node: str, prefix: str) -> list[str]:
+        """Return the names of the parameters of a node in a group."""
+        response = await self.call(ListParameters, f'{node}/list_parameters',
+                                   ListParameters.Request(prefixes=[prefix], depth=0))
+        return list(map(str, response.result.names))
+
+    async def set_parameters(self, node: str, values: Mapping[str, Any]) -> tuple[bool, str]:
+        """Set parameters of a node as one; return success and the reason."""
+        rows = [Parameter(name=name, value=rclpy.parameter.Parameter(
+            name, value=value).to_parameter_msg().value) for name, value in values.items()]
+        response = await self.call(SetParametersAtomically, f'{node}/set_parameters_atomically',
+                                   SetParametersAtomically.Request(parameters=rows))
+        return bool(response.result.successful), str(response.result.reason)
+
+
+def _finish(answer: 'Future[Any]', done: Any,
+            read: Callable[[Any], Any] = lambda found: found) -> None:
+    if done.exception() is not None:
+        _fail(answer, str(done.exception()))
+    else:
+        with suppress(InvalidStateError):   # the page does not wait any more
+            answer.set_result(read(done.result()))
+
+
+def _fail(answer: 'Future[Any]', why: str) -> None:
+    with suppress(InvalidStateError):
+        answer.set_exception(ObcError(why))
+
+
+def _read_stamp(message: Any) -> int:
+    stamp = message.header.stamp
+    return int(stamp.sec) * 10**9 + int(stamp.nanosec)

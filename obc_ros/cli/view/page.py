@@ -1,0 +1,221 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""The page: picture and signals beside the panels; one page for each browser."""
+
+from collections.abc import Callable
+from typing import Any
+
+from nicegui import app, ui
+from nicegui.events import KeyEventArguments
+from obc_ros.cli.view.access import Helm
+from obc_ros.cli.view.canvas import describe_scene, LoopCanvas
+from obc_ros.cli.view.loop_client import LoopClient
+from obc_ros.cli.view.plan_panel import PlanPanel, start_loop, stop_loop
+from obc_ros.cli.view.plant_panel import PlantPanel
+from obc_ros.cli.view.playback import Playback
+from obc_ros.cli.view.problem_panel import ProblemPanel
+from obc_ros.cli.view.telemetry import Frame, Plant
+from obc_ros.cli.view.weights_panel import WeightsPanel
+
+PERIOD = 1.0 / 30.0  # [s] between two frames
+STEPS = 500          # of the slider of a recording
+SLOW = 0.1           # [s] between two looks at everything else
+PAGE_STYLE = """
+.obc-view { width: 100%; }
+.obc-plane, .obc-plots { width: 100%; display: block; border-radius: 6px; margin-bottom: 6px; }
+.obc-plane { cursor: crosshair; }
+.obc-left { flex: 3 1 420px; min-width: 0; }
+.obc-right { flex: 2 1 340px; min-width: 0; }
+.obc-name { width: 4.5rem; } .obc-number { width: 7rem; }
+.obc-reason, .obc-bad { color: #b03a00; } .obc-good { color: #00684c; }
+.body--dark .obc-reason, .body--dark .obc-bad { color: #ff9b66; }
+.body--dark .obc-good { color: #5fd3ae; }
+.obc-chart { height: 210px; flex: 1 1 0; min-width: 0; } .obc-lines { height: 170px; }
+.obc-message { min-height: 1.4em; overflow-wrap: anywhere; }
+.obc-yaml textarea { font-family: monospace; min-height: 260px; font-size: 12px; }
+.obc-log { height: 320px; font-size: 12px; }
+.nicegui-content { padding: 10px; }
+@media (max-width: 480px) { .obc-charts { flex-wrap: wrap; } .obc-chart { flex-basis: 100%; } }
+"""
+
+
+class Viewer:
+    """
+    All pages of one loop or recording.
+
+    Parameters
+    ----------
+    source : LoopClient or Playback
+        What is shown.
+    helm : Helm
+        Which page controls.
+    title : str
+        Of the page.
+
+    """
+
+    def __init__(self, source: LoopClient | Playback, helm: Helm, title: str) -> None:
+        self.source, self.helm, self.title = source, helm, title
+        self.frame: Frame | None = None
+        self._canvases: dict[str, LoopCanvas] = {}
+        app.timer(PERIOD, self._broadcast)
+
+    def _broadcast(self) -> None:
+        frame = self.source.take_frame()
+        if frame is not None:
+            self.frame = frame
+            for canvas in tuple(self._canvases.values()):
+                canvas.push(frame)
+
+    def build(self) -> None:
+        """Build the page of one browser."""
+        LoopPage(self)
+
+    def add(self, page: str, canvas: LoopCanvas) -> None:
+        """Send frames to a page that has connected; it controls, if no other one does."""
+        self._canvases[page] = canvas
+        self.helm.take(page)
+
+    def remove(self, page: str) -> None:
+        """Forget a page that has closed; the loop goes on as it is."""
+        self._canvases.pop(page, None)
+        self.helm.leave(page)
+
+
+class LoopPage:
+    """The page of one browser; see `Viewer`."""
+
+    def __init__(self, viewer: Viewer) -> None:
+        self._viewer = viewer
+        self._page = ui.context.client.id
+        self._plant: Plant | None = None
+        self._logged = 0
+        self._panels: list[Callable[[], None]] = []
+        ui.add_css(PAGE_STYLE)
+        ui.colors(primary='#0072b2')
+        self._dark = ui.dark_mode(None)
+        self._build_header()
+        with ui.row().classes('w-full items-start gap-4'):
+            with ui.column().classes('obc-left gap-1'):
+                self._status = ui.label('waiting for a loop').props('role=status')
+                self._canvas = LoopCanvas(_empty_scene(), self._click)
+                self._canvas.classes('w-full')
+                if isinstance(viewer.source, Playback):
+                    self._build_player(viewer.source)
+            with ui.column().classes('obc-right'):
+                self._plan: PlanPanel | None = None
+                if isinstance(viewer.source, LoopClient):
+                    self._build_panels(viewer.source)
+        # A request without a browser behind it gets no frames and no control.
+        ui.context.client.on_connect(lambda: viewer.add(self._page, self._canvas))
+        ui.context.client.on_delete(lambda: viewer.remove(self._page))
+        ui.keyboard(on_key=self._press)
+        ui.timer(SLOW, self._refresh)
+
+    def _controls(self) -> bool:
+        return self._viewer.helm.has(self._page)
+
+    def _build_header(self) -> None:
+        live = isinstance(self._viewer.source, LoopClient)
+        with ui.header().classes('items-center justify-between gap-2 q-py-xs'):
+            ui.label(self._viewer.title).classes('text-lg')
+            with ui.row().classes('items-center gap-2'):
+                if live:
+                    self._role = ui.button('', on_click=self._seize).props('flat color=white')
+                    self._start = ui.button('Start', on_click=self._do_start).props(
+                        'outline color=white')
+                    self._stop = ui.button('Stop (space)', on_click=self._do_stop, color='red-9')
+                ui.button(icon='contrast', on_click=self._dark.toggle).props(
+                    'flat color=white aria-label="light or dark"')
+
+    def _build_panels(self, client: LoopClient) -> None:
+        with ui.tabs().props('dense align=left').classes('w-full') as tabs:
+            names = [ui.tab(name) for name in ('Weights', 'Plan', 'Plant', 'Problem', 'Log')]
+        with ui.tab_panels(tabs, value=names[0]).classes('w-full').props('keep-alive'):
+            with ui.tab_panel(names[0]):
+                self._weights = WeightsPanel(client, self._controls)
+            with ui.tab_panel(names[1]):
+                self._plan = PlanPanel(client, self._canvas, self._controls)
+            with ui.tab_panel(names[2]):
+                self._plant_panel = PlantPanel(client, self._controls, self._now)
+            with ui.tab_panel(names[3]):
+                self._problem = ProblemPanel(client, self._controls)
+            with ui.tab_panel(names[4]):
+                self._log = ui.log(max_lines=300).classes('obc-log w-full')
+        self._tabs = tabs
+
+    def _build_player(self, playback: Playback) -> None:
+        def jump(event: Any) -> None:
+            if isinstance(event.args, int | float):
+                playback.seek(event.args)
+
+        with ui.row().classes('w-full items-center no-wrap'):
+            self._play = ui.button('Pause', on_click=lambda: self._toggle(playback))
+            self._slider = ui.slider(min=0.0, max=playback.duration,
+                                     step=max(0.01, playback.duration / STEPS), value=0.0).props(
+                'aria-label="time [s]"').classes('grow')
+            self._slider.on('update:model-value', jump, throttle=0.05)
+            ui.select({0.1: '0.1 x', 0.5: '0.5 x', 1.0: '1 x', 2.0: '2 x', 5.0: '5 x'}, value=1.0,
+                      on_change=lambda event: setattr(playback, 'speed', float(event.value))
+                      ).props('dense aria-label=speed')
+
+    def _toggle(self, playback: Playback) -> None:
+        if not playback.playing and playback.position >= playback.duration:
+            playback.seek(0.0)
+        playback.playing = not playback.playing
+
+    def _now(self) -> float:
+        return self._viewer.frame.time if self._viewer.frame else 0.0
+
+    async def _refresh(self) -> None:
+        source = self._viewer.source
+        if source.plant is not None and source.plant != self._plant:
+            self._plant = source.plant
+            self._canvas.change_scene(describe_scene(source.plant))
+            if isinstance(source, LoopClient):
+                await self._weights.load()
+                await self._plant_panel.load()
+        if isinstance(source, Playback):
+            self._play.text = 'Pause' if source.playing else 'Play'
+            self._slider.value = round(source.position, 2)
+            self._status.text = source.design.sentence if source.design else 'no design recorded'
+            return
+        controls = self._controls()
+        self._role.text = 'this page controls' if controls else (
+            'watching: take control' if self._viewer.helm.allowed else 'read only')
+        self._role.set_enabled(self._viewer.helm.allowed and not controls)
+        self._start.set_enabled(controls)
+        self._stop.set_enabled(controls)
+        self._status.text = source.design.sentence if source.design else 'waiting for lqr_node'
+        self._weights.refresh()
+        if self._plan is not None:
+            self._plan.refresh()
+            self._problem.refresh()
+        for number, line in source.list_lines(self._logged):
+            self._logged = number
+            self._log.push(line)
+
+    async def _click(self, x: float, y: float) -> None:
+        if self._plan is not None:
+            self._tabs.value = 'Plan'
+            await self._plan.click(x, y)
+
+    def _seize(self) -> None:
+        self._viewer.helm.seize(self._page)
+
+    async def _do_stop(self) -> None:
+        if self._controls() and isinstance(self._viewer.source, LoopClient):
+            ui.notify(await stop_loop(self._viewer.source))
+
+    async def _do_start(self) -> None:
+        if self._controls() and isinstance(self._viewer.source, LoopClient):
+            ui.notify(await start_loop(self._viewer.source))
+
+    async def _press(self, event: KeyEventArguments) -> None:
+        if event.action.keydown and not event.action.repeat and event.key.name == ' ':
+            await self._do_stop()
+
+
+def _empty_scene() -> dict[str, Any]:
+    return {'plane': None, 'size': 1.0, 'body': [], 'plume': 0.0, 'arm': 0.0, 'states': [],
+            'panels': []}

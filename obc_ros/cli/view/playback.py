@@ -1,0 +1,102 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""A recording as a source of frames: play, pause, scrub, speed."""
+
+from bisect import bisect_right
+from pathlib import Path
+import time
+from typing import Any
+
+from mcap.exceptions import McapError
+from mcap.reader import make_reader
+from obc_ros.cli.view.telemetry import describe_plant, Frame, measure_cost, Plant
+from obc_ros.core.text.errors import ObcError
+from obc_ros.msg import Command, LqrDesign, State
+from rclpy.serialization import deserialize_message
+
+KINDS = {'state': State, 'command': Command, 'design': LqrDesign}
+LARGEST = 2 * 10**9  # bytes of a file
+
+
+class Playback:
+    """
+    The states, commands and designs of a recording.
+
+    Parameters
+    ----------
+    file : Path
+        An MCAP file of `obc demo` or `ros2 bag`, or its folder.
+
+    Raises
+    ------
+    ObcError
+        If the file has no states, or is no recording.
+
+    """
+
+    def __init__(self, file: Path) -> None:
+        self.design: LqrDesign | None = None
+        self.playing, self.speed, self.position = True, 1.0, 0.0
+        self._rows: dict[str, list[Any]] = {name: [] for name in KINDS}
+        self._times: dict[str, list[float]] = {name: [] for name in KINDS}
+        self._read(_find_file(file))
+        if not self._times['state']:
+            raise ObcError(f'{file} has no messages of the topic state')
+        self._begin = self._times['state'][0]
+        self.duration = self._times['state'][-1] - self._begin
+        self.plant = self._describe()
+        self._then, self._shown = time.monotonic(), -1.0
+
+    def _read(self, file: Path) -> None:
+        try:
+            with file.open('rb') as opened:
+                for _, channel, message in make_reader(opened).iter_messages():
+                    name = channel.topic.rpartition('/')[2]
+                    if name in KINDS:
+                        self._rows[name].append(deserialize_message(message.data, KINDS[name]))
+                        self._times[name].append(1e-9 * message.log_time)
+        except (McapError, RuntimeError, EOFError) as error:
+            raise ObcError(f'{file} is not a recording of a loop: {error}') from error
+
+    def _describe(self) -> Plant:
+        if self._rows['design']:
+            return describe_plant(self._rows['design'][0])
+        n, commands = len(self._rows['state'][0].x), self._rows['command']
+        m = len(commands[0].u) if commands else 0
+        return describe_plant(LqrDesign(
+            state_names=[f'x{i + 1}' for i in range(n)],
+            input_names=[f'u{i + 1}' for i in range(m)]))
+
+    def take_frame(self) -> Frame | None:
+        """Return the frame of the present time; None if it has been shown."""
+        now = time.monotonic()
+        if self.playing:
+            self.position = min(self.position + self.speed * (now - self._then), self.duration)
+            self.playing = self.position < self.duration
+        self._then = now
+        if self.position == self._shown:
+            return None
+        self._shown = self.position
+        moment = self._begin + self.position
+        state, command = self._at('state', moment), self._at('command', moment)
+        self.design = design = self._at('design', moment)
+        return Frame(self.position, state.x, command.u if command else (),
+                     design.xe if design else (),
+                     measure_cost(design, state.x) if design else float('nan'))
+
+    def _at(self, name: str, moment: float) -> Any:
+        index = bisect_right(self._times[name], moment + 1e-9)
+        return self._rows[name][index - 1] if index else None
+
+    def seek(self, position: float) -> None:
+        """Go to a time from the beginning [s]."""
+        self.position = min(max(float(position), 0.0), self.duration)
+
+
+def _find_file(file: Path) -> Path:
+    files = sorted(file.glob('*.mcap')) if file.is_dir() else [file]
+    if not files or not files[0].is_file():
+        raise ObcError(f'{file}: no such recording; `obc demo` writes one to out/aircraft')
+    if files[0].stat().st_size > LARGEST:
+        raise ObcError(f'{files[0]} is larger than {LARGEST:.0e} bytes')
+    return files[0]

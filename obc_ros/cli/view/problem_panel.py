@@ -1,0 +1,104 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""Solve a problem file: paste or choose it, watch the progress, see the solution."""
+
+from collections.abc import Callable
+from typing import Any
+
+from nicegui import run, ui
+from obc_ros.cli.examples import find_example, list_examples
+from obc_ros.cli.view.charts import draw_path_lines, show_attempts, show_certificate
+from obc_ros.cli.view.loop_client import LoopClient, Request
+from obc_ros.core.ocp.statement import build_problem
+from obc_ros.core.text.errors import ObcError
+from obc_ros.core.text.yaml_files import MAX_BYTES, read_text_entries
+from obc_ros.ros.messages import build_problem_message
+
+LIMIT = 60.0  # [s] for a problem
+
+
+class ProblemPanel:
+    """
+    A problem as YAML, and its solution by trajectory_server.
+
+    Parameters
+    ----------
+    client : LoopClient
+        The loop with the server.
+    may_control : callable
+        Returns whether this page may ask the server.
+
+    """
+
+    def __init__(self, client: LoopClient, may_control: Callable[[], bool]) -> None:
+        self._client, self._may_control = client, may_control
+        self._request: Request | None = None
+        ui.select(list_examples(), label='example', with_input=True,
+                  on_change=lambda event: self._load(event.value)).classes('w-full')
+        self._text = ui.textarea('problem (YAML)').props(
+            f'outlined maxlength={MAX_BYTES} spellcheck=false').classes('w-full obc-yaml')
+        with ui.row().classes('items-center'):
+            self._solve = ui.button('Solve', on_click=self.solve)
+            self._cancel = ui.button('Cancel', on_click=self._stop).props('outline')
+            self._spinner = ui.spinner(size='sm')
+        self._message = ui.label().classes('obc-message').props('role=status aria-live=polite')
+        self._result = ui.column().classes('w-full gap-1')
+
+    def refresh(self) -> None:
+        """Show the progress."""
+        request = self._request
+        self._solve.set_enabled(self._may_control() and request is None)
+        self._cancel.set_enabled(request is not None)
+        self._spinner.visible = request is not None
+        if request is not None and request.phase:
+            self._message.text = request.phase
+
+    def _load(self, name: Any) -> None:
+        if isinstance(name, str) and name in list_examples():
+            self._text.value = find_example(name).read_text(encoding='utf-8')
+
+    def _stop(self) -> None:
+        if self._request is not None:
+            self._request.cancel()
+
+    async def solve(self) -> None:
+        """Have the server solve the first problem of the text."""
+        if self._request is not None or not self._may_control():
+            return
+        self._result.clear()
+        try:
+            message = await run.io_bound(build_message, str(self._text.value or ''))
+            self._request = Request(message, LIMIT)
+            answer = await self._client.solve(self._request)
+            self._message.text = f'{answer.status}: {answer.message}'
+            self._show(answer)
+        except ObcError as error:
+            self._message.text = str(error)
+        finally:
+            self._request = None
+
+    def _show(self, answer: Any) -> None:
+        with self._result:
+            if len(answer.trajectory.t):
+                optimum = f', {answer.optimality.kind}' if answer.optimality.kind else ''
+                ui.label(f'cost {answer.objective:.10g}{optimum}, {answer.solve_time:.3g} s')
+                draw_path_lines(answer.trajectory)
+            if answer.certificate.conditions:
+                show_certificate(answer.certificate)
+            show_attempts(answer.attempts)
+
+
+def build_message(text: str) -> Any:
+    """
+    Return the message of the first problem of a YAML text.
+
+    Raises
+    ------
+    ObcError
+        If it is no valid statement; the message begins with the key at fault.
+
+    """
+    (_, entry), *_ = read_text_entries(text)
+    if isinstance(entry, ObcError):
+        raise entry
+    return build_problem_message(entry, build_problem(entry).guess)

@@ -1,0 +1,341 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""Weights by hand: sliders, the candidate beside the design in use, apply, undo, copy."""
+
+import asyncio
+from collections.abc import Sequence
+from dataclasses import dataclass
+import math
+import re
+from typing import Any
+
+from nicegui import background_tasks, ui
+import numpy as np
+from obc_ros.cli.view.loop_client import LoopClient
+from obc_ros.cli.view.telemetry import Named
+from obc_ros.core.library.figures.style import LINE_COLOURS
+from obc_ros.core.numerics.arrays import Array
+from obc_ros.core.text.errors import ObcError
+from obc_ros.msg import LqrDesign, LqrWeights
+from obc_ros.srv import TryDesign
+from scipy.linalg import expm
+
+NODE = 'lqr_node'
+LOWEST, HIGHEST = -4.0, 5.0  # powers of 10 of a slider
+SAMPLES = 120                # of a step response
+SPAN = 6.0                   # time constants of the slowest pole that are shown
+READ = ('weights', 'Qx', 'Qu', 'x_max', 'u_max')
+MODES = {'matrices': ('Qx', 'Qu', 'weight'), 'bryson': ('x_max', 'u_max', 'largest deviation')}
+IN_USE, CANDIDATE = '#7a828c', LINE_COLOURS[1]
+
+
+@dataclass
+class WeightRow:
+    """One weight: its parameter, its place there, and the elements that show it."""
+
+    parameter: str
+    index: int
+    slider: ui.slider
+    number: ui.number
+    reason: ui.label
+
+
+class WeightsPanel:
+    """
+    The weights of lqr_node, and what a change of them would do.
+
+    Parameters
+    ----------
+    client : LoopClient
+        The loop.
+    may_control : callable
+        Returns whether this page controls the loop.
+
+    """
+
+    def __init__(self, client: LoopClient, may_control: Any) -> None:
+        self._client, self._may_control = client, may_control
+        self._rows: list[WeightRow] = []
+        self._mode, self._dirty, self._busy = 'matrices', False, False
+        self._undo: list[dict[str, list[float]]] = []
+        self._applied: dict[str, list[float]] = {}
+        self._shown: LqrDesign | None = None
+        self._candidate: LqrDesign | None = None
+        self._sliders = ui.column().classes('w-full gap-1')
+        with ui.row().classes('items-center'):
+            self._apply = ui.button('Apply', on_click=self._apply_weights)
+            self._back = ui.button('Undo', on_click=self._undo_weights).props('outline')
+            ui.button('Copy as YAML', on_click=lambda: ui.clipboard.write(self._as_yaml())).props(
+                'flat dense')
+            ui.button('Copy as command', on_click=lambda: ui.clipboard.write(self._as_command())
+                      ).props('flat dense')
+        self._message = ui.label().classes('obc-message').props('role=status aria-live=polite')
+        with ui.row().classes('w-full no-wrap gap-2 obc-charts'):
+            self._poles = ui.echart(_frame_chart('poles [1/s]', 'real', 'imaginary')).classes(
+                'obc-chart')
+            self._steps = ui.echart(_frame_chart('unit step', 'time [s]', '')).classes('obc-chart')
+        self._figures = ui.table(columns=[
+            {'name': 'what', 'label': '', 'field': 'what', 'align': 'left'},
+            {'name': 'use', 'label': 'in use', 'field': 'use', 'align': 'right'},
+            {'name': 'new', 'label': 'candidate', 'field': 'new', 'align': 'right'}],
+            rows=[], row_key='what').props('dense flat').classes('w-full')
+
+    async def load(self) -> None:
+        """Read the weights of the node, and show them."""
+        try:
+            values = await self._client.get_parameters(NODE, READ)
+        except ObcError as error:
+            self._message.text = str(error)
+            return
+        plant = self._client.plant
+        mode = str(values.get('weights', 'matrices'))
+        if plant is None or mode not in MODES:
+            self._message.text = (f'weights = {mode}: no sliders for these; '
+                                  'set them with ros2 param')
+            return
+        self._mode = mode
+        first, second, what = MODES[mode]
+        design = self._client.design
+        default = {'Qx': design.qx, 'Qu': design.qu} if design else {}   # an empty one: identity
+        groups = ((first, plant.states, values.get(first) or default.get(first, [])),
+                  (second, plant.inputs, values.get(second) or default.get(second, [])))
+        self._applied = {name: _spread(list(given), len(signals))
+                         for name, signals, given in groups}
+        if not all(self._applied.values()):
+            self._message.text = f'{first} and {second} are not diagonal: set them with ros2 param'
+            return
+        self._build(what, groups)
+        self._dirty = True
+
+    def _build(self, what: str, groups: Sequence[tuple[str, Sequence[Named], Any]]) -> None:
+        self._sliders.clear()
+        self._rows = []
+        with self._sliders:
+            for parameter, signals, _ in groups:
+                for index, signal in enumerate(signals):
+                    self._rows.append(self._add_row(what, parameter, index, signal))
+
+    def _add_row(self, what: str, parameter: str, index: int, signal: Named) -> WeightRow:
+        value = self._applied[parameter][index]
+        unit = f' [{signal.unit}]' if self._mode == 'bryson' and signal.unit else ''
+        title = f'{what} of {signal.name}{unit}'
+        with ui.row().classes('w-full items-center no-wrap gap-2'):
+            ui.label(signal.name + unit).classes('obc-name')
+            slider = ui.slider(min=LOWEST, max=HIGHEST, step=0.02, value=_position(value)).props(
+                f'aria-label="{_plain(title)}"').classes('grow')
+            number = ui.number(value=value, format='%.6g').props(
+                f'dense outlined aria-label="{_plain(title)}, as a number"').classes('obc-number')
+        reason = ui.label().classes('obc-reason').props('role=alert')
+        reason.visible = False
+        row = WeightRow(parameter, index, slider, number, reason)
+        slider.on('update:model-value', lambda event: self._slide(row, event.args), throttle=0.05)
+        number.on_value_change(lambda event: self._type(row, event.value))
+        return row
+
+    def _slide(self, row: WeightRow, position: Any) -> None:
+        if isinstance(position, int | float):
+            value = float(f'{10.0 ** position:.3g}')
+            if self._mode == 'matrices' and position <= LOWEST and row.parameter == 'Qx':
+                value = 0.0
+            row.number.value = value
+
+    def _type(self, row: WeightRow, value: Any) -> None:
+        if isinstance(value, int | float) and math.isfinite(value):
+            row.slider.value = _position(float(value))
+            self._dirty = True
+
+    def _read(self) -> dict[str, list[float]]:
+        values: dict[str, list[float]] = {name: list(each) for name, each in self._applied.items()}
+        for row in self._rows:
+            if isinstance(row.number.value, int | float):
+                values[row.parameter][row.index] = float(row.number.value)
+        return values
+
+    def refresh(self) -> None:
+        """Preview the candidate if a weight has changed, and show a new design in use."""
+        if not self._rows:
+            return
+        design = self._client.design
+        if design is not None and design is not self._shown:
+            self._shown, self._dirty = design, True
+        if self._dirty and not self._busy:
+            self._dirty, self._busy = False, True
+            background_tasks.create(self._preview(), context=self._sliders)
+        controls = bool(self._may_control())
+        self._apply.set_enabled(controls)
+        self._back.set_enabled(controls and bool(self._undo))
+
+    async def _preview(self) -> None:
+        try:
+            values = self._read()
+            names = ('qx', 'qu') if self._mode == 'matrices' else ('x_max', 'u_max')
+            weights = LqrWeights(weights=self._mode, **dict(zip(
+                names, values.values(), strict=True)))
+            response = await self._client.call(
+                TryDesign, f'{NODE}/try_design', TryDesign.Request(weights=weights))
+            self._say(response.success, response.message, '')
+            self._candidate = response.design if response.success else None
+            self._draw()
+        except ObcError as error:
+            self._message.text = str(error)
+        finally:
+            self._busy = False
+
+    def _say(self, success: bool, message: str, done: str) -> None:
+        """Show a message; a rejection stands beside the weight that it names."""
+        blamed = None if success else _find_blamed(self._rows, message)
+        for row in self._rows:
+            row.reason.visible = row is blamed
+            row.reason.text = message if row is blamed else ''
+        self._message.text = '' if blamed else (done or message)
+
+    async def _apply_weights(self) -> None:
+        if self._may_control():
+            values, before = self._read(), {k: list(v) for k, v in self._applied.items()}
+            if await self._set(values):
+                self._undo.append(before)
+
+    async def _undo_weights(self) -> None:
+        if self._may_control() and self._undo:
+            values = self._undo[-1]
+            if await self._set(values):
+                self._undo.pop()
+                for row in self._rows:
+                    row.number.value = values[row.parameter][row.index]
+
+    async def _set(self, values: dict[str, list[float]]) -> bool:
+        try:
+            done, reason = await self._client.set_parameters(NODE, values)
+        except ObcError as error:
+            done, reason = False, str(error)
+        if done:
+            self._applied = values
+        self._say(done, reason, 'applied' if done else '')
+        return done
+
+    def _draw(self) -> None:
+        designs = [(name, design, colour) for name, design, colour in (
+            ('in use', self._client.design, IN_USE), ('candidate', self._candidate, CANDIDATE))
+            if design is not None and len(design.k)]
+        self._poles.options['series'] = [
+            {'name': name, 'type': 'scatter', 'symbolSize': 10 if name == 'in use' else 8,
+             'symbol': 'emptyCircle' if name == 'in use' else 'diamond',
+             'itemStyle': {'color': colour},
+             'data': [[_number(a), _number(b)] for a, b in zip(
+                 design.poles_real, design.poles_imag, strict=True)]}
+            for name, design, colour in designs]
+        self._steps.options['series'] = [
+            {'name': f'{signal}, {name}', 'type': 'line', 'showSymbol': False,
+             'lineStyle': {'color': colour, 'width': 2,
+                           'type': 'dashed' if place else 'solid'},
+             'itemStyle': {'color': colour}, 'data': data}
+            for name, design, colour in designs
+            for place, (signal, data) in enumerate(compute_steps(design))]
+        self._poles.update()
+        self._steps.update()
+        self._figures.rows = list_figures(self._client.design, self._candidate)
+
+    def _as_yaml(self) -> str:
+        rows = ''.join(f'    {name}: {_list(values)}\n' for name, values in self._read().items())
+        return f'/**/{NODE}:\n  ros__parameters:\n    weights: {self._mode}\n{rows}'
+
+    def _as_command(self) -> str:
+        return '\n'.join(f'ros2 param set /{NODE} {name} "{_list(values)}"'
+                         for name, values in self._read().items())
+
+    async def wait(self) -> None:
+        """Wait until no preview is under way."""
+        while self._busy or self._dirty:
+            await asyncio.sleep(0.01)
+
+
+def compute_steps(design: LqrDesign) -> list[tuple[str, list[list[float]]]]:
+    """
+    Return the response of each position to a step of its set point.
+
+    Parameters
+    ----------
+    design : LqrDesign
+        With the matrices of the linear closed loop.
+
+    Returns
+    -------
+    list of (str, list of [time [s], value])
+        For the states whose `rise_time` is a number, two at most.
+
+    """
+    n, m = len(design.state_names), len(design.input_names)
+    a, b = np.reshape(design.a, (n, n)), np.reshape(design.b, (n, m))
+    closed: Array = a - b @ np.reshape(design.k, (m, n))
+    slowest = float(np.min(np.abs(design.poles_real))) or 1.0
+    step = SPAN / slowest / SAMPLES
+    transition = expm(closed * step)
+    responses = []
+    for index in np.flatnonzero(np.isfinite(design.rise_time))[:2]:
+        error, data = -np.eye(n)[index], []
+        for k in range(SAMPLES + 1):
+            data.append([k * step, float(1.0 + error[index])])
+            error = transition @ error
+        responses.append((str(design.state_names[index]), data))
+    return responses
+
+
+def list_figures(design: LqrDesign | None, candidate: LqrDesign | None) -> list[dict[str, str]]:
+    """Return margins, damping, bandwidth and peak inputs of two designs as rows of a table."""
+    def rows(each: LqrDesign | None) -> dict[str, str]:
+        if each is None or not len(each.k):
+            return {}
+        return {
+            'slowest pole': f'{np.max(each.poles_real):.3g} 1/s',
+            'minimum damping ratio': f'{np.min(each.damping):.3g}',
+            'minimum phase margin': f'{np.degrees(np.min(each.phase_margin)):.3g} deg',
+            'minimum disk margin': f'{np.min(each.disk_margin):.3g}',
+            **{f'peak of {name} for a unit step': f'{peak:.4g}'
+               for name, peak in zip(each.input_names, each.peak_input, strict=False)}}
+
+    use, new = rows(design), rows(candidate)
+    return [{'what': what, 'use': use.get(what, ''), 'new': new.get(what, '')}
+            for what in (use or new)]
+
+
+def _find_blamed(rows: Sequence[WeightRow], message: str) -> WeightRow | None:
+    """Return the row of the weight that a reason begins with, such as `Qu[0] = -1`."""
+    found = re.match(r'(\w+)(?:\[(\d+)\])?', message)
+    named = [row for row in rows if found and row.parameter == found[1]]
+    return next((row for row in named if found and str(row.index) == (found[2] or '0')), None)
+
+
+def _frame_chart(title: str, x: str, y: str) -> dict[str, Any]:
+    grid = {'left': 44, 'right': 12, 'top': 34, 'bottom': 34}
+    axis = {'type': 'value', 'scale': True, 'nameLocation': 'middle'}
+    return {'title': {'text': title, 'textStyle': {'fontSize': 13}}, 'grid': grid,
+            'animation': False, 'tooltip': {}, 'aria': {'enabled': True},
+            'xAxis': {**axis, 'name': x, 'nameGap': 20},
+            'yAxis': {**axis, 'name': y, 'nameGap': 30}, 'series': []}
+
+
+def _spread(values: list[float], size: int) -> list[float]:
+    """Return a list of one number for each signal; empty for a full matrix."""
+    if len(values) == size * size and size > 1:
+        square = np.reshape(values, (size, size))
+        values = list(np.diag(square)) if np.array_equal(square, np.diag(np.diag(square))) else []
+    if len(values) == 1:
+        values = values * size
+    return [float(each) for each in values] if len(values) == size else []
+
+
+def _position(value: float) -> float:
+    return min(max(math.log10(value), LOWEST), HIGHEST) if value > 0 else LOWEST
+
+
+def _number(value: float) -> float | None:
+    return float(value) if math.isfinite(value) else None
+
+
+def _list(values: Sequence[float]) -> str:
+    return '[' + ', '.join(repr(float(each)) for each in values) + ']'
+
+
+def _plain(text: str) -> str:
+    """Return a text without characters that end an attribute."""
+    return re.sub(r'[^\w \[\]/.,^-]', '', text)

@@ -1,0 +1,331 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""`obc view` in Debian's Chromium: a user tunes, plans, stops and watches a running loop."""
+
+from collections.abc import Iterator
+from pathlib import Path
+import re
+import shutil
+import socket
+from typing import Any
+
+import numpy as np
+from obc_ros.cli.examples import find_example
+from obc_ros.cli.processes import reserve_domain
+from obc_ros.msg import LqrDesign, State
+from probes import Probe
+import pytest
+from rcl_interfaces.msg import Log
+from rclpy.qos import DurabilityPolicy, QoSProfile
+import support
+from view_recording import record
+
+sync = pytest.importorskip('playwright.sync_api', reason='playwright is not installed')
+CHROMIUM = next(filter(None, map(shutil.which, (
+    'chromium', 'chromium-browser', 'google-chrome'))), '')
+pytestmark = [
+    pytest.mark.nodes,
+    pytest.mark.skipif(not CHROMIUM, reason='no Chromium: apt-get install chromium')]
+LATCHED = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+WAIT = 30_000.0   # [ms] of a step in the browser
+HOSTILE = '<img src=x onerror="window.pwned=1"><script>window.pwned=1</script>{{ 7*7 }}'
+# Whether the last cell of a row is another than before.
+CHANGED = """([what, before]) => [...document.querySelectorAll('tr')].some(
+    row => row.innerText.includes(what) && row.lastElementChild.innerText !== before)"""
+TYPED = """([label, before]) => Number(
+    document.querySelector(`[aria-label="${label}"]`).value) > before"""
+PROBLEMS = find_example('x').parent
+AIRCRAFT = {'system': 'aircraft', 'publish_rate': 200.0, 'publish_clock': True}
+
+
+def find_port() -> int:
+    """Return a free port."""
+    with socket.socket() as probe:
+        probe.bind(('127.0.0.1', 0))
+        return int(probe.getsockname()[1])
+
+
+def serve(spawner: support.Spawner, folder: Path, domain: int, *words: str) -> str:
+    """Start `obc view`; return its address."""
+    port = find_port()
+    process = support.Process(
+        [support.find('obc'), 'view', *words, '--no-browser', '--port', str(port)],
+        folder / f'view{port}.log', domain)
+    spawner.processes.append(process)
+    process.wait_for_output('obc view: http', 60.0)
+    return f'http://127.0.0.1:{port}/'
+
+
+class Site:
+    """A loop, its page, a browser and a probe."""
+
+    def __init__(self, folder: Path, domain: int, browser: Any) -> None:
+        self.spawner = support.Spawner(folder, domain)
+        self.domain, self.folder, self.browser = domain, folder, browser
+        self.spawner('plant_simulator', AIRCRAFT)
+        self.spawner('lqr_node', {'system': 'aircraft', 'use_sim_time': True})
+        self.spawner('trajectory_server', {'workers': 1})
+        self.probe = Probe(domain)
+        self.designs = self.probe.listen(LqrDesign, 'lqr_node/design', LATCHED)
+        self.states = self.probe.listen(State, 'state')
+        self.address = serve(self.spawner, folder, domain, '--namespace', '/', '--control')
+        self.said: list[str] = []
+        self.probe.wait_for(lambda: self.designs and self.states)
+
+    def open(self, address: str = '', **options: Any) -> Any:
+        """Open a page in a context of its own, and wait until it shows the loop."""
+        context = self.browser.new_context(**{
+            'viewport': {'width': 1280, 'height': 900}, **options})
+        page = context.new_page()
+        page.set_default_timeout(WAIT)
+        page.on('pageerror', lambda error: self.said.append(str(error)))
+        page.goto(address or self.address)
+        return page
+
+    def open_loop(self, **options: Any) -> Any:
+        """Open a page of the loop, in control, with its sliders."""
+        page = self.open(**options)
+        number(page, 'weight of px').wait_for()
+        take_control(page)
+        return page
+
+    def settle(self) -> np.ndarray:
+        """Return the state of the plant now."""
+        self.states.clear()
+        self.probe.wait_for(lambda: self.states)
+        return np.array(self.states[-1].x)
+
+    def close(self) -> list[str]:
+        """End all processes; return what went wrong."""
+        self.probe.close()
+        return self.spawner.end()
+
+
+@pytest.fixture(scope='module')
+def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Site]:
+    """Return a loop with a page, for all tests of this file."""
+    with reserve_domain() as domain, sync.sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=['--no-sandbox'])
+        site = Site(tmp_path_factory.mktemp('view'), domain, browser)
+        yield site
+        browser.close()
+        wrong = site.close()
+    assert not wrong, '\n'.join(wrong)
+    assert not site.said, site.said
+
+
+@pytest.fixture
+def page(site: Site) -> Iterator[Any]:
+    """Return a page of the loop, in control."""
+    page = site.open_loop()
+    yield page
+    page.context.close()
+
+
+def take_control(page: Any) -> None:
+    """Take the control from other pages."""
+    role = page.get_by_role('button', name=re.compile('this page controls|take control'))
+    role.wait_for()
+    if 'watching' in role.inner_text().lower():
+        role.click()
+    page.get_by_role('button', name='this page controls').wait_for()
+
+
+def number(page: Any, title: str) -> Any:
+    """Return the field of a weight."""
+    return page.get_by_label(f'{title}, as a number')
+
+
+def candidate(page: Any, what: str) -> str:
+    """Return a figure of the candidate."""
+    return str(page.get_by_role('row', name=what).get_by_role('cell').last.inner_text())
+
+
+def tab(page: Any, name: str) -> None:
+    """Open a panel."""
+    page.get_by_role('tab', name=name, exact=True).click()
+
+
+def test_a_weight_shows_the_candidate_that_apply_then_adopts(site, page):
+    before = candidate(page, 'minimum damping ratio')
+    number(page, 'weight of px').fill('100')
+    page.wait_for_function(CHANGED, arg=['minimum damping ratio', before])
+    shown = candidate(page, 'minimum damping ratio')
+    revision = site.designs[-1].revision
+    page.get_by_role('button', name='Apply').click()
+    site.probe.wait_for(lambda: site.designs[-1].revision > revision)
+    design = site.designs[-1]
+    assert np.diag(np.reshape(design.qx, (6, 6)))[0] == 100.0
+    assert shown == f'{np.min(design.damping):.3g}'
+    page.get_by_role('button', name='Undo').click()
+    site.probe.wait_for(lambda: site.designs[-1].qx[0] == 1.0)
+
+
+def test_a_rejected_weight_has_its_reason_beside_it_and_changes_nothing(site, page):
+    revision = site.designs[-1].revision
+    number(page, 'weight of f1').fill('-0.1')
+    reason = page.get_by_role('alert').filter(has_text='must be positive definite')
+    reason.wait_for()
+    assert 'Qu[0] = -0.1' in reason.inner_text()
+    page.get_by_role('button', name='Apply').click()
+    site.probe.spin_for(0.5)
+    assert reason.is_visible()
+    assert site.designs[-1].revision == revision
+
+
+def test_a_goal_by_click_is_planned_certified_and_flown(site, page):
+    tab(page, 'Plan')
+    plane = page.locator('.obc-plane')
+    box = plane.bounding_box()
+    plane.click(position={'x': 0.62 * box['width'], 'y': 0.4 * box['height']})
+    page.get_by_text('solved: ').wait_for()
+    assert page.get_by_text('\u2713 holds').count() >= 8
+    assert page.get_by_text('\u2717').count() == 0
+    goal = [float(page.get_by_label(name, exact=True).input_value())
+            for name in ('px [m]', 'py [m]')]
+    assert goal != [0.0, 0.0]
+    page.get_by_role('button', name='Fly it').click()
+    page.get_by_text(re.compile(r'lqr_node: a reference of [0-9.]+ s')).first.wait_for()
+    site.settle()
+    site.probe.wait_for(lambda: np.abs(np.array(site.states[-1].x[:2]) - goal).max() < 0.01
+                        and np.abs(site.states[-1].x[3:5]).max() < 0.01, 40.0)
+
+
+@pytest.mark.parametrize('way', ['button', 'space bar'])
+def test_stop_is_one_click_or_the_space_bar(site, page, way):
+    if way == 'button':
+        page.get_by_role('button', name='Stop').click()
+    else:
+        page.locator('.obc-plots').click()
+        page.keyboard.press(' ')
+    page.get_by_text('stopped').first.wait_for()
+    page.get_by_role('button', name='Start').click()
+    page.get_by_text(re.compile('started|the loop runs')).first.wait_for()
+
+
+def test_a_second_page_watches_until_it_takes_the_control(site, page):
+    second = site.open()
+    watching = second.get_by_role('button', name='watching: take control')
+    watching.wait_for()
+    assert second.get_by_role('button', name='Apply').is_disabled()
+    assert second.get_by_role('button', name='Stop').is_disabled()
+    watching.click()
+    second.get_by_role('button', name='this page controls').wait_for()
+    page.get_by_role('button', name='watching: take control').wait_for()
+    second.context.close()
+
+
+def test_the_plant_is_paused_and_disturbed(site, page):
+    tab(page, 'Plant')
+    page.get_by_role('button', name='Pause').click()
+    page.get_by_text(re.compile('pause', re.IGNORECASE)).last.wait_for()
+    site.probe.spin_for(0.3)
+    site.states.clear()
+    site.probe.spin_for(0.3)
+    assert not site.states
+    page.get_by_role('button', name='Continue').click()
+    site.probe.wait_for(lambda: site.states)
+    before = site.settle()
+    page.get_by_label('peak of its rate').fill('3')
+    page.get_by_role('button', name='Gust', exact=True).click()
+    page.get_by_text('set: disturbance.gust.vx = 3.0').wait_for()
+    site.probe.wait_for(lambda: abs(site.states[-1].x[0] - before[0]) > 0.05)
+
+
+def test_an_example_is_solved_and_its_certificate_shown(site, page):
+    tab(page, 'Problem')
+    page.get_by_label('example').click()
+    page.get_by_label('example').fill('di_mintime_rest')
+    page.get_by_role('option', name='di_mintime_rest').click()
+    page.get_by_role('button', name='Solve').click()
+    page.get_by_text('solved: ').wait_for()
+    page.get_by_text(re.compile(r'cost [0-9.]+, global')).wait_for()
+    assert page.get_by_text('\u2713 holds').count() >= 8
+
+
+@pytest.mark.parametrize(('text', 'why'), [
+    ('states: [x', 'expected'), ('name: a\nstates: [x]\ninputs: [u]\ndynamics: {x: w}',
+                                'dynamics.x'), ('', '')])
+def test_a_malformed_problem_is_answered_in_words(site, page, text, why):
+    tab(page, 'Problem')
+    page.get_by_label('problem (YAML)').fill(text)
+    page.get_by_role('button', name='Solve').click()
+    message = page.get_by_role('tabpanel').get_by_role('status')
+    page.wait_for_function('() => [...document.querySelectorAll(".obc-message")].some('
+                           'each => each.offsetParent && each.innerText)')
+    assert why in message.inner_text()
+
+
+def test_a_long_solution_is_cancelled(site, page):
+    tab(page, 'Problem')
+    page.get_by_label('problem (YAML)').fill((PROBLEMS / 'shuttle_reentry.yaml').read_text())
+    page.get_by_role('button', name='Solve').click()
+    cancel = page.get_by_role('button', name='Cancel')
+    page.wait_for_function('() => [...document.querySelectorAll(".obc-message")].some('
+                           'each => each.offsetParent && each.innerText)')
+    cancel.click()
+    page.get_by_text('cancelled').first.wait_for()
+
+
+def test_a_recording_plays_and_is_scrubbed(site, tmp_path):
+    file = tmp_path / 'a.mcap'
+    record(file, [[0.01 * k, 0.0] for k in range(60)])
+    page = site.open(serve(site.spawner, tmp_path, site.domain, str(file)))
+    page.get_by_role('button', name='Pause').wait_for()
+    page.get_by_role('button', name='Pause').click()
+    page.get_by_role('button', name='Play').wait_for()
+    slider = page.get_by_label('time [s]')
+    held = slider.get_attribute('aria-valuenow')
+    page.wait_for_timeout(500)
+    assert slider.get_attribute('aria-valuenow') == held
+    slider.locator('[tabindex="0"]').focus()
+    page.keyboard.press('PageUp')
+    page.wait_for_function('held => document.querySelector("[aria-label=\\"time [s]\\"]")'
+                           '.getAttribute("aria-valuenow") > Number(held) + 1', arg=held)
+    page.context.close()
+
+
+def test_hostile_text_stays_text(site, page):
+    publisher = site.probe.node.create_publisher(Log, '/rosout', LATCHED)
+    tab(page, 'Log')
+    publisher.publish(Log(name=HOSTILE, msg=HOSTILE, level=30))
+    page.get_by_text('onerror').first.wait_for()
+    assert page.locator('img[src="x"]').count() == 0
+    assert page.evaluate('window.pwned') is None
+    assert page.get_by_text('49').count() == 0
+    site.probe.node.destroy_publisher(publisher)
+
+
+def test_the_page_fits_a_telephone_and_reads_without_colour(site):
+    page = site.open_loop(viewport={'width': 360, 'height': 740}, color_scheme='dark')
+    for name in ('Weights', 'Plan', 'Plant', 'Problem', 'Log'):
+        tab(page, name)
+        page.wait_for_timeout(200)
+        assert page.evaluate('document.documentElement.scrollWidth') <= 360, name
+    page.context.close()
+
+
+def test_the_keyboard_is_enough(site, page):
+    slider = page.get_by_label('weight of py', exact=True).locator('[tabindex="0"]')
+    before = float(number(page, 'weight of py').input_value())
+    slider.focus()
+    for _ in range(20):
+        page.keyboard.press('ArrowRight')
+    page.wait_for_function(TYPED, arg=['weight of py, as a number', before])
+    for _ in range(40):
+        page.keyboard.press('Tab')
+        if page.evaluate('document.activeElement.innerText') in ('APPLY', 'Apply'):
+            break
+    revision = site.designs[-1].revision
+    page.keyboard.press('Enter')
+    site.probe.wait_for(lambda: site.designs[-1].revision > revision)
+
+
+def test_a_page_without_control_is_read_only(site):
+    address = serve(site.spawner, site.folder, site.domain, '--namespace', '/')
+    page = site.open(address)
+    number(page, 'weight of px').wait_for()
+    page.get_by_role('button', name='read only').wait_for()
+    for name in ('Apply', 'Stop', 'Start'):
+        assert page.get_by_role('button', name=name).is_disabled()
+    page.context.close()

@@ -1,0 +1,207 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""What the page shows and whom it serves, without a browser."""
+
+import asyncio
+import time
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+from obc_ros.cli.obc import main
+from obc_ros.core import lqr, systems
+from obc_ros.core.text.errors import ObcError
+from obc_ros.msg import LqrDesign
+import pytest
+
+pytest.importorskip('nicegui', reason='NiceGUI is not installed')
+from obc_ros.cli.view.access import COOKIE, Gate, Helm, make_token
+from obc_ros.cli.view.canvas import describe_scene
+from obc_ros.cli.view.playback import Playback
+from obc_ros.cli.view.telemetry import describe_plant, Frame, measure_cost, Named, Plant
+from obc_ros.cli.view.weights_panel import compute_steps, list_figures
+from view_recording import record
+
+HOSTILE = '</script><img src=x onerror=alert(1)>{{ 7*7 }}'
+
+
+def ask(gate: Gate, kind: str = 'http', query: str = '', **headers: str
+        ) -> tuple[int, dict[str, str]]:
+    """Return status and headers of the answer to a request; 0: the application was asked."""
+    sent: list[Any] = []
+
+    async def send(event: Any) -> None:
+        sent.append(event)
+
+    asyncio.run(gate({'type': kind, 'query_string': query.encode(), 'headers': [
+        (name.encode(), value.encode()) for name, value in headers.items()]}, None, send))
+    if not sent:
+        return 0, {}
+    if sent[0]['type'] == 'websocket.close':
+        return sent[0]['code'], {}
+    return sent[0]['status'], {key.decode(): value.decode() for key, value in sent[0]['headers']}
+
+
+async def application(scope: Any, receive: Any, send: Any) -> None:
+    """Take every request."""
+
+
+@pytest.mark.parametrize('kind', ['http', 'websocket'])
+@pytest.mark.parametrize(('headers', 'served'), [
+    ({'host': '127.0.0.1:8080'}, True),
+    ({'host': 'localhost:8080', 'origin': 'http://localhost:8080'}, True),
+    ({'host': '[::1]:8080'}, True),
+    ({'host': '127.0.0.1:8080', 'origin': 'http://evil.example'}, False),
+    ({'host': '127.0.0.1:8080', 'origin': 'null'}, False),
+    ({'host': 'evil.example:8080', 'origin': 'http://evil.example:8080'}, False),
+    ({'host': '127.0.0.1.evil.example'}, False), ({}, False)])
+def test_only_pages_of_this_machine_are_served(kind, headers, served):
+    status, _ = ask(Gate(application), kind, **headers)
+    assert status == (0 if served else {'http': 403, 'websocket': 1008}[kind])
+
+
+def test_another_address_asks_for_the_token():
+    token = make_token()
+    gate, host = Gate(application, token), {'host': 'robot:8080'}
+    assert ask(gate, **host)[0] == 403
+    assert ask(gate, 'websocket', **host)[0] == 1008
+    for wrong in ('', 'x', token[:-1], token + 'x', HOSTILE):
+        assert ask(gate, query=f'token={wrong}', **host)[0] == 403
+        assert ask(gate, cookie=f'{COOKIE}={wrong}', **host)[0] == 403
+    status, headers = ask(gate, query=f'token={token}', **host)
+    assert (status, headers['location']) == (303, '/')
+    assert {'HttpOnly', 'SameSite=Strict'} < set(headers['set-cookie'].split('; '))
+    cookie = headers['set-cookie'].partition(';')[0]
+    assert ask(gate, cookie=cookie, **host)[0] == 0
+    assert ask(gate, 'websocket', cookie=cookie, **host)[0] == 0
+    assert ask(gate, cookie=cookie, origin='http://evil.example', **host)[0] == 403
+    assert make_token() != token
+
+
+def test_one_page_controls_at_a_time():
+    helm = Helm(True)
+    assert helm.take('a') and not helm.take('b')
+    helm.leave('b')
+    assert helm.has('a')
+    helm.seize('b')
+    assert helm.has('b') and not helm.has('a')
+    helm.leave('b')
+    assert helm.take('a')
+
+
+def test_nobody_controls_what_is_read_only():
+    helm = Helm(False)
+    helm.seize('a')
+    assert not helm.take('a') and not helm.has('a')
+
+
+def design_of(name: str, qx: list[float], qu: list[float]) -> LqrDesign:
+    """Return the message of a design, with what the page reads."""
+    system = systems[name]
+    design = lqr(system, qx, qu)
+    poles = np.linalg.eigvals(design.A - design.B @ design.K)
+    n, m = np.shape(design.B)
+    return LqrDesign(
+        system=name, state_names=list(system.states), input_names=list(system.inputs),
+        a=np.ravel(design.A), b=np.ravel(design.B), k=np.ravel(design.K), p=np.ravel(design.P),
+        xe=np.zeros(n), ue=np.zeros(m), poles_real=poles.real, poles_imag=poles.imag,
+        damping=-poles.real / np.abs(poles), rise_time=[1.0] + [np.nan] * (n - 1),
+        phase_margin=[1.0] * m, disk_margin=[1.0] * m, peak_input=[2.0] * m)
+
+
+def test_the_step_response_is_that_of_the_closed_loop():
+    """K = (1, sqrt 3) for Qx = diag(1, 1), Qu = 1: both poles of the loop are known."""
+    [(name, data)] = compute_steps(design_of('double_integrator', [1.0, 1.0], [1.0]))
+    t, y = np.array(data).T
+    s = np.roots([1.0, np.sqrt(3.0), 1.0])
+    exact = 1.0 - ((s[1] * np.exp(s[0] * t) - s[0] * np.exp(s[1] * t)) / (s[1] - s[0])).real
+    assert name == systems['double_integrator'].states[0]
+    assert np.abs(y - exact).max() < 1e-12
+    assert t[-1] > 5.0 / np.abs(s.real).min()
+
+
+def test_the_table_compares_two_designs():
+    use, new = (design_of('double_integrator', [q, 1.0], [1.0]) for q in (1.0, 4.0))
+    rows = {row['what']: row for row in list_figures(use, new)}
+    assert rows['minimum damping ratio']['use'] == f'{np.sqrt(3) / 2:.3g}'
+    assert rows['minimum damping ratio']['new'] == f'{np.sqrt(5) / 2 / np.sqrt(2):.3g}'
+    assert list_figures(None, None) == []
+
+
+def test_the_cost_to_go_is_a_quadratic_form():
+    design = design_of('double_integrator', [1.0, 1.0], [1.0])
+    x = np.array([0.3, -0.2])
+    P = np.array([[np.sqrt(3.0), 1.0], [1.0, np.sqrt(3.0)]])
+    assert measure_cost(design, x) == pytest.approx(x @ P @ x, rel=1e-12)
+    assert np.isnan(measure_cost(design, [1.0]))
+
+
+@pytest.mark.parametrize('name', ['aircraft', 'vehicle', 'two_wheeled'])
+def test_a_body_is_drawn_where_it_moves(name):
+    plant = describe_plant(LqrDesign(
+        system=name, state_names=list(systems[name].states),
+        input_names=list(systems[name].inputs)))
+    scene = describe_scene(plant)
+    assert scene['body'] and scene['plane']['x'] == plant.state_names.index('px')
+    drawn = [(each['of'], each['index']) for panel in scene['panels']
+             for each in panel['signals']]
+    assert len(drawn) == len(set(drawn)) == len(plant.states) + len(plant.inputs) + 2
+
+
+def test_names_of_unknown_plants_stay_text():
+    plant = describe_plant(LqrDesign(system=HOSTILE, state_names=[HOSTILE], input_names=['u']))
+    assert plant == Plant(HOSTILE, (Named(HOSTILE),), (Named('u'),))
+    scene = describe_scene(plant)
+    assert scene['plane'] is None and not scene['body']
+
+
+def test_numbers_that_are_not_finite_are_left_out():
+    packed = Frame(1.0, [np.nan, 1.0], [np.inf]).pack(3)
+    assert packed == {'n': 3, 't': 1.0, 'x': [None, 1.0], 'u': [None], 'goal': [], 'cost': None,
+                      'latency': None}
+
+
+def test_a_recording_plays_pauses_and_is_scrubbed(tmp_path, monkeypatch):
+    clock = SimpleNamespace(now=0.0)
+    monkeypatch.setattr(time, 'monotonic', lambda: clock.now)
+    playback = Playback(record(tmp_path / 'a.mcap', [[0.0], [1.0], [2.0], [3.0]]))
+    assert playback.duration == 3.0 and playback.plant.state_names == ('x1',)
+    playback.take_frame()
+    clock.now = 1.5
+    assert list(playback.take_frame().x) == [1.0]
+    playback.playing = False
+    clock.now = 2.5
+    assert playback.take_frame() is None
+    playback.seek(2.0)
+    assert list(playback.take_frame().x) == [2.0]
+    playback.playing, playback.speed = True, 5.0
+    clock.now = 3.0
+    assert list(playback.take_frame().x) == [3.0]
+    assert not playback.playing
+    playback.seek(-7.0)
+    assert playback.position == 0.0
+
+
+@pytest.mark.parametrize(('contents', 'why'), [
+    (b'', 'is not a recording'), (b'no recording at all', 'is not a recording'),
+    (None, 'no such recording')])
+def test_what_is_no_recording_is_rejected(tmp_path, contents, why):
+    file = tmp_path / 'a.mcap'
+    if contents is not None:
+        file.write_bytes(contents)
+    with pytest.raises(ObcError, match=why):
+        Playback(file)
+
+
+def test_a_recording_without_states_is_rejected(tmp_path):
+    with pytest.raises(ObcError, match='no messages of the topic state'):
+        Playback(record(tmp_path / 'a.mcap', [[1.0]], '/other'))
+
+
+@pytest.mark.parametrize(('words', 'why'), [
+    (['--host', '203.0.113.7'], 'cannot be served at'), (['--port', '-1'], 'cannot be served at'),
+    (['no.mcap'], 'no such recording')])
+def test_the_command_says_why_there_is_no_page(capsys, words, why):
+    assert main(['view', '--no-browser', *(['--port', '0'] if '--port' not in words else []),
+                 *words]) == 1
+    assert why in capsys.readouterr().err
