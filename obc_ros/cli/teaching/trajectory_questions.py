@@ -85,8 +85,8 @@ TRAJECTORY_QUESTIONS = (
         '2.2-cost', "Exercise 2.2 (b): q' = u, Y' = q u' - u q'. Give the minimum of "
         "1/2 int u'u dt over [0, 1] for y = (1, 2, 2).", 'number', 3.0 * math.pi, {},
         ((9.0 * math.pi, 'the cost grows with |y|, not with |y|^2'),
-         (6.0 * math.pi, 'either the factor 1/2 of the cost is missing, or Y was taken for the area '
-          'of the loop; it is twice that')),
+         (6.0 * math.pi, 'either the factor 1/2 of the cost is missing, or Y was taken for the '
+          'area of the loop; it is twice that')),
         'the loop is a circle: length^2 = 4 pi area, |y| = 2 area, cost = length^2/2'),
     FormulaQuestion(
         '2.2-speed', 'Exercise 2.2 (b): give |u| for y = (1, 2, 2).', 'number',
