@@ -107,10 +107,13 @@ def suggest_file(given: Path) -> str:
 
 def read_example(name: str) -> ProblemExample:
     """Return what is known of an example."""
-    # The files of the package are trusted: the fast loader may read them.
-    loader = getattr(yaml, 'CSafeLoader', yaml.SafeLoader)
-    found: dict[str, Any] = yaml.load(
-        find_example(name).read_text(encoding='utf-8'), loader)
+    # The files of the package are trusted: the fast loader of PyYAML may read them.
+    loader = getattr(yaml, 'CSafeLoader', yaml.SafeLoader)(
+        find_example(name).read_text(encoding='utf-8'))
+    try:
+        found: dict[str, Any] = loader.get_single_data()
+    finally:
+        loader.dispose()
     source = found['source']
     return ProblemExample(
         name, _join(found['title']), found['tags'][0], tuple(found['tags']),

@@ -3,7 +3,6 @@
 """What the commands print: on terminals of 40 and 80 columns, in a pipe, in ASCII."""
 
 import os
-import pty
 import re
 import subprocess
 import sys
@@ -29,7 +28,7 @@ ENERGY = {
 
 def run_on_terminal(columns, *words, **variables):
     """Return status and output of `obc` on a pseudo-terminal."""
-    master, slave = pty.openpty()
+    master, slave = os.openpty()
     environment = {**os.environ, 'COLUMNS': str(columns), 'TERM': 'xterm', **variables}
     with subprocess.Popen([sys.executable, '-m', 'obc_ros.cli.obc', *words], stdin=slave,
                           stdout=slave, stderr=slave, env=environment) as process:
