@@ -100,8 +100,10 @@ def _write_slide(record: Record, figure: str, folder: Path, count: str) -> str:
     path = folder / Path(figure).name
     data = b64encode(path.read_bytes()).decode()
     shown = html.escape(f'{record["label"]}: {strip_markup(record["title"])}')
+    source = '' if record['source'] == record['label'] else (
+        f'<p>{format_markup(record["source"])}</p>\n')
     return (f'<section>\n<h2>{html.escape(record["label"])}: {format_markup(record["title"])}</h2>'
-            f'\n<p>{format_markup(record["source"])}</p>\n'
+            f'\n{source}'
             f'<img src="data:image/png;base64,{data}" alt="Figure of {shown}">\n'
             f'<footer>{count}</footer>\n</section>')
 
