@@ -278,8 +278,8 @@ class Bench:
         Returns
         -------
         bool
-            False if it did not converge, or if the local errors are so large that its cost cannot
-            be compared with other costs.
+            False if it did not converge, or if the local errors or the Hamiltonian loss are so
+            large that its cost cannot be compared with other costs.
 
         """
         options = self.options.coarse
@@ -287,7 +287,7 @@ class Bench:
             return False
         course = self.course(outcome)
         error, loss = course.local.max(), self.judged(course).lost.sum()
-        if error < options.error and np.isfinite(loss):
+        if error < options.error and loss < options.wild * max(abs(outcome.objective), 1.0):
             return True
         with self.trace.attempt('check', 'discretisation error') as attempt:
             attempt.end(Verdict.REJECTED, f'relative error of a step {error:.1e}, allowed '

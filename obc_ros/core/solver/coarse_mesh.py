@@ -118,7 +118,7 @@ def _solve_first(bench: Bench, pool: StartPool) -> tuple[Bench, list[Transcripti
     """Return the outcomes of the first guesses and of paths around obstacles."""
     options = bench.options.coarse
     found: list[TranscriptionOutcome] = []
-    good, around = False, 0
+    begun, good, around = bench.work, False, 0
     for number in count(1):
         outcome = solve_next_start(bench, pool, once=good)
         found.append(outcome)
@@ -130,8 +130,10 @@ def _solve_first(bench: Bench, pool: StartPool) -> tuple[Bench, list[Transcripti
         if number == 1 and not (bench.quick and good):
             around = try_starts(
                 StartStage.FIRST_OUTCOME, bench, pool, Known(outcome=outcome)).wanted
-        most = options.starts if good or bench.quick else options.starts_in_vain
-        if bench.meter.stopped or bench.quick and good or number >= around + most:
+        patient = bench.work - begun < options.patience * (1 + bench.stages)
+        most = options.starts if bench.quick else options.starts_in_vain
+        if (bench.meter.stopped or bench.quick and good or number >= around + (
+                options.starts if good or not patient else most)):
             return bench, found
     raise AssertionError('the loop has no end of its own')
 

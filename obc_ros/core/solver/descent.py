@@ -23,9 +23,9 @@ from obc_ros.core.solver.trace import DESCENT, Entry, judge_path, MESH
 from obc_ros.core.solver.transcription.program import TranscriptionOutcome
 
 
-class _Descent:
+class Descent:
     """
-    A descent from one outcome.
+    A descent from one outcome, which can be interrupted.
 
     Parameters
     ----------
@@ -38,21 +38,56 @@ class _Descent:
 
     def __init__(self, bench: Bench, start: TranscriptionOutcome) -> None:
         self._state, self._tried = State(bench, start, bench.switching), start
+        self._entry = bench.trace.begin(DESCENT, f'from cost {start.objective:.6g}')
         self._meshes = enumerate(self._refine(bench.options.descent.meshes))
+        self._begun: int | None = None   # work of the search before the first mesh
 
-    def run(self) -> Candidate:
-        """Do what `descend` does."""
-        done = self._try(DescentStage.START)
-        while not (done or self._step()):
-            pass
-        best = self._state.best or self._certify()
-        if not (best.certified or self._state.outcome is self._tried):
-            self._try(DescentStage.CERTIFIED)
-            best = self._state.best or best
-        if not best.feasible:
-            self._state = replace(self._state, best=best)
-            self._try(DescentStage.VIOLATED)
-            best = self._state.best or best
+    def finish(self) -> Candidate:
+        """
+        Refine mesh and arcs until the certificate passes.
+
+        Returns
+        -------
+        Candidate
+            The last one that was certified; otherwise the best without a passing certificate.
+
+        """
+        found = self.advance(math.inf)
+        assert found is not None
+        return found
+
+    def advance(self, most: float) -> Candidate | None:
+        """
+        Do what `finish` does, up to a limit of the work.
+
+        Parameters
+        ----------
+        most : float
+            Work after which the descent is interrupted, at the end of a mesh.
+
+        Returns
+        -------
+        Candidate or None
+            None if it was interrupted.
+
+        """
+        bench = self._state.bench
+        before = bench.work
+        with bench.trace.under(self._entry):
+            done = self._begun is None and self._try(DescentStage.START)
+            self._begun = bench.work if self._begun is None else self._begun
+            while not (done or self._step()):
+                if bench.work - before > most:
+                    return None
+            best = self._state.best or self._certify()
+            if not (best.certified or self._state.outcome is self._tried):
+                self._try(DescentStage.CERTIFIED)
+                best = self._state.best or best
+            if not best.feasible:
+                self._state = replace(self._state, best=best)
+                self._try(DescentStage.VIOLATED)
+                best = self._state.best or best
+        self._entry.end(*judge_path(best.solution), cost=best.solution.objective)
         return best
 
     def _step(self) -> bool:
@@ -98,7 +133,7 @@ class _Descent:
         """Return whether a certificate may pass, or whether this is the last chance for one."""
         bench, options = self._state.bench, self._state.bench.options.descent
         # At such an excess the certificate may pass although the next mesh would reduce it.
-        worth = number and above < math.inf and (
+        worth = number and above < options.look and (
             bench.programs.twin or bench.judged(course).spread < options.spread)
         return bool(above < options.enough_bounded or worth or bench.meter.stopped)
 
@@ -106,13 +141,15 @@ class _Descent:
         """Return whether improvements are tried that lead to certificates."""
         bench, options = self._state.bench, self._state.bench.options.descent
         chorded = above > options.enough_bounded and bench.judged(course).chorded
-        return bool(number and above < math.inf) and (chorded or not self._is_certified)
+        due = number in options.boundary_arcs and above < options.boundary_excess
+        return due and (chorded or not self._is_certified)
 
     def _is_enough(self, number: int, above: float) -> bool:
         """Return whether no finer mesh is needed."""
         bench, options = self._state.bench, self._state.bench.options.descent
+        late = bench.work - (self._begun or 0) > options.digits * (1 + bench.stages)
         close = above < (options.enough_bounded if bench.bounded else options.enough)
-        return self._is_certified and close or bench.quick and number >= 2
+        return self._is_certified and (close or late) or bench.quick and number >= 2
 
     @property
     def _is_certified(self) -> bool:
@@ -156,8 +193,9 @@ class _Descent:
         mesh = bench.finer(outcome, course, exceeded)
         if bench.meter.stopped or not bench.meter.allows(mesh.layout.intervals):
             return False
+        most = options.work // (mesh.layout.intervals * (1 + mesh.layout.stages))
         new = bench.collocate(mesh, outcome.path, near=True, sizes=bench.sizes(outcome),
-                              guide=outcome, most=options.iterations)
+                              guide=outcome, most=min(options.iterations, max(50, most)))
         if new.converged:
             self._state = remove_vanished_arcs(replace(self._state, outcome=new))
         return new.converged
@@ -165,7 +203,7 @@ class _Descent:
 
 def descend(bench: Bench, start: TranscriptionOutcome) -> Candidate:
     """
-    Refine mesh and arcs of a coarse outcome until its certificate passes.
+    Refine mesh and arcs of a coarse outcome until its certificate passes; see `Descent.finish`.
 
     Parameters
     ----------
@@ -174,13 +212,5 @@ def descend(bench: Bench, start: TranscriptionOutcome) -> Candidate:
     start : TranscriptionOutcome
         On the coarse mesh.
 
-    Returns
-    -------
-    Candidate
-        The last one that was certified; otherwise the best without a passing certificate.
-
     """
-    with bench.trace.attempt(DESCENT, f'from cost {start.objective:.6g}') as attempt:
-        best = _Descent(bench, start).run()
-        attempt.end(*judge_path(best.solution), cost=best.solution.objective)
-    return best
+    return Descent(bench, start).finish()

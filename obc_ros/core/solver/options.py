@@ -48,6 +48,7 @@ class CoarseOptions:
     few_iterations: int = steer(12, 'lower limit of the maximum of further guesses', 'iterations')
     starts: int = steer(1, 'guesses after one that led to a path', 'guesses', 'detumble_mintime')
     starts_in_vain: int = steer(6, 'guesses while none led to a path', 'guesses')
+    patience: int = steer(10_000, 'work after which `starts` is enough in any case', 'work')
     rough: float = steer(
         1e-4, 'error of the cost at which a solve may end', 'relative', 'double_tank')
     late: tuple[int, ...] = steer(
@@ -55,6 +56,9 @@ class CoarseOptions:
         'iterations', 'orbit_transfer')
     left: tuple[float, ...] = steer(
         (0.5, 0.8), 'infeasibility above which it does', 'first infeasibility', 'orbit_transfer')
+    wild: float = steer(
+        1e6, 'infeasibility, or excess of the cost, of paths that diverged', 'scaled')
+    calmest: float = steer(0.1, 'least part of the ranges of guesses; a divergence halves it')
     error: float = steer(
         1e-2, 'error of a step, or of the cost, that is small enough',
         'relative', 'rayleigh_mintime')
@@ -87,9 +91,13 @@ class DescentOptions:
         5, 'meshes after which switching times are sought in any case', 'meshes', 'oil_shale')
     iterations: int = steer(
         350, 'maximum on a finer mesh, from the coarser one', 'iterations', 'sphere_geodesic')
+    work: int = steer(450_000, 'maximum on a finer mesh, but for 50 iterations', 'work')
+    boundary_arcs: tuple[int, ...] = steer(
+        (1, 2, 4, 6), 'refinements after which arcs along state bounds are solved for', 'meshes')
+    boundary_excess: float = steer(0.1, 'excess below which that is done', 'relative')
+    look: float = steer(1e-3, 'excess below which a certificate is computed', 'relative')
     spread: float = steer(
-        1.5e-4, 'variation of H above which a certificate is not computed', 'relative',
-        'hypersensitive_long')
+        1.5e-4, 'variation of H above which it is not', 'relative', 'hypersensitive_long')
     enough: float = steer(
         1e-5, 'excess at which a certified path is not refined', 'relative', 'aircraft_5')
     enough_bounded: float = steer(
@@ -98,6 +106,7 @@ class DescentOptions:
     back_off: float = steer(
         1e-3, 'violation of bounds alone up to which a path within tighter bounds is sought; '
         'error of its cost', 'relative', 'test_back_off.py')
+    digits: int = steer(8000, 'work after which a certified path is not refined', 'work')
 
 
 @dataclass(frozen=True)
@@ -138,17 +147,23 @@ class MultistartOptions:
         12, 'minimum for hard problems by collocation, rough ones',
         'starts', 'hypersensitive_long')
     least_bent: int = steer(8, 'minimum for bent problems', 'starts', 'cstr_kirk')
-    after: int = steer(
-        3, 'starts after one that led to a better solution; rollouts after one that led to a new '
-        'minimum, twice as many if the problem is bent', 'starts', 'cart_pole')
+    few: int = steer(2, 'minima above which the minimum number is doubled', 'minima')
+    after: int = steer(3, 'starts after one that led to a better solution', 'starts', 'cart_pole')
+    many: int = steer(24, 'minimum for hard problems by steps and costs with wells', 'starts')
     many_work: int = steer(15_000, 'minimum for these', 'work', 'terminal_wells_plane')
     most: int = steer(80, 'maximum', 'starts', 'terminal_wells_plane')
+    long: int = steer(60_000, 'work of the first descent before others are looked at', 'work')
+    looks: int = steer(3, 'others that are looked at then', 'starts')
     splits: int = steer(2, 'mesh halvings to confirm a lower cost', 'meshes')
     rivals: int = steer(3, 'other minima kept for neighbours', 'minima')
+    rival: float = steer(0.3, 'excess of their costs', 'relative')
+    weary: int = steer(500_000, 'work in all after which nothing certified is enough', 'work')
+    weary_starts: int = steer(50_000, 'work of starts after which that holds', 'work')
     rough_work: int = steer(
         3000, 'work for starts of rough problems that are not hard, and for windows',
         'work', 'robot_arm')
-    lavish: int = steer(150_000, 'maximum for starts', 'work', 'hypersensitive_long')
+    lavish: int = steer(
+        150_000, 'work for starts once a solution is certified', 'work', 'hypersensitive_long')
 
 
 @dataclass(frozen=True)
@@ -203,6 +218,8 @@ class RolloutOptions:
     octaves: int = steer(3, 'of a free final time, and of the distance from rest', 'octaves')
     tried: int = steer(
         8, 'solved while none converged; at most twice as many', 'rollouts', 'dubins_point_inside')
+    cheap: int = steer(2, 'cheap ones before those that end nearer to psi = 0', 'rollouts')
+    vain: int = steer(3, 'in a row without a new minimum; twice as many if it is bent', 'rollouts')
     glance: int = steer(32, 'of a brief search with terminal constraints', 'samples', 'robot_arm')
     kinds: int = steer(4, 'kinds of paths that are parents in one without', 'kinds', 'cstr_luus')
     children: int = steer(
@@ -229,6 +246,8 @@ class HorizonOptions:
 
     halvings: int = steer(6, 'halvings of T for the first horizon', '', 'pendulum_long')
     work: int = steer(100_000, 'work for all horizons', 'work', 'pendulum_long')
+    fine: int = steer(32, 'integration steps of the continuation', 'steps per interval')
+    far: float = steer(10.0, 'growth of the states above which it is not used', 'times')
 
 
 @dataclass(frozen=True)
@@ -241,6 +260,7 @@ class BangOptions:
     jump: float = steer(0.3, 'change of an input that may be a jump', 'range', 'thrust_in_a_disc')
     vanishing: float = steer(
         1e-3, 'length up to which an arc may be removed', 'final time', 'pendulum_mintime')
+    removal: float = steer(1e-7, 'increase of the cost by removing one', 'relative')
     room: float = steer(1e-5, 'increase of the cost by new arcs', 'relative', 'oil_shale')
 
 
@@ -292,6 +312,10 @@ class BoundaryOptions:
     intervals: int = steer(24, 'of all phases together, about', 'intervals', 'detumble_mintime')
     fewest: int = steer(3, 'minimum of a phase', 'intervals', 'epidemic_weak_lockdown')
     coarse: float = steer(1e-4, 'residual of the dynamics above which arcs are not detected')
+    steady: float = steer(0.7, 'ratio of residuals below which the budget is extended')
+    slowly: float = steer(
+        0.1, 'ratio of residuals above which bangs are sought, or intervals are spread')
+    worse: float = steer(1.5, 'ratio of residuals above which no finer mesh is tried')
     opened: float = steer(0.25, 'length of a free arc that is inserted', 'shorter neighbour')
     nearly: float = steer(
         0.1, 'rate at a junction that may be tangential', 'relative', 'clamped_beam')

@@ -89,10 +89,9 @@ class Trace:
         """Add work, in iterations times intervals."""
         self.work += work
 
-    @contextmanager
-    def attempt(self, method: str, what: str = '', *, aside: bool = False) -> Iterator[Entry]:
+    def begin(self, method: str, what: str = '', *, aside: bool = False) -> Entry:
         """
-        Add an attempt that belongs to the innermost one under way, and count its work.
+        Add an attempt that belongs to the innermost one under way.
 
         Parameters
         ----------
@@ -101,15 +100,22 @@ class Trace:
         aside : bool
             Whether another problem is solved, whose costs say nothing about this one.
 
-        Yields
-        ------
+        Returns
+        -------
         Entry
-            The innermost attempt under way, inside the context.
+            For `under`, again and again if the attempt is interrupted.
 
         """
-        inner, before = self._open[-1].number if self._open else 0, self.work
-        entry = Entry(len(self._entries) + 1, inner, method, what, before, aside or self._aside)
+        inner = self._open[-1].number if self._open else 0
+        entry = Entry(len(self._entries) + 1, inner, method, what, self.work,
+                      aside or self._aside)
         self._entries.append(entry)
+        return entry
+
+    @contextmanager
+    def under(self, entry: Entry) -> Iterator[Entry]:
+        """Make an attempt the innermost one under way, and count its work."""
+        before = self.work
         self._open.append(entry)
         self._description = None
         try:
@@ -118,6 +124,12 @@ class Trace:
             self._open.pop()
             self._description = None
             entry.spend(self.work - before)
+
+    @contextmanager
+    def attempt(self, method: str, what: str = '', *, aside: bool = False) -> Iterator[Entry]:
+        """Add an attempt, and make it the innermost one under way; see `begin`."""
+        with self.under(self.begin(method, what, aside=aside)) as entry:
+            yield entry
 
     def found(self, cost: float, certified: bool) -> None:
         """Note the cost of a feasible path, for `describe`; a certified one replaces others."""

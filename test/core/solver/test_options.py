@@ -12,7 +12,7 @@ import problems
 import pytest
 
 TEST = Path(__file__).resolve().parents[2]
-WITHOUT = 21   # options without provenance
+WITHOUT = 44   # options without provenance
 
 
 def write(value):
@@ -47,7 +47,7 @@ def test_defaults_read_back_are_the_defaults():
     ('multistart.most=20', 'multistart', 'most', 20),
     (' coarse.rough = 1e-3 ', 'coarse', 'rough', 1e-3),
     ('boundary.gaps=0.1, 0.02', 'boundary', 'gaps', (0.1, 0.02)),
-    ('coarse.late=3', 'coarse', 'late', (3,))])
+    ('descent.boundary_arcs=3', 'descent', 'boundary_arcs', (3,))])
 def test_one_option_changes(given, group, field, value):
     changed = read_options([given])
     assert getattr(getattr(changed, group), field) == value

@@ -322,8 +322,8 @@ class _Turn:
     spread: tuple[Array, Array]   # distribution of the intervals
     fine: float = 1.0
     graded: int = 0               # refinements only where x or lam was not resolved
-    settled: bool = False         # the last attempt had the arcs that it led to
-    refined: bool = False         # after an attempt with a large discretisation error
+    off: float = math.inf         # worst residual of the last attempt over its tolerance
+    erred: float = math.inf       # residual of the dynamics of the last attempt
     led_to: Signature = ()        # arcs found with a large discretisation error
 
     @property
@@ -333,19 +333,22 @@ class _Turn:
     def like(self, found: Phased, arcs: list[Arc]) -> '_Turn':
         """Continue with other arcs from a path that was found."""
         return replace(self, arcs=arcs, guess=sharpen_steps(join_phases(found), arcs),
-                       settled=False)
+                       off=math.inf)
 
-    def finer(self, found: Phased) -> '_Turn':
-        """Continue with shorter intervals, distributed anew after the first attempt."""
+    def finer(self, found: Phased, erred: float, meter: Meter,
+              options: BoundaryOptions) -> '_Turn':
+        """Continue with shorter intervals, distributed anew if the errors decrease slowly."""
         arcs, guess, spread = self.arcs, self.guess, self.spread
         again = get_signature(found.arcs) == self.led_to
+        if erred < options.steady * self.erred < math.inf:
+            meter.extend(round(options.work * self.fine))
         fewer = len(found.arcs) < len(arcs)
-        if again or fewer or self.refined:
+        if again or fewer or erred > options.slowly * self.erred:
             spread = spread_by_error(found)
             if again or len(found.arcs) <= len(arcs):
                 arcs, guess = found.arcs, join_phases(found)
         return replace(self, arcs=arcs, guess=guess, spread=spread, fine=2 * self.fine,
-                       refined=True, led_to=get_signature(found.arcs))
+                       erred=erred, led_to=get_signature(found.arcs))
 
 
 def _settled_on(bench: Bench, program: PhasedProgram, outcome: TranscriptionOutcome,
@@ -377,7 +380,8 @@ def _settled_on(bench: Bench, program: PhasedProgram, outcome: TranscriptionOutc
         if answer.certificate.holds:
             return answer
         value = fitter.at(problem, answer.x, answer.u)
-        if answer.certificate.residuals[Condition.DYNAMICS] > options.coarse:
+        erred = answer.certificate.residuals[Condition.DYNAMICS]
+        if erred > options.coarse:
             # At this discretisation error only the multipliers of bounds are trusted.
             touched = add_touching_arcs(problem, found.arcs, found, program.bounds, answer.t,
                                         value)
@@ -385,7 +389,7 @@ def _settled_on(bench: Bench, program: PhasedProgram, outcome: TranscriptionOutc
                     get_signature(touched), turn.fine, turn.graded) not in seen:
                 turn = turn.like(found, touched)
             else:
-                turn = turn.finer(found)
+                turn = turn.finer(found, erred, meter, options)
             continue
         new = reread_arcs(problem, program, judge, found, answer, value, options)
         if get_signature(new) == get_signature(found.arcs):
@@ -401,18 +405,22 @@ def _settled_on(bench: Bench, program: PhasedProgram, outcome: TranscriptionOutc
                 better := certify_samples(problem, program, judge, fitter, smooth)).certified:
             return better
         turn = replace(turn, arcs=new, guess=sharpen_steps(join_phases(found), new))
-        turn = _resolve(bench, program, turn, found, answer, seen)
+        following = _resolve(bench, program, turn, found, answer, seen)
+        if following is None:
+            break
+        turn = following
     return None
 
 
 def _resolve(bench: Bench, program: PhasedProgram, turn: _Turn, found: Phased,
-             answer: Solution, seen: set[tuple[Signature, float, int]]) -> _Turn:
-    """Return the next attempt when the arcs do not change."""
+             answer: Solution, seen: set[tuple[Signature, float, int]]) -> _Turn | None:
+    """Return the next attempt when the arcs do not change; None if it is not worth trying."""
     assert answer.certificate is not None
     problem, options = bench.problem, bench.options.boundary
-    worst, again = answer.certificate.worst, turn.settled
-    turn = replace(turn, settled=True)
-    if again:
+    worst, before = answer.certificate.worst, turn.off
+    turn = replace(turn, off=(answer.certificate.residuals[worst]
+                              / answer.certificate.tolerances[worst]))
+    if turn.off > options.slowly * before:
         _, Hu, _ = bench.programs.judge.hamiltonian(
             problem, answer.x, answer.u, answer.lam, answer.path_multipliers)
         ended = cut_at_ends(problem, program, found, answer.t, answer.x, answer.u, Hu)
@@ -423,6 +431,10 @@ def _resolve(bench: Bench, program: PhasedProgram, turn: _Turn, found: Phased,
         spread, count = spread_as_wanted(found, bench.options.refinement.cuts)
         return replace(turn, spread=spread, graded=turn.graded + 1,
                        fine=max(turn.fine, count / options.intervals))
+    if turn.off > options.worse * before:
+        return None
+    if turn.off < options.steady * before:
+        bench.meter.extend(round(options.work * turn.fine))
     spread = spread_by_error(found) if worst in BY_SAMPLES else turn.spread
     return replace(turn, fine=2 * turn.fine, spread=spread)
 

@@ -182,6 +182,9 @@ class Meter:
         """
         return _Overtime(self, self.remaining() + self.kept - least, self._report)
 
+    def extend(self, work: int) -> None:
+        """Increase the budget of a part, and of the parts that contain it; the whole has none."""
+
     def remaining(self) -> float:
         """Return the time left [s]."""
         return self.deadline - time.monotonic()
@@ -232,6 +235,10 @@ class _Part(Meter):
     def limit(self, iterations: int, each: int = 1) -> None:
         super().limit(iterations, each)
         self._whole.limit(iterations, each)
+
+    def extend(self, work: int) -> None:
+        self._left += work
+        self._whole.extend(work)
 
     def step(self, cost: float, infeasibility: float) -> bool:
         self._whole.step(cost, infeasibility)

@@ -141,7 +141,7 @@ def interleave_rollouts(bench: Bench, pool: StartPool, known: Known) -> Proposal
     rollouts = _promising(
         bench, known.best, seen, lambda: bench.work - aside > bench.options.multistart.hard
         or is_rough(bench, pool), known.bent)
-    patience = (2 if known.bent else 1) * bench.options.multistart.after
+    patience = (2 if known.bent else 1) * bench.options.rollouts.vain
     return Proposal(rest=_interleave(pool, pool.rest, label_paths(
         rollouts, 'cross-entropy rollout'), patience), wanted=bool(seen))
 
@@ -172,7 +172,8 @@ def _promising(bench: Bench, last: Candidate, seen: list[RolloutEnd], rough: Cal
         if bent or not short:
             search = partial(search_rollouts, problem, T, rest=rest, short=short, options=options)
             cheap = search(outcome.objective)
-            for pair in zip_longest(search(), cheap):
+            yield from cheap[:options.cheap]
+            for pair in zip_longest(search(), cheap[options.cheap:]):
                 yield from filter(None, pair)
     yield from _unlike(seen, options)[1:]
 

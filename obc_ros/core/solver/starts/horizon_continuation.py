@@ -100,14 +100,15 @@ def _solve_finely(bench: Bench, mesh: Mesh,
 def _longer(bench: Bench, outcome: TranscriptionOutcome, intervals: int,
             length: float) -> tuple[Mesh, Path]:
     """Return a mesh and a path over a longer horizon, continued with the last input."""
-    problem, steps, known = bench.problem, bench.options.rollouts.steps, outcome.path
+    problem, options, known = bench.problem, bench.options.horizon, outcome.path
     intervals = max(intervals, int(np.count_nonzero(known.t > length / 4)))   # no coarser
     t = np.linspace(known.t[-1], length, intervals + 1)
-    last = np.tile(known.ub[-1], (intervals * steps, 1))
+    last = np.tile(known.ub[-1], (intervals * options.fine, 1))
     x, _ = bench.programs.integrator.forward(
         replace(problem, x0=known.x[-1]), np.linspace(t[0], length, len(last) + 1), last, last)
-    x = x[::steps]
-    if not np.all(np.isfinite(x)):
+    x = x[::options.fine]
+    size = options.far * np.abs(known.x).max(axis=0)
+    if not (np.all(np.isfinite(x)) and np.all(np.abs(x) <= size)):
         x = np.tile(known.x[-1], (len(x), 1))
     x = np.clip(x, problem.x_lower, problem.x_upper)
     points = np.append(known.t, t[1:])

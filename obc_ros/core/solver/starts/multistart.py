@@ -10,7 +10,7 @@ from obc_ros.core.ocp.solution import MOST_MINIMA, Solution, Verdict
 from obc_ros.core.solver.adjoint.mesh_refinement import is_below
 from obc_ros.core.solver.bench import Bench, Candidate
 from obc_ros.core.solver.coarse_mesh import solve_next_start
-from obc_ros.core.solver.descent import descend
+from obc_ros.core.solver.descent import descend, Descent
 from obc_ros.core.solver.improve.improvement import DescentStage, State
 from obc_ros.core.solver.improve.registry import try_improvements
 from obc_ros.core.solver.program_cache import Answered, collect_numbers
@@ -25,14 +25,20 @@ from obc_ros.core.solver.transcription.mesh import build_uniform_mesh, split
 from obc_ros.core.solver.transcription.program import TranscriptionOutcome
 
 
-def descend_from_coarse(bench: Bench, first: TranscriptionOutcome) -> tuple[Candidate, float]:
+def descend_from_coarse(bench: Bench, pool: StartPool, first: TranscriptionOutcome
+                        ) -> tuple[Candidate, float]:
     """
-    Refine a coarse outcome, moved to the lowest branch of H first.
+    Refine a coarse outcome; after much work, try cheaper outcomes of other guesses first.
+
+    A local minimum may need very fine meshes, for example between obstacles, while a better one
+    is found easily.
 
     Parameters
     ----------
     bench : Bench
         With the coarse mesh.
+    pool : StartPool
+        Other guesses.
     first : TranscriptionOutcome
         The best one on the coarse mesh.
 
@@ -43,8 +49,20 @@ def descend_from_coarse(bench: Bench, first: TranscriptionOutcome) -> tuple[Cand
         Cost on the coarse mesh of the outcome that led to it.
 
     """
+    options = bench.options.multistart
     first = try_improvements(DescentStage.COARSE, State(bench, first)).outcome
-    return descend(bench, first), first.objective
+    descent = Descent(bench, first)
+    if (found := descent.advance(options.long)) is not None:
+        return found, first.objective
+    cheapest = first
+    for _ in range(options.looks):
+        outcome = solve_next_start(bench, pool, once=True, hard=True)
+        if is_below(outcome.objective, cheapest.objective, ANOTHER) and bench.is_accurate(outcome):
+            cheapest = outcome
+    other = None if cheapest is first else descend(bench, cheapest)
+    if other is not None and other.certified:
+        return other, cheapest.objective
+    return descent.finish(), first.objective
 
 
 @dataclass(frozen=True)
@@ -151,7 +169,7 @@ class _Multistart:
             starts=number, wanted=self._wanted, before=self._before, spent=self._spent,
             total=bench.work, certified=self._best.certified, uneven=self._uneven,
             bent=self._bent, rough=is_rough(bench, self._pool), stages=bench.stages,
-            complete=known.enough())
+            minima=known.minima, complete=known.enough())
 
     def _solve_next(self) -> TranscriptionOutcome:
         """Solve from the next guess; if the cost is lower, on meshes with small errors."""
@@ -235,14 +253,15 @@ class _Multistart:
         bench.programs.note_minima(self._pool.known_minima.minima)
 
     def _find_rivals(self) -> tuple[TranscriptionOutcome, ...]:
-        """Return the outcomes of the other local minima with the lowest coarse costs."""
+        """Return outcomes of other local minima whose coarse cost is not much above the best."""
         rivals: list[TranscriptionOutcome] = []
-        coarse = self._coarse
+        coarse, options = self._coarse, self._options
         for outcome in sorted(self._found, key=lambda outcome: outcome.objective):
             above = outcome.objective - (rivals[-1].objective if rivals else coarse)
-            if outcome.converged and above > ANOTHER * abs(coarse):
+            if (outcome.converged and above > ANOTHER * abs(coarse)
+                    and outcome.objective <= coarse + options.rival * abs(coarse)):
                 rivals.append(outcome)
-        return tuple(rivals[:self._options.rivals])
+        return tuple(rivals[:options.rivals])
 
 
 def better(best: Solution, other: Solution) -> Solution:

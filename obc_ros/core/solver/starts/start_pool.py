@@ -36,7 +36,7 @@ class StartPool:
 
     def __init__(self, problem: Problem, programs: ProgramCache) -> None:
         self._problem, self._programs = problem, programs
-        self.known_minima = LocalMinima()
+        self.known_minima = LocalMinima(programs.options.coarse)
         self.periods: Array = np.full(problem.m, np.inf)
         self._first: Iterator[Path] = iter(())
         self._rest: Iterator[Path] = iter(())
@@ -51,7 +51,7 @@ class StartPool:
 
     def forget(self) -> None:
         """Forget the minima."""
-        self.known_minima = LocalMinima()
+        self.known_minima = LocalMinima(self._programs.options.coarse)
 
     def put_first(self, paths: Iterator[Path]) -> None:
         """Use these paths before those that are left."""

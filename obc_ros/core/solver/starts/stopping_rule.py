@@ -25,6 +25,8 @@ class Effort:
         strongly nonlinear; whether coarse solves fail, end at very different costs, or are slow.
     stages : int
         Collocation points in an interval; 0: Runge-Kutta steps.
+    minima : int
+        Number of local minima found.
     complete : bool
         Whether no further minimum is expected (Boender, Rinnooy Kan 1987).
 
@@ -40,6 +42,7 @@ class Effort:
     bent: bool = False
     rough: bool = False
     stages: int = 0
+    minima: int = 1
     complete: bool = False
 
 
@@ -61,7 +64,8 @@ def explain_enough(effort: Effort, options: MultistartOptions) -> str:
 
     """
     number, spent, hard = effort.starts, effort.spent, effort.before > options.hard
-    if spent > options.lavish:
+    weary = effort.total > options.weary and spent > options.weary_starts
+    if spent > options.lavish if effort.certified else weary:
         return f'the work for further starts is used up after {number}'
     if (effort.rough or effort.bent) and effort.certified and not (hard or effort.uneven) and (
             spent > max(options.rough_work, effort.before)):
@@ -75,10 +79,11 @@ def explain_enough(effort: Effort, options: MultistartOptions) -> str:
 
 
 def _are_many(effort: Effort, options: MultistartOptions) -> bool:
-    """Return whether the minimum of starts, or of their work, was tried."""
+    """Return whether at least the minimum number of starts was tried."""
     hard = effort.before > options.hard
     if effort.uneven or hard and not effort.stages:
-        return effort.spent >= options.many_work
+        return effort.starts >= options.many and effort.spent >= options.many_work
     least = options.least_bent if effort.bent else 1
     least = options.least_hard if hard or effort.rough else least
-    return effort.starts >= max(least, effort.wanted)
+    times = 2 if least > 1 and effort.minima > options.few and not hard else 1
+    return effort.starts >= max(times * least, effort.wanted)

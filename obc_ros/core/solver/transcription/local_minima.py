@@ -4,6 +4,7 @@
 
 import numpy as np
 from obc_ros.core.numerics.arrays import Array
+from obc_ros.core.solver.options import CoarseOptions, DEFAULTS
 from obc_ros.core.solver.transcription.mesh import Path
 
 ANOTHER = 1e-3   # relative difference of two costs above which they are of different minima
@@ -20,8 +21,10 @@ class LocalMinima:
     feasible iterate with the cost of a known minimum.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, options: CoarseOptions = DEFAULTS.coarse) -> None:
+        self._options = options
         self._seen: tuple[Array, Array] | None = None
+        self._part = 1.0
         self._costs, self._regular, self._failed = list[float](), list[float](), 0
         self._iterates = set[tuple[str, str]]()
         self._now = list[tuple[str, str]]()
@@ -63,6 +66,8 @@ class LocalMinima:
             new = np.ptp(x, axis=0), np.maximum(np.ptp(u, axis=0), np.abs(u).max(axis=0))
             known = self._seen or new
             self._seen = np.maximum(known[0], new[0]), np.maximum(known[1], new[1])
+        if path is None and not (infeasibility < self._options.wild or rollout):
+            self._part = max(self._part / 2, self._options.calmest)
         if path is not None or self._knows(cost, infeasibility):
             self._costs.append(cost)
             self._regular += [] if rollout else [cost]
@@ -71,8 +76,12 @@ class LocalMinima:
 
     @property
     def spans(self) -> tuple[Array, Array] | None:
-        """Return the ranges of states (n,) and inputs (m,) of the paths, None without a path."""
-        return self._seen
+        """
+        Return the ranges of states (n,) and inputs (m,) for guesses, None without a path.
+
+        They are those of the paths found, reduced after each start from which states diverged.
+        """
+        return self._seen and (self._part * self._seen[0], self._part * self._seen[1])
 
     def _far(self, cost: float) -> bool:
         least = min(self._costs, default=cost)

@@ -17,8 +17,8 @@ CERTIFIED, FEASIBLE, BROKEN = 'certified', 'feasible', 'not feasible'
 FAILS = {CERTIFIED: (), FEASIBLE: (Condition.MINIMUM,), BROKEN: (Condition.DYNAMICS,)}
 QUALITIES = (*FAILS, 'without a certificate')
 OPTIONS = MultistartOptions(
-    hard=1000, share=0.5, share_hard=0.5, least_hard=12, least_bent=8, many_work=5000,
-    rough_work=300, lavish=50_000)
+    hard=1000, share=0.5, share_hard=0.5, least_hard=12, least_bent=8, few=2, many=24,
+    many_work=5000, rough_work=300, lavish=50_000, weary=200_000, weary_starts=60_000)
 
 
 def give(cost, quality):
@@ -72,7 +72,10 @@ def test_the_reason_is_given_in_words():
 
 @pytest.mark.parametrize(('changes', 'least'), [
     ({}, 1), ({'wanted': 5}, 5), (BENT, 8), (BENT | {'wanted': 10}, 10), (ROUGH, 12),
-    (BENT | ROUGH, 12), (HARD | {'stages': 3}, 12)])
+    (BENT | ROUGH, 12), (BENT | {'minima': 3}, 16), ({'minima': 3}, 1),
+    (HARD | {'stages': 3}, 12), (HARD | {'stages': 3, 'minima': 3}, 12),
+    (HARD | {'spent': 5000, 'total': 20_000}, 24),
+    ({'uneven': True, 'spent': 5000, 'total': 20_000}, 24)])
 def test_a_minimum_number_of_starts_is_tried(changes, least):
     effort = replace(EASY, **changes)
     for starts in range(30):
@@ -106,9 +109,10 @@ def test_starts_of_an_easy_problem_take_no_more_work_than_its_solution(changes):
         assert explain_enough(replace(effort, **other), OPTIONS) == '', other
 
 
-@pytest.mark.parametrize('certified', [True, False])
-@pytest.mark.parametrize(('spent', 'total', 'stops'), [
-    (50_001, 90_000, True), (49_999, 900_000, False)])
+@pytest.mark.parametrize(('certified', 'spent', 'total', 'stops'), [
+    (True, 50_001, 90_000, True), (True, 49_999, 900_000, False),
+    (False, 60_001, 200_001, True), (False, 60_001, 199_999, False),
+    (False, 59_999, 900_000, False)])
 def test_work_for_starts_is_limited(certified, spent, total, stops):
     effort = replace(EASY, starts=3, wanted=5, certified=certified, spent=spent, total=total)
     assert ('used up after 3' in explain_enough(effort, OPTIONS)) == stops
