@@ -91,6 +91,7 @@ class PlanPanel:
             self._message.text = 'every state of the goal needs a number'
             return
         self._busy = self._spinner.visible = True
+        self._message.text = ''
         request = PlanMotion.Request(
             system=self._plant.system, goal=list(map(float, goal)), execute=execute,
             objective=str(self._objective.value), final_time=float(self._time.value or 0.0)
