@@ -25,7 +25,8 @@ from obc_ros.core.ocp.statement import build_problem, load_file
 from obc_ros.core.solver.solve import solve
 from obc_ros.core.text.errors import ObcError
 
-TESTS = Path(__file__).resolve().parent.parent / 'test'
+ROOT = Path(__file__).resolve().parent.parent
+TESTS = ROOT / 'test'
 LIMIT = 60.0  # [s] of processor time
 SHARE = 0.95  # required share of certified examples of a collection
 LOWER = 1e-5  # a relative difference from the published cost that is marked
@@ -100,8 +101,14 @@ def read_table(path: Path) -> list[Example]:
         return [Example(**row) for row in csv.DictReader(file)]
 
 
+def find_file(problem: str) -> Path:
+    """Return the file of a problem: an example of the package, or a file of the collections."""
+    folder = ROOT / 'obc_ros' if problem.startswith('examples/') else TESTS
+    return folder / f'{problem}.yaml'
+
+
 def solve_alone(problem: str, time_limit: float) -> Answer:
-    """Return the answer to a file below test/, from a process that ends with it."""
+    """Return the answer to a problem of a table, from a process that ends with it."""
     context = get_context('spawn')
     ours, theirs = context.Pipe()
     process = context.Process(target=answer_file, args=(theirs, problem, time_limit), daemon=True)
@@ -120,8 +127,8 @@ def solve_alone(problem: str, time_limit: float) -> Answer:
 
 
 def answer_file(pipe: Connection, problem: str, time_limit: float) -> None:
-    """Send the answer to a file below test/."""
-    [mapping] = load_file(TESTS / f'{problem}.yaml')
+    """Send the answer to a problem of a table."""
+    [mapping] = load_file(find_file(problem))
     begun = time.process_time()
     found = solve(build_problem(mapping), time_limit=time_limit)
     pipe.send(Answer(found.status.value, float(found.objective) if found.t.size else float('nan'),

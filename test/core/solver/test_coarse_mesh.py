@@ -2,12 +2,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """Coarse paths of problems with boundary layers, whose discretisation error stays large."""
 
+from pathlib import Path
+
 from obc_ros.core.ocp.statement import build_problem, load_file
 from obc_ros.core.solver.solve import solve
-import problems
 import pytest
 
-MOTORS = problems.FOLDER.parent / 'collections' / 'practical'
+MOTORS = Path(__file__).parents[2] / 'collections' / 'practical'
 
 
 @pytest.mark.slow
