@@ -107,7 +107,7 @@ def test_a_malformed_command_line_exits_with_2(line):
 
 @pytest.mark.parametrize('line', [
     ['solve', 'a.yaml'], ['lqr', 'a.yaml'], ['sweep', 'a.yaml', '--out', 'a'], ['gallery'],
-    ['demo', 'aircraft']], ids=lambda line: line[0])
+    pytest.param(['demo', 'aircraft'], marks=pytest.mark.ros)], ids=lambda line: line[0])
 def test_an_unknown_format_of_figures_exits_with_2(capsys, line):
     with pytest.raises(SystemExit) as exit_:
         main([*line, '--format', 'pdf,gif'])
