@@ -21,7 +21,7 @@ from obc_ros.action import SolveOptimalControl
 from obc_ros.cli.recording import LATCHED
 from obc_ros.cli.view.telemetry import describe_plant, Frame, measure_cost, Plant
 from obc_ros.core.text.errors import ObcError
-from obc_ros.msg import Command, LqrDesign, OptimalControlProblem, State, Trajectory
+from obc_ros.msg import Command, LqrDesign, OptimalControlProblem, State
 from obc_ros.ros.executor import limit_leaving
 from obc_ros.ros.service_qos import BURST
 from obc_ros.ros.subscription_thread import Apart
@@ -32,6 +32,7 @@ from rclpy.action import ActionClient
 from rclpy.executors import SingleThreadedExecutor
 import rclpy.parameter
 from rclpy.qos import QoSProfile, ReliabilityPolicy
+from std_srvs.srv import Trigger
 
 PERIOD = 1.0 / 30.0  # [s] between two frames
 QUEUE = QoSProfile(depth=64, reliability=ReliabilityPolicy.BEST_EFFORT)
@@ -85,18 +86,12 @@ class LoopClient:
         Signals of the plant; None before the first design.
     design : LqrDesign or None
         The design in use.
-    reference : Trajectory or None
-        The last reference.
-    states, commands : int
-        Number of messages received.
 
     """
 
     def __init__(self, namespace: str = '') -> None:
         self.plant: Plant | None = None
         self.design: LqrDesign | None = None
-        self.reference: Trajectory | None = None
-        self.states = self.commands = 0
         self._frame: Frame | None = None
         self._lines: deque[tuple[int, str]] = deque(maxlen=LINES)
         self._numbered = 0
@@ -126,7 +121,6 @@ class LoopClient:
              act) for kind, topic, act in (
                 (State, 'state', self._on_state), (Command, 'command', self._on_command))]
         node.create_subscription(LqrDesign, 'lqr_node/design', self._on_design, LATCHED)
-        node.create_subscription(Trajectory, 'reference', self._on_reference, LATCHED)
         node.create_subscription(Log, '/rosout', self._on_log, LATCHED)
 
     def close(self) -> None:
@@ -186,7 +180,6 @@ class LoopClient:
 
     def _on_state(self, message: State, info: Mapping[str, int]) -> None:
         stamp = _read_stamp(message)
-        self.states += 1
         self._sent[stamp] = info['source_timestamp']
         while len(self._sent) > 2 * QUEUE.depth:
             self._sent.pop(next(iter(self._sent)))
@@ -196,7 +189,6 @@ class LoopClient:
             measure_cost(design, message.x) if design else float('nan'), self._latency)
 
     def _on_command(self, message: Command, info: Mapping[str, int]) -> None:
-        self.commands += 1
         self._u = message.u
         if (begun := self._sent.get(_read_stamp(message))) is not None:
             late = 1e-9 * (info['source_timestamp'] - begun)
@@ -207,9 +199,6 @@ class LoopClient:
         if self.plant is None or design.system != self.plant.system:
             self.plant = describe_plant(design)
         self.design = design
-
-    def _on_reference(self, reference: Trajectory) -> None:
-        self.reference = reference
 
     def _on_log(self, line: Log) -> None:
         self._numbered += 1
@@ -251,6 +240,13 @@ class LoopClient:
     def _submit(self, job: Callable[[], None]) -> None:
         self._jobs.put(job)
         self._executor.wake()
+
+    async def trigger(self, service: str) -> str:
+        """Call a service without arguments; return what its node says, or why it does not."""
+        try:
+            return str((await self.call(Trigger, service, Trigger.Request())).message)
+        except ObcError as error:
+            return str(error)
 
     async def solve(self, request: Request) -> Any:
         """

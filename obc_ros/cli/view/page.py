@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The page: picture and signals beside the panels; one page for each browser."""
 
-from collections.abc import Callable
 from typing import Any
 
 from nicegui import app, ui
@@ -10,7 +9,7 @@ from nicegui.events import KeyEventArguments
 from obc_ros.cli.view.access import Helm
 from obc_ros.cli.view.canvas import describe_scene, LoopCanvas
 from obc_ros.cli.view.loop_client import LoopClient
-from obc_ros.cli.view.plan_panel import PlanPanel, start_loop, stop_loop
+from obc_ros.cli.view.plan_panel import PlanPanel
 from obc_ros.cli.view.plant_panel import PlantPanel
 from obc_ros.cli.view.playback import Playback
 from obc_ros.cli.view.problem_panel import ProblemPanel
@@ -90,7 +89,6 @@ class LoopPage:
         self._page = ui.context.client.id
         self._plant: Plant | None = None
         self._logged = 0
-        self._panels: list[Callable[[], None]] = []
         ui.add_css(PAGE_STYLE)
         ui.colors(primary='#0072b2')
         self._dark = ui.dark_mode(None)
@@ -205,11 +203,11 @@ class LoopPage:
 
     async def _do_stop(self) -> None:
         if self._controls() and isinstance(self._viewer.source, LoopClient):
-            ui.notify(await stop_loop(self._viewer.source))
+            ui.notify(await self._viewer.source.trigger('lqr_node/stop'))
 
     async def _do_start(self) -> None:
         if self._controls() and isinstance(self._viewer.source, LoopClient):
-            ui.notify(await start_loop(self._viewer.source))
+            ui.notify(await self._viewer.source.trigger('lqr_node/start'))
 
     async def _press(self, event: KeyEventArguments) -> None:
         if event.action.keydown and not event.action.repeat and event.key.name == ' ':

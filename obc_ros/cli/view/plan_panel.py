@@ -15,7 +15,6 @@ from obc_ros.cli.view.telemetry import Plant
 from obc_ros.core.text.errors import ObcError
 from obc_ros.msg import Trajectory
 from obc_ros.srv import PlanMotion
-from std_srvs.srv import Trigger
 
 LIMIT = 30.0     # [s] for a plan
 REPLY = 10.0     # [s] in which lqr_node accepts or rejects it
@@ -136,21 +135,3 @@ class PlanPanel:
         self._draw(None)
         self._table.clear()
         self._message.text = ''
-
-
-async def stop_loop(client: LoopClient) -> str:
-    """Stop the loop; return what lqr_node says."""
-    return await _trigger(client, 'lqr_node/stop')
-
-
-async def start_loop(client: LoopClient) -> str:
-    """Start the loop again; return what lqr_node says."""
-    return await _trigger(client, 'lqr_node/start')
-
-
-async def _trigger(client: LoopClient, service: str) -> str:
-    try:
-        response = await client.call(Trigger, service, Trigger.Request())
-    except ObcError as error:
-        return str(error)
-    return str(response.message)

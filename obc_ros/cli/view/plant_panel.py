@@ -9,7 +9,7 @@ from typing import Any
 from nicegui import ui
 from obc_ros.cli.view.loop_client import LoopClient
 from obc_ros.core.text.errors import ObcError
-from std_srvs.srv import SetBool, Trigger
+from std_srvs.srv import SetBool
 
 NODE = 'plant_simulator'
 SOON = 0.1  # [s] until a gust begins
@@ -101,15 +101,13 @@ class PlantPanel:
 
     async def _pause(self, wanted: bool) -> None:
         if self._may_control():
-            await self._call(SetBool, 'pause', SetBool.Request(data=wanted))
+            try:
+                response = await self._client.call(
+                    SetBool, f'{NODE}/pause', SetBool.Request(data=wanted))
+                self._message.text = str(response.message)
+            except ObcError as error:
+                self._message.text = str(error)
 
     async def _trigger(self, name: str) -> None:
         if self._may_control():
-            await self._call(Trigger, name, Trigger.Request())
-
-    async def _call(self, kind: Any, name: str, request: Any) -> None:
-        try:
-            response = await self._client.call(kind, f'{NODE}/{name}', request)
-            self._message.text = str(response.message)
-        except ObcError as error:
-            self._message.text = str(error)
+            self._message.text = await self._client.trigger(f'{NODE}/{name}')

@@ -5,7 +5,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 import math
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from obc_ros.core.systems import registry
@@ -71,16 +71,6 @@ class Frame:
         return {'n': number, 't': self.time, 'x': _finite(self.x), 'u': _finite(self.u),
                 'goal': _finite(self.goal), 'cost': _finite([self.cost])[0],
                 'latency': _finite([1e3 * self.latency])[0]}
-
-
-class Source(Protocol):
-    """A running loop or a recording."""
-
-    plant: Plant | None
-    design: LqrDesign | None
-
-    def take_frame(self) -> Frame | None:
-        """Return the newest frame if there is a new one."""
 
 
 def _finite(values: Sequence[float]) -> list[float | None]:

@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Weights by hand: sliders, the candidate beside the design in use, apply, undo, copy."""
 
-import asyncio
 from collections.abc import Sequence
 from dataclasses import dataclass
 import math
@@ -242,11 +241,6 @@ class WeightsPanel:
     def _as_command(self) -> str:
         return '\n'.join(f'ros2 param set /{NODE} {name} "{_list(values)}"'
                          for name, values in self._read().items())
-
-    async def wait(self) -> None:
-        """Wait until no preview is under way."""
-        while self._busy or self._dirty:
-            await asyncio.sleep(0.01)
 
 
 def compute_steps(design: LqrDesign) -> list[tuple[str, list[list[float]]]]:

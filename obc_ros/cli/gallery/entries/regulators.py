@@ -133,35 +133,6 @@ def _draw_thm_2_2(found: AnsweredRegulator, short: list[Trajectory], long: Traje
     return figure
 
 
-    T = np.linspace(0.05, 12, 200)
-    costs.plot(HORIZONS, [path.J for path in short], 'o', color=LINE_COLOURS[0], markersize=4,
-               label='trajectory_server')
-    costs.plot(T, [_finite(A, B, H.T @ H, Qu, x0, each) for each in T],
-               label='Hamiltonian matrix', **EXACT)
-    costs.axhline(best, label='$x(0)^T P\\, x(0)$', color=LINE_COLOURS[1], zorder=1)
-    label_axes(costs, 'minimum cost over $[0, T]$', 'horizon $T$ [s]', '$J$', legend='lower right')
-    costs.set_xlim(0, 12.4)
-    for index, (name, values) in enumerate(long.x.items()):
-        states.plot(long.t, values, color=LINE_COLOURS[index], label=f'$x_{name[1]}$')
-        states.plot(long.t, motion[:, index], **EXACT)
-    states.plot([], [], label='$e^{(A - BK)t}x(0)$', **EXACT)
-    states.set_xlim(0, 8)
-    label_axes(states, 'optimal states', 'time $t$ [s]', '$x^*(t)$', legend=True)
-    random = np.random.default_rng(8)
-    size = np.linspace(-0.4, 0.4, 41)
-    for index in range(5):
-        D = random.normal(size=found.K.shape)
-        cost = np.array([_cost_of(A, B, H.T @ H, Qu, found.K + d * D, x0) for d in size])
-        cost[cost > 1.1 * best] = np.nan  # leaves room for the legend
-        gains.plot(size, cost, color=LINE_COLOURS[index], linewidth=1, label=f'$D_{index + 1}$')
-    gains.plot(0, best, 'o', color='black', label='$K = Q_u^{-1}B^T P$', zorder=6)
-    gains.set_ylim(0.995 * best, 1.14 * best)
-    label_axes(gains, 'cost of other gains', '$\\delta$', '$J$ with $K + \\delta D_i$',
-               legend=False)
-    gains.legend(loc='upper center', ncols=3, columnspacing=0.8, handlelength=1.2)
-    return figure
-
-
 def _cost_of(A: Array, B: Array, Qx: Array, Qu: Array, K: Array, x0: Array) -> float:
     """Return the cost of u = -K x from x0; nan if the closed loop is not stable."""
     closed = A - B @ K
