@@ -34,6 +34,8 @@ ARGUMENTS = (
      ['', 'state', 'odom']),
     ('command_sink', '', 'topic of the commands; empty: that of the parameter files',
      ['', 'command', 'cmd_vel', 'wrench']),
+    ('publish_tf', '', 'true: the simulator publishes the frame of the body on tf; empty: as in '
+     'the parameter files', ['', 'true', 'false']),
     ('respawn', 'false', 'true: restart a node 1 s after it has ended unexpectedly'),
     ('discovery_range',
      EnvironmentVariable('ROS_AUTOMATIC_DISCOVERY_RANGE', default_value='LOCALHOST'),
@@ -70,6 +72,8 @@ def _nodes(context: LaunchContext) -> list[Node]:
         'speed': argument('speed', float),
         'lockstep': argument('lockstep', bool),
         'publish_clock': argument('use_sim_time', bool)}
+    if LaunchConfiguration('publish_tf').perform(context):
+        plant['publish_tf'] = argument('publish_tf', bool)
     topics = {name: argument(name, str) for name in ('state_source', 'command_sink')
               if LaunchConfiguration(name).perform(context)}
     source = {name: value for name, value in topics.items() if name == 'state_source'}

@@ -9,6 +9,7 @@ import subprocess
 import sys
 from typing import Any
 
+from launched import nodes
 from obc_ros.cli.obc import main
 from obc_ros.cli.ros2.launch_file import LaunchFile
 from obc_ros.core.text.errors import ObcError
@@ -33,6 +34,16 @@ def start(request: pytest.FixtureRequest, domain: int, tmp_path: Path) -> Any:
     yield begin
     for each in begun:
         each.end()
+
+
+@pytest.mark.parametrize(('words', 'wanted'), [
+    ({}, None), ({'publish_tf': 'false'}, False), ({'publish_tf': 'true'}, True)])
+def test_publish_tf_is_that_of_the_parameter_files_unless_it_is_given(words: dict[str, str],
+                                                                      wanted: bool | None) -> None:
+    started = {each.executable: each for each in nodes('loop.launch.py', **words)}
+    assert started['plant_simulator'].values.get('publish_tf') == wanted
+    assert not any('publish_tf' in started[each].values
+                   for each in ('lqr_node', 'trajectory_server'))
 
 
 def test_a_loop_is_launched_with_parameters_and_ended(start: Any, probe: Any, tmp_path: Path
