@@ -20,6 +20,19 @@ FOXGLOVE = json.loads((ROOT / 'foxglove' / 'obc.json').read_text(encoding='utf-8
 PANELS = FOXGLOVE['configById']
 DISPLAYS = {'rviz_default_plugins/MarkerArray': MarkerArray,
             'rviz_default_plugins/Path': PathMessage}
+# Of the RViz and the Foxglove that their repositories publish.
+RVIZ_CLASSES = {
+    *(f'rviz_default_plugins/{name}' for name in (
+        'Grid', 'MarkerArray', 'Path', 'TF', 'MoveCamera', 'Select', 'FocusCamera', 'Measure',
+        'Orbit', 'TopDownOrtho')),
+    *(f'rviz_common/{name}' for name in ('Displays', 'Views', 'Time'))}
+KEYS = {
+    '3D': {'cameraState', 'followMode', 'followTf', 'scene', 'transforms', 'topics', 'layers'},
+    'Plot': {'title', 'paths', 'xAxisVal', 'showLegend', 'legendDisplay', 'showPlotValuesInLegend',
+             'showXAxisLabels', 'showYAxisLabels', 'isSynced', 'followingViewWidth',
+             'sidebarDimension'},
+    'RosOut': {'searchTerms', 'minLogLevel'}, 'Parameters': {'title'},
+    'Tab': {'activeTabIdx', 'tabs'}}
 TYPES = {'/markers': MarkerArray, '/plan_markers': MarkerArray, '/trail': PathMessage,
          '/plan': PathMessage, '/state': State, '/command': Command,
          '/lqr_node/design': LqrDesign, '/diagnostics': DiagnosticArray}
@@ -74,11 +87,28 @@ def test_rviz_shows_each_view_in_the_frame_of_the_nodes():
     assert RVIZ['Visualization Manager']['Global Options']['Fixed Frame'] == 'odom'
 
 
+def list_classes(entry):
+    """Return the names of all classes in the file for RViz, with their place."""
+    if isinstance(entry, list):
+        return [name for each in entry for name in list_classes(each)]
+    if not isinstance(entry, dict):
+        return []
+    return [*([entry['Class']] if entry.get('Class') else []),
+            *(name for each in entry.values() for name in list_classes(each))]
+
+
+def test_rviz_has_the_classes_of_the_file():
+    found = list_classes(RVIZ)
+    assert set(found) == RVIZ_CLASSES
+    assert len(found) > len(RVIZ_CLASSES)   # some are shown more than once
+
+
 def test_the_layout_has_all_its_panels_once():
     panels = list_panels(FOXGLOVE['layout'])
     assert sorted(panels) == sorted(PANELS)
-    kinds = {each.partition('!')[0] for each in panels}
-    assert kinds == {'3D', 'Plot', 'Parameters', 'RosOut', 'Tab'}
+    assert {each.partition('!')[0] for each in panels} == set(KEYS)
+    for panel, settings in PANELS.items():
+        assert set(settings) <= KEYS[panel.partition('!')[0]], panel
 
 
 @pytest.mark.parametrize(('system', 'path'), list_plots())
