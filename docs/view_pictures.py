@@ -4,6 +4,7 @@
 
 import io
 from pathlib import Path
+import re
 import shutil
 import subprocess
 import sys
@@ -23,6 +24,7 @@ ADDRESS = f'http://127.0.0.1:{PORT}/'
 WIDE, NARROW = {'width': 1280, 'height': 900}, {'width': 360, 'height': 740}
 GOAL = (0.72, 0.2)       # of the picture's width and height
 FRAMES, PAUSE = 45, 0.1  # of the moving picture, and the time [s] between two of them
+TRIES = 5                # to fly
 COLOURS, SIZE = 96, (896, 630)
 
 
@@ -86,7 +88,13 @@ def take_pictures(browser: Any) -> None:
 
 def record_flight(page: Any) -> None:
     """Write the moving picture: the plan is flown."""
-    page.get_by_role('button', name='Fly it').click()
+    said = page.get_by_text(re.compile('^lqr_node: .*a reference ')).first
+    for _ in range(TRIES):   # on a busy machine a plan may be late, and is rejected
+        page.get_by_role('button', name='Fly it').click()
+        said.wait_for(state='hidden')
+        said.wait_for()
+        if 'rejected' not in said.inner_text():
+            break
     frames = []
     for _ in range(FRAMES):
         shot = Image.open(io.BytesIO(page.screenshot())).convert('RGB')

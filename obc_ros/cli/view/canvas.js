@@ -6,26 +6,43 @@ const WINDOW = 20; // [s] of signals
 const TRAIL = 900; // points behind the body
 const ACK = 10; // frames between two acknowledgements
 const PANEL = 84; // [px] height of a panel of signals
+const SLOW = 3; // frames of the body for one of the signals
+const [TRAIL_COLOUR, PLAN, REFERENCE] = ["#0072B2", "#009E73", "#CC79A7"];
+const SAID = 1000; // [ms] between two texts for screen readers
 
 export default {
   template: `<div class="obc-view">
-    <canvas ref="plane" class="obc-plane" role="img" :aria-label="label" @click="click"></canvas>
+    <canvas ref="plane" class="obc-plane" role="img" aria-label="no state yet" @click="click"></canvas>
     <canvas ref="plots" class="obc-plots" role="img" aria-label="signals over the last 20 s"></canvas>
   </div>`,
   props: { scene: Object },
-  data: () => ({ label: "no state yet" }),
+  watch: {
+    scene() {
+      this.read();
+      this.draw();
+    },
+  },
   mounted() {
+    this.read();
     this.frames = [];
     this.path = [];
+    this.reference = [];
     this.box = null;
     this.drawing = false;
-    this.observer = new ResizeObserver(() => this.draw());
+    this.drawn = 0;
+    this.said = -Infinity;
+    this.observer = new ResizeObserver(() => this.draw(true));
     this.observer.observe(this.$el);
   },
   unmounted() {
     this.observer.disconnect();
   },
   methods: {
+    // A copy without Vue's proxies: these took more time than the lines.
+    read() {
+      this.plain = JSON.parse(JSON.stringify(this.scene));
+      this.drawn = 0;
+    },
     push(frame) {
       const last = this.frames[this.frames.length - 1];
       if (last && frame.t < last.t) this.frames = [];
@@ -38,14 +55,25 @@ export default {
       this.path = points;
       this.draw();
     },
-    draw() {
+    refer(rows) {
+      this.reference = rows.filter((row) => row.every(Number.isFinite));
+      this.draw(true);
+    },
+    // The places of the reference that are still ahead.
+    ahead(frame) {
+      const { x, y } = this.plain.plane;
+      return this.reference.filter((row) => !frame || row[0] >= frame.t)
+        .map((row) => [row[1 + x], row[1 + y]]);
+    },
+    draw(all = false) {
+      if (all) this.drawn = 0;
       if (this.drawing) return;
       this.drawing = true;
       requestAnimationFrame(() => {
         this.drawing = false;
-        if (!this.$refs.plane || !this.scene) return;
+        if (!this.$refs.plane) return;
         this.drawPlane();
-        this.drawPlots();
+        if (this.drawn++ % SLOW === 0) this.drawPlots();
       });
     },
     prepare(canvas, height) {
@@ -68,7 +96,7 @@ export default {
       return { context, width, height, colours };
     },
     drawPlane() {
-      const plane = this.scene.plane;
+      const plane = this.plain.plane;
       this.$refs.plane.style.display = plane ? "block" : "none";
       if (!plane) return;
       const height = Math.max(220, Math.min(430, this.$el.clientWidth * 0.62));
@@ -78,20 +106,40 @@ export default {
       const [left, bottom, scale] = this.box;
       const place = (x, y) => [(x - left) * scale, height - (y - bottom) * scale];
       this.drawGrid(context, width, height, colours, place);
-      this.line(context, this.path.map((p) => place(p[0], p[1])), "#009E73", [6, 4], 2);
-      this.line(context, this.frames.map((f) => place(f.x[plane.x], f.x[plane.y])), "#0072B2", [], 1.5);
+      const ahead = this.ahead(frame);
+      this.line(context, this.path.map((p) => place(p[0], p[1])), PLAN, [6, 4], 2);
+      this.line(context, ahead.map((p) => place(p[0], p[1])), REFERENCE, [2, 3], 2.5);
+      this.line(context, this.frames.map((f) => place(f.x[plane.x], f.x[plane.y])), TRAIL_COLOUR, [], 1.5);
+      this.drawKey(context, width, colours, [["trail", TRAIL_COLOUR, []],
+        ...(this.path.length ? [["plan", PLAN, [6, 4]]] : []),
+        ...(ahead.length ? [["reference", REFERENCE, [2, 3]]] : [])]);
       if (!frame) return;
       if (frame.goal.length) this.drawGoal(context, place(frame.goal[plane.x], frame.goal[plane.y]));
       this.drawBody(context, frame, place, scale, colours);
-      this.label = this.scene.states
-        .map((s, i) => `${s.name} ${frame.x[i].toFixed(2)} ${s.unit}`).join(", ");
+      this.say(frame);
       context.fillStyle = colours.ink;
       context.font = "14px system-ui, sans-serif";
       context.fillText(`t = ${frame.t.toFixed(1)} s`, 10, 20);
     },
+    drawKey(context, width, colours, rows) {
+      context.font = "12px system-ui, sans-serif";
+      context.fillStyle = colours.ink;
+      rows.forEach(([name, colour, dash], i) => {
+        const y = 16 + 16 * i;
+        this.line(context, [[width - 108, y], [width - 78, y]], colour, dash, 2.5);
+        context.fillText(name, width - 70, y + 4);
+      });
+    },
+    say(frame) {
+      const now = performance.now();
+      if (now < this.said + SAID) return;
+      this.said = now;
+      this.$refs.plane.setAttribute("aria-label", this.plain.states
+        .map((s, i) => `${s.name} ${(frame.x[i] ?? NaN).toFixed(2)} ${s.unit}`).join(", "));
+    },
     follow(frame, width, height) {
-      const plane = this.scene.plane;
-      const points = this.path.map((p) => [p[0], p[1]]);
+      const plane = this.plain.plane;
+      const points = this.path.map((p) => [p[0], p[1]]).concat(this.ahead(frame));
       if (frame) {
         points.push([frame.x[plane.x], frame.x[plane.y]]);
         if (frame.goal.length) points.push([frame.goal[plane.x], frame.goal[plane.y]]);
@@ -102,7 +150,7 @@ export default {
       const ys = points.map((p) => p[1]);
       const [x0, x1] = [Math.min(...xs), Math.max(...xs)];
       const [y0, y1] = [Math.min(...ys), Math.max(...ys)];
-      const size = this.scene.size;
+      const size = this.plain.size;
       const scale = Math.min(width / (x1 - x0 + 1.2 * size), height / (y1 - y0 + 1.2 * size));
       const wanted = [(x0 + x1) / 2 - width / scale / 2, (y0 + y1) / 2 - height / scale / 2, scale];
       this.box = this.box ? this.box.map((v, i) => v + 0.12 * (wanted[i] - v)) : wanted;
@@ -125,10 +173,10 @@ export default {
         this.line(context, [[0, py], [width, py]], colours.grid, [], 1);
         context.fillText(y.toFixed(digits), 3, py - 3);
       }
-      const { x, y } = this.scene.plane;
+      const { x, y } = this.plain.plane;
       const name = (s) => `${s.name} [${s.unit}]`;
-      context.fillText(name(this.scene.states[x]), width - 60, height - 5);
-      context.fillText(name(this.scene.states[y]), 3, 36);
+      context.fillText(name(this.plain.states[x]), width - 60, height - 5);
+      context.fillText(name(this.plain.states[y]), 3, 36);
     },
     round(value) {
       const power = Math.pow(10, Math.floor(Math.log10(value)));
@@ -139,20 +187,20 @@ export default {
       this.line(context, [[x, y - 9], [x, y + 9]], "#D55E00", [], 2.5);
     },
     drawBody(context, frame, place, scale, colours) {
-      const plane = this.scene.plane;
+      const plane = this.plain.plane;
       const [ox, oy] = [frame.x[plane.x], frame.x[plane.y]];
       const angle = plane.theta === null ? 0 : frame.x[plane.theta];
       const [c, s] = [Math.cos(angle), Math.sin(angle)];
       const turn = ([x, y]) => place(ox + c * x - s * y, oy + s * x + c * y);
-      if (this.scene.plume && frame.u.length === 2) {
-        const [f1, f2] = frame.u.map((f) => -f * this.scene.plume);
+      if (this.plain.plume && frame.u.length === 2) {
+        const [f1, f2] = frame.u.map((f) => -f * this.plain.plume);
         const length = Math.hypot(f1, f2) || 1;
         const side = [-f2 / length * 0.035, f1 / length * 0.035];
-        this.fill(context, [[side[0], -this.scene.arm + side[1]], [f1, f2 - this.scene.arm],
-          [-side[0], -this.scene.arm - side[1]]].map(turn), "#E69F00", "none");
+        this.fill(context, [[side[0], -this.plain.arm + side[1]], [f1, f2 - this.plain.arm],
+          [-side[0], -this.plain.arm - side[1]]].map(turn), "#E69F00", "none");
       }
-      if (this.scene.body.length) {
-        this.scene.body.forEach((part) =>
+      if (this.plain.body.length) {
+        this.plain.body.forEach((part) =>
           this.fill(context, part.points.map(turn), part.colour, "#1b1f24"));
       } else {
         const [x, y] = place(ox, oy);
@@ -186,7 +234,7 @@ export default {
       context.setLineDash([]);
     },
     drawPlots() {
-      const panels = this.scene.panels;
+      const panels = this.plain.panels;
       const { context, width, colours } = this.prepare(
         this.$refs.plots, panels.length * PANEL + 18);
       const last = this.frames[this.frames.length - 1];
@@ -200,12 +248,16 @@ export default {
       const [left, right, top, height] = [52, width - 96, row * PANEL + 8, PANEL - 16];
       const value = (f, s) => (s.of === "cost" ? f.cost : s.of === "latency" ? f.latency : f[s.of][s.index]);
       const values = frames.flatMap((f) => panel.signals.map((s) => value(f, s))).filter(Number.isFinite);
+      const passed = this.reference.filter((row) => row[0] > end - WINDOW && row[0] <= end);
+      const followed = panel.signals.filter((s) => s.of === "x").map((s) => 1 + s.index);
+      passed.forEach((row) => followed.forEach((k) => values.push(row[k])));
       panel.limits.forEach((l) => {
         if (values.some((v) => Math.abs(v - l) < 0.5 * Math.abs(l) + 1e-9)) values.push(l);
       });
       let [low, high] = values.length ? [Math.min(...values), Math.max(...values)] : [0, 1];
       const margin = Math.max(0.08 * (high - low), panel.floor);
-      [low, high] = [low - margin, high + margin];
+      const least = panel.signals.every((s) => s.of === "cost" || s.of === "latency") ? 0 : -Infinity;
+      [low, high] = [Math.max(low - margin, least), high + margin];
       const px = (t) => right - (end - t) / WINDOW * (right - left);
       const py = (v) => top + (high - v) / (high - low) * height;
       context.strokeStyle = colours.grid;
@@ -217,6 +269,8 @@ export default {
       context.fillText(panel.unit, 4, top + height / 2 + 4);
       panel.limits.filter((l) => l > low && l < high).forEach((l) =>
         this.line(context, [[left, py(l)], [right, py(l)]], colours.faint, [4, 3], 1));
+      followed.forEach((k) => this.line(
+        context, passed.map((row) => [px(row[0]), py(row[k])]), REFERENCE, [2, 3], 1.2));
       panel.signals.forEach((s, i) => {
         const points = frames.map((f) => [px(f.t), py(value(f, s))])
           .filter(([, y]) => Number.isFinite(y));

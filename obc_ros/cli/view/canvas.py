@@ -9,7 +9,7 @@ from typing import Any
 from matplotlib.figure import Figure
 from nicegui.element import Element
 from obc_ros.cli.gallery.bodies import ARM, draw_aircraft, draw_two_wheeled, draw_vehicle, PLUME
-from obc_ros.cli.view.telemetry import Frame, Named, Plant
+from obc_ros.cli.view.telemetry import FollowedPath, Frame, Named, Plant
 from obc_ros.core.library.figures.style import LINE_COLOURS
 
 BODIES = {'aircraft': draw_aircraft, 'vehicle': draw_vehicle, 'vehicle_lateral': draw_vehicle,
@@ -18,6 +18,7 @@ SIZES = {'aircraft': 1.6, 'vehicle': 12.0, 'vehicle_lateral': 12.0}  # [m] of th
 DASHES: tuple[list[int], ...] = ([], [7, 4], [2, 3], [9, 3, 2, 3])
 PER_PANEL = 4  # signals
 FLOORS = {'m': 0.05, 'rad': 0.02, 'm/s': 0.05, 'rad/s': 0.05}  # half the smallest range
+AHEAD = 400  # points of a reference
 BEHIND = 30  # frames that a browser may not have acknowledged; more are left out
 
 
@@ -57,6 +58,10 @@ class LoopCanvas(Element, component='canvas.js'):
     def show_plan(self, points: Sequence[Sequence[float]]) -> None:
         """Draw a path ahead; empty: none."""
         self.run_method('plan', [list(map(float, each)) for each in points])
+
+    def show_reference(self, reference: FollowedPath | None, plant: Plant) -> None:
+        """Draw what lqr_node follows; None: nothing."""
+        self.run_method('refer', reference.pack(plant, AHEAD) if reference else [])
 
     def _acknowledge(self, event: Any) -> None:
         number = event.args

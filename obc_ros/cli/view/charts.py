@@ -2,16 +2,20 @@
 # SPDX-License-Identifier: Apache-2.0
 """Charts and tables of a solution: its path, its certificate, what was tried."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 import math
+import re
 from typing import Any
 
 from nicegui import ui
 import numpy as np
+from obc_ros.core.library.figures.path import compute_slopes, NEGLIGIBLE
 from obc_ros.core.library.figures.style import LINE_COLOURS
 from obc_ros.core.numerics.arrays import Array
+from obc_ros.core.ocp.problem import Problem
 from obc_ros.msg import Attempt, Certificate, Trajectory
 
+GREY, GRID = '#76808a', '#76808a55'  # legible on light and on dark
 POINTS = 400     # of a drawn line
 NOTHING = 1e-12  # residual that is rounding
 # Vue shows values as text, never as markup.
@@ -25,18 +29,72 @@ def choose_points(count: int) -> Array:
     return np.unique(np.linspace(0, count - 1, POINTS).astype(int))
 
 
-def draw_path_lines(path: Trajectory) -> None:
-    """Draw inputs, states, costates and the Hamiltonian of a path in the present container."""
+def find_switching_functions(problem: Problem, x: Array, u: Array, lam: Array
+                             ) -> dict[str, Array]:
+    """
+    Return dH/du along a path, by input.
+
+    An input is at its lower bound where its function is positive, and at its upper bound where it
+    is negative. Inputs without bounds, and those whose function is 0 throughout, have none.
+
+    Parameters
+    ----------
+    problem : Problem
+        The problem; one of several phases has none.
+    x, u, lam : ndarray, shape (N, n), (N, m), (N, n)
+        The path with all states of the problem; without costates there are none.
+
+    """
+    if problem.phases is not None or np.shape(lam) != np.shape(x) or not np.size(x):
+        return {}
+    values, sizes = compute_slopes(problem, x, u, lam)
+    bounded = np.isfinite(problem.u_lower) | np.isfinite(problem.u_upper)
+    return {name: column for name, column, size, limited in zip(
+        problem.inputs, values.T, sizes.T, bounded, strict=True)
+        if limited and np.abs(column).max() > NEGLIGIBLE * size.max()}
+
+
+def draw_path_lines(path: Trajectory, units: Mapping[str, str],
+                    switching: Mapping[str, Array] | None = None) -> None:
+    """
+    Draw inputs, states, costates and conditions of a path in the present container.
+
+    Parameters
+    ----------
+    path : Trajectory
+        The path.
+    units : mapping
+        Unit by the name of a state or an input; none: without.
+    switching : mapping, optional
+        From `find_switching_functions`.
+
+    """
     keep = choose_points(len(path.t))
     t = np.asarray(path.t)[keep]
     names, inputs = list(map(str, path.state_names)), list(map(str, path.input_names))
-    draw_lines('inputs', t, np.reshape(path.u, (len(path.t), -1))[keep], inputs)
-    draw_lines('states', t, np.reshape(path.x, (len(path.t), -1))[keep], names)
+    draw_lines('inputs', t, np.reshape(path.u, (len(path.t), -1))[keep],
+               [add_unit(name, units.get(name, '')) for name in inputs])
+    draw_lines('states', t, np.reshape(path.x, (len(path.t), -1))[keep],
+               [add_unit(name, units.get(name, '')) for name in names])
     if len(path.lam):
         draw_lines('costates', t, np.reshape(path.lam, (len(path.t), -1))[keep],
-                   [f'\u03bb {name}' for name in names])
+                   [add_unit(f'\u03bb {name}', 'cost', units.get(name, ''))
+                    for name in names])
+    if switching:
+        draw_lines('switching functions', t, np.column_stack(list(switching.values()))[keep],
+                   [add_unit(f'\u2202H/\u2202{name}', 'cost', 's', units.get(name, ''))
+                    for name in switching])
     if len(path.hamiltonian):
-        draw_lines('Hamiltonian', t, np.asarray(path.hamiltonian)[keep, None], ['H'])
+        draw_lines('Hamiltonian', t, np.asarray(path.hamiltonian)[keep, None],
+                   [add_unit('H', 'cost', 's')])
+
+
+def add_unit(name: str, *units: str) -> str:
+    """Return a name with its unit: the first one, divided by the others."""
+    first, *others = units
+    unit = '/'.join([first, *(f'({each})' if re.search(r'\W', each) else each
+                              for each in others if each)])
+    return f'{name} [{unit}]' if unit else name
 
 
 def draw_lines(title: str, t: Any, values: Any, names: Sequence[str]) -> ui.echart:
@@ -56,12 +114,15 @@ def draw_lines(title: str, t: Any, values: Any, names: Sequence[str]) -> ui.echa
 
     """
     return ui.echart({
-        'title': {'text': title, 'left': 0, 'textStyle': {'fontSize': 13}}, 'animation': False,
+        'title': {'text': title, 'left': 0, 'textStyle': {'fontSize': 13, 'color': GREY}},
+        'animation': False,
         'tooltip': {'trigger': 'axis'}, 'aria': {'enabled': True},
-        'legend': {'right': 8, 'top': 0, 'type': 'scroll', 'left': 90},
+        'legend': {'right': 8, 'top': 0, 'type': 'scroll', 'left': 30 + 8 * len(title),
+                   'textStyle': {'color': GREY}, 'pageTextStyle': {'color': GREY}},
         'grid': {'left': 52, 'right': 12, 'top': 32, 'bottom': 26},
-        'xAxis': {'type': 'value', 'name': 's', 'max': float(t[-1])},
-        'yAxis': {'type': 'value', **_choose_range(values)},
+        'xAxis': {'type': 'value', 'name': 's', 'max': float(t[-1]), **style_axis()},
+        'yAxis': {'type': 'value', **_choose_range(values), **style_axis(
+            showMinLabel=False, showMaxLabel=False)},
         'series': [{'name': name, 'type': 'line', 'showSymbol': False,
                     'lineStyle': {'color': LINE_COLOURS[i % len(LINE_COLOURS)], 'width': 2,
                                   'type': ('solid', 'dashed', 'dotted')[i % 3]},
@@ -69,6 +130,13 @@ def draw_lines(title: str, t: Any, values: Any, names: Sequence[str]) -> ui.echa
                     'data': np.column_stack([t, column]).tolist()}
                    for i, (name, column) in enumerate(zip(names, values.T, strict=True))],
     }).classes('obc-lines')
+
+
+def style_axis(**label: bool) -> dict[str, Any]:
+    """Return the colours of an axis, with further properties of its labels."""
+    return {'axisLabel': {'color': GREY, **label}, 'nameTextStyle': {'color': GREY},
+            'axisLine': {'lineStyle': {'color': GREY}},
+            'splitLine': {'lineStyle': {'color': GRID}}}
 
 
 def _choose_range(values: Any) -> dict[str, float]:

@@ -19,9 +19,15 @@ from typing import Any
 
 from obc_ros.action import SolveOptimalControl
 from obc_ros.cli.recording import LATCHED
-from obc_ros.cli.view.telemetry import describe_plant, Frame, measure_cost, Plant
+from obc_ros.cli.view.telemetry import (
+    describe_plant,
+    FollowedPath,
+    Frame,
+    Plant,
+    SetPoint,
+)
 from obc_ros.core.text.errors import ObcError
-from obc_ros.msg import Command, LqrDesign, OptimalControlProblem, State
+from obc_ros.msg import Command, LqrDesign, OptimalControlProblem, State, Trajectory
 from obc_ros.ros.executor import limit_leaving
 from obc_ros.ros.service_qos import BURST
 from obc_ros.ros.subscription_thread import Apart
@@ -34,13 +40,15 @@ import rclpy.parameter
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from std_srvs.srv import Trigger
 
-PERIOD = 1.0 / 30.0  # [s] between two frames
+PERIOD = 1.0 / 45.0  # [s] between two looks at the topics: each frame of the page has news
 QUEUE = QoSProfile(depth=64, reliability=ReliabilityPolicy.BEST_EFFORT)
 
 LINES = 500     # of the log
 LINE = 1000     # characters of a line of the log
 DISCOVERED = 3.0   # [s] in which a service is discovered
 ANSWERS = 10.0  # [s] in which a service responds; a plan has its own limit
+# What lqr_node reports when it does not follow the last reference.
+ENDED = re.compile('a reference was rejected|no reference is followed')
 AGE = 0.2       # [s] that a state waits for its command in the measurement of the latency
 
 
@@ -92,7 +100,11 @@ class LoopClient:
     def __init__(self, namespace: str = '') -> None:
         self.plant: Plant | None = None
         self.design: LqrDesign | None = None
+        self._held: SetPoint | None = None
         self._frame: Frame | None = None
+        self._time = 0.0
+        self._given: FollowedPath | None = None
+        self._published = self._ended = 0   # of references [ns]
         self._lines: deque[tuple[int, str]] = deque(maxlen=LINES)
         self._numbered = 0
         self._sent: dict[int, int] = {}
@@ -121,6 +133,7 @@ class LoopClient:
              act) for kind, topic, act in (
                 (State, 'state', self._on_state), (Command, 'command', self._on_command))]
         node.create_subscription(LqrDesign, 'lqr_node/design', self._on_design, LATCHED)
+        node.create_subscription(Trajectory, 'reference', self._on_reference, LATCHED)
         node.create_subscription(Log, '/rosout', self._on_log, LATCHED)
 
     def close(self) -> None:
@@ -137,6 +150,11 @@ class LoopClient:
         """Return the newest frame; None if it was taken before."""
         frame, self._frame = self._frame, None
         return frame
+
+    @property
+    def reference(self) -> FollowedPath | None:
+        """Return the reference that lqr_node follows, whoever has published it."""
+        return self._given if self._published > self._ended else None
 
     def list_lines(self, after: int = 0) -> list[tuple[int, str]]:
         """Return the lines of the log with numbers above `after`."""
@@ -180,13 +198,14 @@ class LoopClient:
 
     def _on_state(self, message: State, info: Mapping[str, int]) -> None:
         stamp = _read_stamp(message)
+        self._time = 1e-9 * stamp
         self._sent[stamp] = info['source_timestamp']
         while len(self._sent) > 2 * QUEUE.depth:
             self._sent.pop(next(iter(self._sent)))
-        design = self.design
+        held = self._held
         self._frame = Frame(
-            1e-9 * stamp, message.x, self._u, design.xe if design else (),
-            measure_cost(design, message.x) if design else float('nan'), self._latency)
+            1e-9 * stamp, message.x, self._u, held.locate(message.x) if held else (),
+            held.measure_cost(message.x) if held else float('nan'), self._latency)
 
     def _on_command(self, message: Command, info: Mapping[str, int]) -> None:
         self._u = message.u
@@ -198,10 +217,19 @@ class LoopClient:
     def _on_design(self, design: LqrDesign) -> None:
         if self.plant is None or design.system != self.plant.system:
             self.plant = describe_plant(design)
-        self.design = design
+        elif self.design and list(design.xe) != list(self.design.xe):   # this ends references
+            self._given = None
+        self.design, self._held = design, SetPoint(design)
+
+    def _on_reference(self, path: Trajectory, info: Mapping[str, int]) -> None:
+        begin = 1e-9 * _read_stamp(path) or self._time
+        self._given = FollowedPath(begin, path) if len(path.t) else None
+        self._published = info['source_timestamp']
 
     def _on_log(self, line: Log) -> None:
         self._numbered += 1
+        if line.name.endswith('lqr_node') and ENDED.match(line.msg):
+            self._ended = max(self._ended, 10**9 * line.stamp.sec + line.stamp.nanosec)
         level = {30: 'warning: ', 40: 'error: ', 50: 'fatal: '}.get(int(line.level), '')
         clock = time.strftime('%H:%M:%S', time.localtime(line.stamp.sec))
         self._lines.append((self._numbered, f'{clock} {line.name}: {level}{line.msg}'[:LINE]))

@@ -13,10 +13,10 @@ from obc_ros.cli.view.plan_panel import PlanPanel
 from obc_ros.cli.view.plant_panel import PlantPanel
 from obc_ros.cli.view.playback import Playback
 from obc_ros.cli.view.problem_panel import ProblemPanel
-from obc_ros.cli.view.telemetry import Frame, Plant
+from obc_ros.cli.view.telemetry import FollowedPath, Frame, Plant
 from obc_ros.cli.view.weights_panel import WeightsPanel
 
-PERIOD = 1.0 / 30.0  # [s] between two frames
+PERIOD = 1.0 / 31.0  # [s] between two frames: 30 a second with the delays of timers
 STEPS = 500          # of the slider of a recording
 SLOW = 0.1           # [s] between two looks at everything else
 PAGE_STYLE = """
@@ -88,6 +88,7 @@ class LoopPage:
         self._viewer = viewer
         self._page = ui.context.client.id
         self._plant: Plant | None = None
+        self._reference: FollowedPath | None = None
         self._logged = 0
         ui.add_css(PAGE_STYLE)
         ui.colors(primary='#0072b2')
@@ -173,6 +174,9 @@ class LoopPage:
             if isinstance(source, LoopClient):
                 await self._weights.load()
                 await self._plant_panel.load()
+        if self._plant is not None and source.reference is not self._reference:
+            self._reference = source.reference
+            self._canvas.show_reference(self._reference, self._plant)
         if isinstance(source, Playback):
             self._play.text = 'Pause' if source.playing else 'Play'
             self._slider.value = round(source.position, 2)

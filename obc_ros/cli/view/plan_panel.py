@@ -2,18 +2,28 @@
 # SPDX-License-Identifier: Apache-2.0
 """Plan by click: a goal, the solution with its certificate, then the flight."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 import math
 from typing import Any
 
-from nicegui import ui
+from nicegui import run, ui
 import numpy as np
 from obc_ros.cli.view.canvas import LoopCanvas
-from obc_ros.cli.view.charts import choose_points, draw_path_lines, show_attempts, show_certificate
+from obc_ros.cli.view.charts import (
+    choose_points,
+    draw_path_lines,
+    find_switching_functions,
+    show_attempts,
+    show_certificate,
+)
 from obc_ros.cli.view.loop_client import LoopClient
 from obc_ros.cli.view.telemetry import Plant
+from obc_ros.core.numerics.arrays import Array
+from obc_ros.core.ocp.statement import build_problem
+from obc_ros.core.solver.motion_planning import Motion, state_motion
 from obc_ros.core.text.errors import ObcError
 from obc_ros.msg import Trajectory
+from obc_ros.ros.messages import read_message_bounds
 from obc_ros.srv import PlanMotion
 
 LIMIT = 30.0     # [s] for a plan
@@ -99,7 +109,7 @@ class PlanPanel:
             said = self._client.count_lines()
             answer = await self._client.call(
                 PlanMotion, 'trajectory_server/plan', request, LIMIT + 10.0)
-            self._show(answer)
+            await self._show(answer, request)
             if execute and answer.success:
                 self._message.text = await self._client.wait_for_line(
                     'lqr_node', 'reference', said, REPLY) or (
@@ -109,16 +119,19 @@ class PlanPanel:
         finally:
             self._busy = self._spinner.visible = False
 
-    def _show(self, answer: Any) -> None:
+    async def _show(self, answer: Any, request: Any) -> None:
+        path = answer.trajectory if len(answer.trajectory.t) else None
+        switching = await run.io_bound(compute_switching, request, path) if path else None
         self._message.text = f'{answer.status}: {answer.message}'
-        self._draw(answer.trajectory if len(answer.trajectory.t) else None)
+        self._draw(path, switching)
         self._table.clear()
         if answer.certificate.conditions:
             with self._table:
                 show_certificate(answer.certificate)
                 show_attempts(answer.attempts)
 
-    def _draw(self, plan: Trajectory | None) -> None:
+    def _draw(self, plan: Trajectory | None,
+              switching: Mapping[str, Array] | None = None) -> None:
         self._charts.clear()
         plane = self._plant and self._plant.plane
         if plan is None:
@@ -129,9 +142,29 @@ class PlanPanel:
             x = np.reshape(plan.x, (len(plan.t), -1))[:, [names.index('px'), names.index('py')]]
             self._canvas.show_plan(x[choose_points(len(x))].tolist())
         with self._charts:
-            draw_path_lines(plan)
+            draw_path_lines(plan, self._plant.units if self._plant else {}, switching)
 
     def _clear(self) -> None:
         self._draw(None)
         self._table.clear()
         self._message.text = ''
+
+
+def compute_switching(request: PlanMotion.Request, path: Trajectory) -> dict[str, Array]:
+    """
+    Return the switching functions of a plan, by input.
+
+    Parameters
+    ----------
+    request : PlanMotion.Request
+        What was asked for.
+    path : Trajectory
+        The answer; its start and its final time are those of the problem.
+
+    """
+    x, u, lam = (np.reshape(each, (len(path.t), -1)) for each in (path.x, path.u, path.lam))
+    problem = build_problem(state_motion(Motion(
+        request.system, x[0], request.goal, request.objective, Qx=request.qx, Qu=request.qu,
+        final_time=float(path.t[-1]),
+        input_bounds=read_message_bounds('input_bounds', request.input_bounds))))
+    return find_switching_functions(problem, x, u, lam)

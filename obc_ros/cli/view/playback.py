@@ -9,12 +9,19 @@ from typing import Any
 
 from mcap.exceptions import McapError
 from mcap.reader import make_reader
-from obc_ros.cli.view.telemetry import describe_plant, Frame, measure_cost, Plant
+from obc_ros.cli.recording import type_name
+from obc_ros.cli.view.telemetry import (
+    describe_plant,
+    FollowedPath,
+    Frame,
+    Plant,
+    SetPoint,
+)
 from obc_ros.core.text.errors import ObcError
-from obc_ros.msg import Command, LqrDesign, State
+from obc_ros.msg import Command, LqrDesign, State, Trajectory
 from rclpy.serialization import deserialize_message
 
-KINDS = {'state': State, 'command': Command, 'design': LqrDesign}
+KINDS = {'state': State, 'command': Command, 'design': LqrDesign, 'reference': Trajectory}
 LARGEST = 2 * 10**9  # bytes of a file
 
 
@@ -36,6 +43,8 @@ class Playback:
 
     def __init__(self, file: Path) -> None:
         self.design: LqrDesign | None = None
+        self._held: SetPoint | None = None
+        self.reference: FollowedPath | None = None
         self.playing, self.speed, self.position = True, 1.0, 0.0
         self._rows: dict[str, list[Any]] = {name: [] for name in KINDS}
         self._times: dict[str, list[float]] = {name: [] for name in KINDS}
@@ -50,9 +59,9 @@ class Playback:
     def _read(self, file: Path) -> None:
         try:
             with file.open('rb') as opened:
-                for _, channel, message in make_reader(opened).iter_messages():
+                for schema, channel, message in make_reader(opened).iter_messages():
                     name = channel.topic.rpartition('/')[2]
-                    if name in KINDS:
+                    if name in KINDS and schema and schema.name == type_name(KINDS[name]):
                         self._rows[name].append(deserialize_message(message.data, KINDS[name]))
                         self._times[name].append(1e-9 * message.log_time)
         except (McapError, RuntimeError, EOFError) as error:
@@ -79,10 +88,23 @@ class Playback:
         self._shown = self.position
         moment = self._begin + self.position
         state, command = self._at('state', moment), self._at('command', moment)
-        self.design = design = self._at('design', moment)
+        design = self._at('design', moment)
+        if design is not self.design:
+            self.design, self._held = design, SetPoint(design) if design else None
+        held = self._held
+        self._refer(self._at('reference', moment), state)
         return Frame(self.position, state.x, command.u if command else (),
-                     design.xe if design else (),
-                     measure_cost(design, state.x) if design else float('nan'))
+                     held.locate(state.x) if held else (),
+                     held.measure_cost(state.x) if held else float('nan'))
+
+    def _refer(self, path: Trajectory | None, state: State) -> None:
+        """Show a reference from its stamp on, by the clock of the states."""
+        if path is None or not len(path.t):
+            self.reference = None
+        elif self.reference is None or self.reference.path is not path:
+            stamp = _read_time(path)
+            begin = self.position + (stamp - _read_time(state) if stamp else 0.0)
+            self.reference = FollowedPath(begin, path)
 
     def _at(self, name: str, moment: float) -> Any:
         index = bisect_right(self._times[name], moment + 1e-9)
@@ -91,6 +113,11 @@ class Playback:
     def seek(self, position: float) -> None:
         """Go to a time from the beginning [s]."""
         self.position = min(max(float(position), 0.0), self.duration)
+
+
+def _read_time(message: Any) -> float:
+    stamp = message.header.stamp
+    return float(stamp.sec + 1e-9 * stamp.nanosec)
 
 
 def _find_file(file: Path) -> Path:

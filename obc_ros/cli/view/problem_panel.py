@@ -7,12 +7,20 @@ from typing import Any
 
 from nicegui import run, ui
 from obc_ros.cli.examples import find_example, list_examples
-from obc_ros.cli.view.charts import draw_path_lines, show_attempts, show_certificate
+from obc_ros.cli.view.charts import (
+    draw_path_lines,
+    find_switching_functions,
+    show_attempts,
+    show_certificate,
+)
 from obc_ros.cli.view.loop_client import LoopClient, Request
+from obc_ros.core.numerics.arrays import Array
+from obc_ros.core.ocp.augmentation import restore_added_states
+from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.ocp.statement import build_problem
 from obc_ros.core.text.errors import ObcError
 from obc_ros.core.text.yaml_files import MAX_BYTES, read_text_entries
-from obc_ros.ros.messages import build_problem_message
+from obc_ros.ros.messages import build_problem_message, read_solution
 
 LIMIT = 60.0  # [s] for a problem
 
@@ -67,30 +75,31 @@ class ProblemPanel:
             return
         self._result.clear()
         try:
-            message = await run.io_bound(build_message, str(self._text.value or ''))
+            problem, message = await run.io_bound(build_message, str(self._text.value or ''))
             self._request = Request(message, LIMIT)
             answer = await self._client.solve(self._request)
+            switching = await run.io_bound(compute_problem_switching, problem, answer)
             self._message.text = f'{answer.status}: {answer.message}'
-            self._show(answer)
+            self._show(answer, problem, switching or {})
         except ObcError as error:
             self._message.text = str(error)
         finally:
             self._request = None
 
-    def _show(self, answer: Any) -> None:
+    def _show(self, answer: Any, problem: Problem, switching: dict[str, Array]) -> None:
         with self._result:
             if len(answer.trajectory.t):
                 optimum = f', {answer.optimality.kind}' if answer.optimality.kind else ''
                 ui.label(f'cost {answer.objective:.10g}{optimum}, {answer.solve_time:.3g} s')
-                draw_path_lines(answer.trajectory)
+                draw_path_lines(answer.trajectory, problem.units, switching)
             if answer.certificate.conditions:
                 show_certificate(answer.certificate)
             show_attempts(answer.attempts)
 
 
-def build_message(text: str) -> Any:
+def build_message(text: str) -> tuple[Problem, Any]:
     """
-    Return the message of the first problem of a YAML text.
+    Return the first problem of a YAML text, and its message.
 
     Raises
     ------
@@ -101,4 +110,13 @@ def build_message(text: str) -> Any:
     (_, entry), *_ = read_text_entries(text)
     if isinstance(entry, ObcError):
         raise entry
-    return build_problem_message(entry, build_problem(entry).guess)
+    problem = build_problem(entry)
+    return problem, build_problem_message(entry, problem.guess)
+
+
+def compute_problem_switching(problem: Problem, answer: Any) -> dict[str, Array]:
+    """Return the switching functions of the answer to a problem, by input."""
+    if not len(answer.trajectory.lam):
+        return {}
+    path = restore_added_states(problem, read_solution(answer))
+    return find_switching_functions(problem, path.x, path.u, path.lam)

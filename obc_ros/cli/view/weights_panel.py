@@ -10,6 +10,7 @@ from typing import Any
 
 from nicegui import background_tasks, ui
 import numpy as np
+from obc_ros.cli.view.charts import GREY, style_axis
 from obc_ros.cli.view.loop_client import LoopClient
 from obc_ros.cli.view.telemetry import Named
 from obc_ros.core.library.figures.style import LINE_COLOURS
@@ -25,6 +26,7 @@ SAMPLES = 120                # of a step response
 SPAN = 6.0                   # time constants of the slowest pole that are shown
 READ = ('weights', 'Qx', 'Qu', 'x_max', 'u_max')
 MODES = {'matrices': ('Qx', 'Qu', 'weight'), 'bryson': ('x_max', 'u_max', 'largest deviation')}
+TITLES = {'matrices': 'weights Qx and Qu', 'bryson': 'largest deviations, in units'}
 IN_USE, CANDIDATE = '#7a828c', LINE_COLOURS[1]
 
 
@@ -37,6 +39,15 @@ class WeightRow:
     slider: ui.slider
     number: ui.number
     reason: ui.label
+    last: float   # number that the field has held
+
+    @property
+    def value(self) -> float:
+        """Return the number of the field; the last one while the field holds none."""
+        value = self.number.value
+        if isinstance(value, int | float):
+            self.last = float(value)
+        return self.last
 
 
 class WeightsPanel:
@@ -55,11 +66,14 @@ class WeightsPanel:
     def __init__(self, client: LoopClient, may_control: Any) -> None:
         self._client, self._may_control = client, may_control
         self._rows: list[WeightRow] = []
-        self._mode, self._dirty, self._busy = 'matrices', False, False
-        self._undo: list[dict[str, list[float]]] = []
+        self._mode, self._dirty, self._busy = '', False, False
+        self._undo: list[tuple[str, dict[str, list[float]]]] = []
+        self._used = ''   # how the weights in use are given
         self._applied: dict[str, list[float]] = {}
         self._shown: LqrDesign | None = None
         self._candidate: LqrDesign | None = None
+        self._choice = ui.select(TITLES, label='given as', on_change=self._switch)
+        self._choice.classes('w-full').set_enabled(False)
         self._sliders = ui.column().classes('w-full gap-1')
         with ui.row().classes('items-center'):
             self._apply = ui.button('Apply', on_click=self._apply_weights)
@@ -92,8 +106,7 @@ class WeightsPanel:
             self._message.text = (f'weights = {mode}: no sliders for these; '
                                   'set them with ros2 param')
             return
-        self._mode = mode
-        first, second, what = MODES[mode]
+        first, second, _ = MODES[mode]
         design = self._client.design
         default = {'Qx': design.qx, 'Qu': design.qu} if design else {}   # an empty one: identity
         groups = ((first, plant.states, values.get(first) or default.get(first, [])),
@@ -103,19 +116,39 @@ class WeightsPanel:
         if not all(self._applied.values()):
             self._message.text = f'{first} and {second} are not diagonal: set them with ros2 param'
             return
-        self._build(what, groups)
-        self._dirty = True
+        self._used = mode
+        self._build(mode, self._applied)
 
-    def _build(self, what: str, groups: Sequence[tuple[str, Sequence[Named], Any]]) -> None:
+    def _build(self, mode: str, values: dict[str, list[float]]) -> None:
+        """Show the sliders of one way to give the weights, with values."""
+        plant = self._client.plant
+        if plant is None:
+            return
+        self._mode = self._choice.value = mode
+        self._choice.set_enabled(True)
+        first, second, what = MODES[mode]
         self._sliders.clear()
         self._rows = []
         with self._sliders:
-            for parameter, signals, _ in groups:
-                for index, signal in enumerate(signals):
-                    self._rows.append(self._add_row(what, parameter, index, signal))
+            for parameter, signals in ((first, plant.states), (second, plant.inputs)):
+                for index, (signal, value) in enumerate(
+                        zip(signals, values[parameter], strict=True)):
+                    self._rows.append(self._add_row(what, parameter, index, signal, value))
+        self._dirty = True
 
-    def _add_row(self, what: str, parameter: str, index: int, signal: Named) -> WeightRow:
-        value = self._applied[parameter][index]
+    def _switch(self) -> None:
+        """Give the candidate in the other way; it stays what it is."""
+        mode = str(self._choice.value)
+        if self._rows and mode != self._mode:
+            values = self._read()
+            try:
+                self._build(mode, convert_weights(mode, *values.values()))
+            except ObcError as error:
+                self._choice.value = self._mode
+                self._message.text = str(error)
+
+    def _add_row(self, what: str, parameter: str, index: int, signal: Named, value: float
+                 ) -> WeightRow:
         unit = f' [{signal.unit}]' if self._mode == 'bryson' and signal.unit else ''
         title = f'{what} of {signal.name}{unit}'
         with ui.row().classes('w-full items-center no-wrap gap-2'):
@@ -123,10 +156,11 @@ class WeightsPanel:
             slider = ui.slider(min=LOWEST, max=HIGHEST, step=0.02, value=_position(value)).props(
                 f'aria-label="{_plain(title)}"').classes('grow')
             number = ui.number(value=value, format='%.6g').props(
-                f'dense outlined aria-label="{_plain(title)}, as a number"').classes('obc-number')
+                'dense outlined placeholder=any '
+                f'aria-label="{_plain(title)}, as a number"').classes('obc-number')
         reason = ui.label().classes('obc-reason').props('role=alert')
         reason.visible = False
-        row = WeightRow(parameter, index, slider, number, reason)
+        row = WeightRow(parameter, index, slider, number, reason, value)
         slider.on('update:model-value', lambda event: self._slide(row, event.args), throttle=0.05)
         number.on_value_change(lambda event: self._type(row, event.value))
         return row
@@ -136,6 +170,8 @@ class WeightsPanel:
             value = float(f'{10.0 ** position:.3g}')
             if self._mode == 'matrices' and position <= LOWEST and row.parameter == 'Qx':
                 value = 0.0
+            if position >= HIGHEST and row.parameter == 'x_max':
+                value = math.inf
             row.number.value = value
 
     def _type(self, row: WeightRow, value: Any) -> None:
@@ -144,10 +180,10 @@ class WeightsPanel:
             self._dirty = True
 
     def _read(self) -> dict[str, list[float]]:
-        values: dict[str, list[float]] = {name: list(each) for name, each in self._applied.items()}
+        first, second, _ = MODES[self._mode]
+        values: dict[str, list[float]] = {first: [], second: []}
         for row in self._rows:
-            if isinstance(row.number.value, int | float):
-                values[row.parameter][row.index] = float(row.number.value)
+            values[row.parameter].append(row.value)
         return values
 
     def refresh(self) -> None:
@@ -190,25 +226,24 @@ class WeightsPanel:
 
     async def _apply_weights(self) -> None:
         if self._may_control():
-            values, before = self._read(), {k: list(v) for k, v in self._applied.items()}
-            if await self._set(values):
+            before = self._used, self._applied
+            if await self._set(self._mode, self._read()):
                 self._undo.append(before)
 
     async def _undo_weights(self) -> None:
         if self._may_control() and self._undo:
-            values = self._undo[-1]
-            if await self._set(values):
+            mode, values = self._undo[-1]
+            if await self._set(mode, values):
                 self._undo.pop()
-                for row in self._rows:
-                    row.number.value = values[row.parameter][row.index]
+                self._build(mode, values)
 
-    async def _set(self, values: dict[str, list[float]]) -> bool:
+    async def _set(self, mode: str, values: dict[str, list[float]]) -> bool:
         try:
-            done, reason = await self._client.set_parameters(NODE, values)
+            done, reason = await self._client.set_parameters(NODE, {'weights': mode, **values})
         except ObcError as error:
             done, reason = False, str(error)
         if done:
-            self._applied = values
+            self._used, self._applied = mode, values
         self._say(done, reason, 'applied' if done else '')
         return done
 
@@ -239,8 +274,37 @@ class WeightsPanel:
         return f'/**/{NODE}:\n  ros__parameters:\n    weights: {self._mode}\n{rows}'
 
     def _as_command(self) -> str:
-        return '\n'.join(f'ros2 param set /{NODE} {name} "{_list(values)}"'
-                         for name, values in self._read().items())
+        return '\n'.join([*(f'ros2 param set /{NODE} {name} "{_list(values)}"'
+                            for name, values in self._read().items()),
+                          f'ros2 param set /{NODE} weights {self._mode}'])
+
+
+def convert_weights(mode: str, x: Sequence[float], u: Sequence[float]) -> dict[str, list[float]]:
+    """
+    Return diagonal weights as largest deviations, or the other way round, by parameter.
+
+    Parameters
+    ----------
+    mode : str
+        How they are wanted: 'matrices' or 'bryson'.
+    x, u : sequence of float
+        Of states and inputs, in the other way. A weight is the inverse square of a deviation.
+
+    Raises
+    ------
+    ObcError
+        If a number is negative, or one of an input is not positive.
+
+    """
+    first, second, _ = MODES[mode]
+    of_x, of_u = (('Qx', 'Qu') if mode == 'bryson' else ('x_max', 'u_max'))
+    for name, values, zero in ((of_x, x, mode == 'bryson'), (of_u, u, False)):
+        for index, value in enumerate(values):
+            if not (value > 0.0 or zero and value == 0.0):
+                raise ObcError(f'{name}[{index}] = {value:g}: give a positive number first')
+    power = -0.5 if mode == 'bryson' else -2.0
+    return {name: [_round(value ** power) if value else math.inf for value in values]
+            for name, values in ((first, x), (second, u))}
 
 
 def compute_steps(design: LqrDesign) -> list[tuple[str, list[list[float]]]]:
@@ -301,8 +365,8 @@ def _find_blamed(rows: Sequence[WeightRow], message: str) -> WeightRow | None:
 
 def _frame_chart(title: str, x: str, y: str) -> dict[str, Any]:
     grid = {'left': 44, 'right': 12, 'top': 34, 'bottom': 34}
-    axis = {'type': 'value', 'scale': True, 'nameLocation': 'middle'}
-    return {'title': {'text': title, 'textStyle': {'fontSize': 13}}, 'grid': grid,
+    axis = {'type': 'value', 'scale': True, 'nameLocation': 'middle', **style_axis()}
+    return {'title': {'text': title, 'textStyle': {'fontSize': 13, 'color': GREY}}, 'grid': grid,
             'animation': False, 'tooltip': {}, 'aria': {'enabled': True},
             'xAxis': {**axis, 'name': x, 'nameGap': 20},
             'yAxis': {**axis, 'name': y, 'nameGap': 30}, 'series': []}
@@ -322,12 +386,18 @@ def _position(value: float) -> float:
     return min(max(math.log10(value), LOWEST), HIGHEST) if value > 0 else LOWEST
 
 
+def _round(value: float) -> float:
+    """Return a number without the rounding error of a power."""
+    return float(f'{value:.12g}')
+
+
 def _number(value: float) -> float | None:
     return float(value) if math.isfinite(value) else None
 
 
 def _list(values: Sequence[float]) -> str:
-    return '[' + ', '.join(repr(float(each)) for each in values) + ']'
+    texts = ('.inf' if math.isinf(each) else repr(float(each)) for each in values)
+    return f'[{", ".join(texts)}]'
 
 
 def _plain(text: str) -> str:

@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 from obc_ros.cli.examples import find_example
 from obc_ros.cli.processes import reserve_domain
-from obc_ros.msg import LqrDesign, State
+from obc_ros.msg import LqrDesign, State, Trajectory
+from obc_ros.srv import PlanMotion
 from probes import Probe
 import pytest
 from rcl_interfaces.msg import Log
@@ -34,6 +35,12 @@ CHANGED = """([what, before]) => [...document.querySelectorAll('tr')].some(
     row => row.innerText.includes(what) && row.lastElementChild.innerText !== before)"""
 TYPED = """([label, before]) => Number(
     document.querySelector(`[aria-label="${label}"]`).value) > before"""
+# Pixels of the colour of the reference in a canvas.
+COUNT_REFERENCE = """canvas => { const { data } = canvas.getContext("2d").getImageData(
+    0, 0, canvas.width, canvas.height); let found = 0;
+    for (let i = 0; i < data.length; i += 4)
+      found += data[i] === 0xcc && data[i + 1] === 0x79 && data[i + 2] === 0xa7;
+    return found; }"""
 PROBLEMS = find_example('x').parent
 AIRCRAFT = {'system': 'aircraft', 'publish_rate': 200.0, 'publish_clock': True}
 
@@ -148,6 +155,12 @@ def candidate(page: Any, what: str) -> str:
     return str(page.get_by_role('row', name=what).get_by_role('cell').last.inner_text())
 
 
+def choose(page: Any, label: str, option: str) -> None:
+    """Choose an option of a list."""
+    page.get_by_label(label).click()
+    page.get_by_role('option', name=option).click()
+
+
 def tab(page: Any, name: str) -> None:
     """Open a panel."""
     page.get_by_role('tab', name=name, exact=True).click()
@@ -178,6 +191,51 @@ def test_a_rejected_weight_has_its_reason_beside_it_and_changes_nothing(site, pa
     site.probe.spin_for(0.5)
     assert reason.is_visible()
     assert site.designs[-1].revision == revision
+
+
+def test_weights_are_given_as_largest_deviations_and_back(site, page):
+    """A weight of 1/d^2 is the deviation d; the switch leaves the candidate as it is."""
+    number(page, 'weight of px').fill('4')
+    choose(page, 'given as', 'largest deviations')
+    scale = number(page, 'largest deviation of px [m]')
+    scale.wait_for()
+    assert float(scale.input_value()) == 0.5
+    scale.fill('0.2')
+    revision = site.designs[-1].revision
+    page.get_by_role('button', name='Apply').click()
+    site.probe.wait_for(lambda: site.designs[-1].revision > revision)
+    assert np.reshape(site.designs[-1].qx, (6, 6))[0, 0] == pytest.approx(25.0, rel=1e-9)
+    assert site.probe.get_parameters('/lqr_node', 'weights') == {'weights': 'bryson'}
+    choose(page, 'given as', 'weights Qx')
+    field = number(page, 'weight of px')
+    field.wait_for()
+    assert float(field.input_value()) == 25.0
+    revision = site.designs[-1].revision
+    page.get_by_role('button', name='Undo').click()
+    site.probe.wait_for(lambda: site.designs[-1].revision > revision)
+    assert site.designs[-1].qx[0] == 1.0
+    assert site.probe.get_parameters('/lqr_node', 'weights') == {'weights': 'matrices'}
+
+
+def test_the_reference_of_another_client_is_drawn_if_lqr_node_follows_it(site, page):
+    """Pixels of its colour are in the picture, and are gone once it is followed no more."""
+    publisher = site.probe.node.create_publisher(Trajectory, 'reference', LATCHED)
+    site.probe.wait_for(lambda: publisher.get_subscription_count() >= 2)
+    plane, goal = page.locator('.obc-plane'), site.settle()
+    goal[0] += 0.4
+    answer = site.probe.call(PlanMotion, '/trajectory_server/plan', PlanMotion.Request(
+        system='aircraft', goal=goal, objective='quadratic', final_time=20.0))
+    assert answer.success, answer.message
+    assert plane.evaluate(COUNT_REFERENCE) == 0
+    path = answer.trajectory
+    path.header.stamp.sec = path.header.stamp.nanosec = 0   # it begins when it is accepted
+    publisher.publish(path)
+    page.wait_for_function(f'({COUNT_REFERENCE})(document.querySelector(".obc-plane")) > 20')
+    path.x = np.zeros(len(path.x))   # no motion of the plant
+    publisher.publish(path)
+    page.wait_for_function(f'({COUNT_REFERENCE})(document.querySelector(".obc-plane")) === 0')
+    publisher.publish(Trajectory())
+    site.probe.node.destroy_publisher(publisher)
 
 
 def test_a_goal_by_click_is_planned_certified_and_flown(site, page):
@@ -253,6 +311,7 @@ def test_an_example_is_solved_and_its_certificate_shown(site, page):
     page.get_by_role('button', name='Solve').click()
     page.get_by_text('solved: ').wait_for()
     page.get_by_text(re.compile(r'cost [0-9.]+, global')).wait_for()
+    page.locator('[aria-label*="switching functions"]').wait_for()
     assert page.get_by_text('\u2713 holds').count() >= 8
 
 

@@ -10,16 +10,29 @@ from typing import Any
 import numpy as np
 from obc_ros.cli.obc import main
 from obc_ros.core import lqr, systems
+from obc_ros.core.lqr.weights import from_bryson
+from obc_ros.core.ocp.statement import build_problem
 from obc_ros.core.text.errors import ObcError
-from obc_ros.msg import LqrDesign
+from obc_ros.msg import LqrDesign, NamedBounds, Trajectory
+from obc_ros.srv import PlanMotion
 import pytest
 
 pytest.importorskip('nicegui', reason='NiceGUI is not installed')
 from obc_ros.cli.view.access import COOKIE, Gate, Helm, make_token
 from obc_ros.cli.view.canvas import describe_scene
+from obc_ros.cli.view.charts import add_unit, find_switching_functions
+from obc_ros.cli.view.plan_panel import compute_switching
 from obc_ros.cli.view.playback import Playback
-from obc_ros.cli.view.telemetry import describe_plant, Frame, measure_cost, Named, Plant
-from obc_ros.cli.view.weights_panel import compute_steps, list_figures
+from obc_ros.cli.view.telemetry import (
+    describe_plant,
+    FollowedPath,
+    Frame,
+    measure_cost,
+    Named,
+    Plant,
+    SetPoint,
+)
+from obc_ros.cli.view.weights_panel import compute_steps, convert_weights, list_figures
 from view_recording import record
 
 HOSTILE = '</script><img src=x onerror=alert(1)>{{ 7*7 }}'
@@ -205,3 +218,102 @@ def test_the_command_says_why_there_is_no_page(capsys, words, why):
     assert main(['view', '--no-browser', *(['--port', '0'] if '--port' not in words else []),
                  *words]) == 1
     assert why in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(('x', 'u'), [([4.0, 0.0], [100.0]), ([0.25, 1e-4], [3.0])])
+def test_weights_as_deviations_give_the_same_cost_and_return(x, u):
+    """By Bryson's rule each weight times the square of its deviation is 1."""
+    scales = convert_weights('bryson', x, u)
+    weights = from_bryson(2, 1, scales['x_max'], scales['u_max'])
+    assert np.allclose(np.diag(weights.Qx), x, rtol=1e-11)
+    assert np.allclose(np.diag(weights.Qu), u, rtol=1e-11)
+    back = convert_weights('matrices', *scales.values())
+    assert list(back) == ['Qx', 'Qu']
+    assert np.allclose(back['Qx'], x, rtol=1e-10) and np.allclose(back['Qu'], u, rtol=1e-10)
+
+
+@pytest.mark.parametrize(('mode', 'x', 'u', 'why'), [
+    ('bryson', [-1.0], [1.0], r'Qx\[0\] = -1'), ('bryson', [1.0], [0.0], r'Qu\[0\] = 0'),
+    ('matrices', [0.0], [1.0], r'x_max\[0\] = 0'), ('matrices', [1.0], [-2.0], r'u_max\[0\] = -2'),
+    ('bryson', [np.nan], [1.0], r'Qx\[0\] = nan')])
+def test_what_has_no_deviation_is_named(mode, x, u, why):
+    with pytest.raises(ObcError, match=why):
+        convert_weights(mode, x, u)
+
+
+def test_a_switching_function_tells_where_an_input_is_at_its_bounds():
+    """Minimum time to rest: dH/du = lam2 is linear in time, and 0 at the middle of the way."""
+    x, u, lam, t = solve_double_integrator()
+    request = PlanMotion.Request(system='double_integrator', start=[0.0, 0.0], goal=[1.0, 0.0],
+                                 objective='time', input_bounds=[
+                                     NamedBounds(name='u', lower='-1', upper='1')])
+    path = Trajectory(t=t, x=np.ravel(x), u=np.ravel(u), lam=np.ravel(lam))
+    [(name, values)] = compute_switching(request, path).items()
+    assert name == systems['double_integrator'].inputs[0]
+    assert np.allclose(values, lam[:, 1], atol=1e-12)
+    assert (np.sign(values[np.abs(values) > 1e-9]) == -np.sign(
+        u[np.abs(values) > 1e-9, 0])).all()
+
+
+def solve_double_integrator():
+    """Return the path from (0, 0) to (1, 0) in minimum time for |u| <= 1, in closed form."""
+    t = np.linspace(0.0, 2.0, 41)
+    first = t <= 1.0
+    x = np.stack([np.where(first, t**2 / 2, 1 - (2 - t)**2 / 2), np.where(first, t, 2 - t)], 1)
+    lam = np.stack([np.full_like(t, -1.0), t - 1.0], 1)   # H = 1 + lam1 x2 + lam2 u = 0
+    return x, np.where(first, 1.0, -1.0)[:, None], lam, t
+
+
+def test_no_switching_function_without_bounds_or_costates():
+    x, u, lam, _ = solve_double_integrator()
+    problem = build_problem({
+        'states': ['p', 'v'], 'inputs': ['u'], 'dynamics': {'p': 'v', 'v': 'u'},
+        'initial_state': {'p': 0, 'v': 0}, 'running_cost': 'u**2',
+        'final_time': {'free': False, 'value': 2}})
+    assert find_switching_functions(problem, x, u, lam) == {}
+    bounded = build_problem({
+        'states': ['p', 'v'], 'inputs': ['u'], 'dynamics': {'p': 'v', 'v': 'u'},
+        'initial_state': {'p': 0, 'v': 0}, 'running_cost': '1', 'input_bounds': {'u': [-1, 1]},
+        'final_time': {'free': False, 'value': 2}})
+    assert find_switching_functions(bounded, x, u, lam[:0]) == {}
+    assert find_switching_functions(bounded, x, u, 0.0 * lam) == {}
+    assert list(find_switching_functions(bounded, x, u, lam)) == ['u']
+
+
+def test_a_reference_is_packed_in_the_order_of_the_plant():
+    plant = Plant('a', (Named('p'), Named('v')), (Named('u'),))
+    path = Trajectory(state_names=['v', 'p'], t=[0.0, 1.0], x=[1.0, 2.0, 3.0, np.nan])
+    assert FollowedPath(5.0, path).pack(plant, 10) == [[5.0, 2.0, 1.0], [6.0, None, 3.0]]
+    for other in (Trajectory(state_names=['p'], t=[0.0], x=[1.0]), Trajectory(),
+                  Trajectory(state_names=['v', 'p'], t=[0.0, 1.0], x=[1.0])):
+        assert FollowedPath(5.0, other).pack(plant, 10) == []
+    long = Trajectory(state_names=['p', 'v'], t=np.arange(5000.0), x=np.zeros(10_000))
+    rows = FollowedPath(0.0, long).pack(plant, 400)
+    assert len(rows) <= 400 and (rows[0][0], rows[-1][0]) == (0.0, 4999.0)
+
+
+@pytest.mark.parametrize(('units', 'title'), [
+    (('cost', 's'), 'a [cost/s]'), (('cost', 's', 'm/s'), 'a [cost/s/(m/s)]'),
+    (('cost', ''), 'a [cost]'), (('',), 'a')])
+def test_a_unit_is_that_of_the_quotient(units, title):
+    assert add_unit('a', *units) == title
+
+
+def test_a_set_point_that_moves_is_shown_beside_the_plant():
+    """The vehicle's set point drives along px: only its distance across the course is known."""
+    system = systems['vehicle']
+    names = list(system.states)
+    design = LqrDesign(system='vehicle', state_names=names, input_names=list(system.inputs),
+                       xe=[0.0, -2.0, 0.0], ue=[10.0, 0.0], p=np.eye(3).ravel())
+    held = SetPoint(design)
+    assert np.allclose(held.locate([300.0, 1.0, 0.1]), [300.0, -2.0, 0.0], atol=1e-12)
+    assert np.isnan(held.measure_cost([300.0, 1.0, 0.1]))
+    assert list(held.locate([1.0])) == [0.0, -2.0, 0.0]
+
+
+def test_a_set_point_at_rest_stays():
+    design = design_of('double_integrator', [1.0, 1.0], [1.0])
+    held = SetPoint(design)
+    assert list(held.locate([3.0, 4.0])) == [0.0, 0.0]
+    assert held.measure_cost([3.0, 4.0]) == measure_cost(design, [3.0, 4.0])
+    assert list(SetPoint(LqrDesign(system=HOSTILE, xe=[1.0])).locate([2.0])) == [1.0]
