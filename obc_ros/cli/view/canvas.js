@@ -272,8 +272,8 @@ export default {
       followed.forEach((k) => this.line(
         context, passed.map((row) => [px(row[0]), py(row[k])]), REFERENCE, [2, 3], 1.2));
       panel.signals.forEach((s, i) => {
-        const points = frames.map((f) => [px(f.t), py(value(f, s))])
-          .filter(([, y]) => Number.isFinite(y));
+        const points = frames.filter((f) => Number.isFinite(value(f, s)))
+          .map((f) => [px(f.t), py(value(f, s))]);
         this.line(context, points, s.colour, s.dash, 1.7);
         context.fillStyle = colours.ink;
         this.line(context, [[right + 6, top + 8 + 14 * i], [right + 24, top + 8 + 14 * i]], s.colour, s.dash, 2);
