@@ -151,17 +151,24 @@ class Source:
 
 def parameters(root: Path, module: str) -> list[Row]:
     """Return the rows of the dataclass `Settings` of a module, in order."""
-    source, settings = Source(root, module).definition('Settings')
+    return list(_rows(*Source(root, module).definition('Settings')).values())
+
+
+def _rows(source: Source, settings: ast.AST) -> dict[str, Row]:
+    """Return the rows of a dataclass by name, after those that it inherits."""
     assert isinstance(settings, ast.ClassDef)
-    rows: list[Row] = []
+    rows: dict[str, Row] = {}
+    for base in settings.bases:
+        assert isinstance(base, ast.Name)
+        rows |= _rows(*source.definition(base.id))
     for node in settings.body:
         match node:
             case ast.AnnAssign(target=ast.Name(id=name), value=ast.Call(
                     func=ast.Name(id='declare_field')) as call):
-                rows.append(_row(source, name, call))
+                rows[name] = _row(source, name, call)
             case ast.AnnAssign(target=ast.Name(id=name), value=ast.Call(
                     func=ast.Name(id='group'), args=[members])):
-                rows += _group(source, name, members)
+                rows |= {each.name: each for each in _group(source, name, members)}
     return rows
 
 

@@ -9,7 +9,7 @@ from typing import Any
 from launched import nodes, RefusedError, ROOT
 from lqr_bench import Heard
 from obc_ros.cli.ros2.launch_file import LaunchFile
-from obc_ros.nodes.lqr.topics import SINKS
+from obc_ros.nodes.control.command_sinks import SINKS
 from obc_ros.ros.state_sources import SOURCES
 import pytest
 import yaml

@@ -8,7 +8,7 @@ import sys
 from typing import Any
 
 from obc_ros.msg import Trajectory
-from obc_ros.nodes.lqr_node import DESIGN_QOS
+from obc_ros.nodes.control.controller_node import LATCHED_QOS
 from obc_ros.srv import DesignLqr
 import pytest
 from std_srvs.srv import Trigger
@@ -62,7 +62,7 @@ def test_an_exception_in_a_subscription_does_not_end_the_node(probe: Any, domain
     process = start_defective(DEFECT, domain, log, module='lqr_node', node='LqrNode',
                               callback='_on_reference')
     try:
-        publisher = probe.publisher(Trajectory, 'reference', DESIGN_QOS)
+        publisher = probe.publisher(Trajectory, 'reference', LATCHED_QOS)
         publisher.publish(Trajectory())
         support.wait_for(lambda: 'ZeroDivisionError' in log.read_text())
         assert probe.call(Trigger, '/lqr_node/stop', Trigger.Request()).success

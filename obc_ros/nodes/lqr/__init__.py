@@ -1,3 +1,3 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""Settings, topics, diagnostics and messages of lqr_node."""
+"""Settings, gain schedule, references and weight suggestions of lqr_node."""

@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""Diagnostics of lqr_node: states, commands and design, once a second (REP 107)."""
+"""Diagnostics of a controller: states, commands and design, once a second (REP 107)."""
 
 from collections import Counter, deque
 from collections.abc import Mapping

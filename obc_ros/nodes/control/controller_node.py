@@ -1,0 +1,351 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+The node of a controller: state feedback in a loop with watchdogs, and a lifecycle.
+
+Subscribes to ``state`` (State) or ``odom`` (nav_msgs/Odometry). Publishes ``command`` (Command, or
+see `command_sinks`), ``~/design`` (LqrDesign, transient local) and ``/diagnostics``. Services:
+``~/stop``, ``~/start`` (std_srvs/Trigger), and those of a lifecycle node.
+
+A separate thread computes the commands; everything else runs in the executor. A change reaches
+that thread as one assignment.
+
+The module is long because a node is one class.
+"""
+
+from time import monotonic, time_ns
+from typing import Any
+
+from builtin_interfaces.msg import Time
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from lifecycle_msgs.srv import ChangeState
+from obc_ros.core.closed_loop.loop import ControlLoop
+from obc_ros.core.lqr.design.report import Change, change
+from obc_ros.core.text.errors import quote, StatementError
+from obc_ros.msg import LqrDesign
+from obc_ros.nodes.control import topic_peers
+from obc_ros.nodes.control.command_sinks import Sink
+from obc_ros.nodes.control.controller_settings import (
+    ControllerCandidate,
+    ControllerSettings,
+    describe_opening,
+    explain_former_limits,
+)
+from obc_ros.nodes.control.design_message import design_message
+from obc_ros.nodes.control.loop_monitor import LoopMonitor
+from obc_ros.ros import state_sources
+from obc_ros.ros.conversions import make_body_reader, read_nanoseconds
+from obc_ros.ros.hardware_id import identify
+from obc_ros.ros.parameters.node_parameters import Parameters
+from obc_ros.ros.subscription_thread import Apart, OwnThread
+from obc_ros.ros.throttled_log import ThrottledLog
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
+from rclpy.duration import Duration
+from rclpy.event_handler import EventHandler, SubscriptionEventCallbacks
+from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos_overriding_options import QoSOverridingOptions, QoSPolicyKind
+from std_srvs.srv import Trigger
+
+SOURCE = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+# On a lossy network a queue of old commands, each sent again, would delay the new one.
+SINK = QoSProfile(depth=1)
+LATCHED_QOS = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+OVERRIDES = (QoSPolicyKind.DEADLINE, QoSPolicyKind.DEPTH, QoSPolicyKind.DURABILITY,
+             QoSPolicyKind.HISTORY, QoSPolicyKind.RELIABILITY)
+INFINITE = 2**63 - 1  # [ns] as a QoS duration
+FAREWELL = Duration(seconds=0.5)
+LONGEST_WAIT = 0.5  # [s] between two checks in the thread of the states
+
+
+class ControllerNode(LifecycleNode):  # type: ignore[misc] # rclpy's classes are untyped
+    """
+    A controller; see the module's text.
+
+    Parameters
+    ----------
+    name : str
+        Name of the node.
+    table : type
+        Dataclass of its parameters.
+
+    """
+
+    def __init__(self, name: str, table: type[ControllerSettings], **options: Any) -> None:
+        super().__init__(name, allow_undeclared_parameters=True, **options)
+        self._is_active = False  # first: rclpy 9 also destroys a node with rejected parameters
+        self._monitor, self._log = LoopMonitor(), ThrottledLog(self)
+        self._adopted: Any = None
+        self._prepare()
+        self._table: Parameters[Any, Any] = Parameters(
+            self, table, self._judge, self._adopt, self._monitor.refused, describe_opening,
+            explain_former_limits)
+        self._adopted, self._revision, self._change = self._table.candidate, 1, Change()
+        self._loop = ControlLoop(self._adopted.control)
+        self._create_topics(self._table.settings)
+        self._create_services()
+        self._publish_design()
+        if self._table.settings.autostart:
+            self._start_itself()
+
+    # What a controller does in its own way
+
+    def _prepare(self) -> None:
+        """Create what `_judge` needs."""
+
+    def _judge(self, settings: Any) -> ControllerCandidate:
+        """Return the candidate of parameters, or raise ObcError."""
+        raise NotImplementedError
+
+    def _shared_topics(self) -> list[str]:
+        """Return the topics that may have several publishers."""
+        return []
+
+    def _start_itself(self) -> None:
+        """Configure and activate the node."""
+        self.trigger_configure()
+        self.trigger_activate()
+
+    def _forget(self) -> None:
+        """Forget what is followed, after ~/stop."""
+
+    def _note_refused(self, reason: str) -> None:
+        """Report a reference that the loop has rejected."""
+        raise NotImplementedError
+
+    def _statuses(self) -> list[DiagnosticStatus]:
+        """Return the diagnostics of the controller's own."""
+        return []
+
+    def _create_topics(self, settings: Any) -> None:
+        system = self._adopted.design.plant.system
+        overrides = QoSOverridingOptions(OVERRIDES)
+        self._read = make_body_reader(settings.state_source, system)
+        self._sink = Sink(settings.command_sink, system, settings.cmd_vel_stamped)
+        self._frame, self._has_speed = settings.frame_id, settings.state_source == 'odom'
+        self._look_at_clock()
+        self._states = self.create_subscription(
+            state_sources.SOURCES[settings.state_source], settings.state_source,
+            lambda message: None, SOURCE, callback_group=Apart(),
+            qos_overriding_options=overrides)
+        self._monitor.topic = self._states.topic_name
+        self._commands = self.create_lifecycle_publisher(
+            self._sink.type, settings.command_sink, SINK,
+            qos_overriding_options=overrides)
+        self._designs = self.create_publisher(LqrDesign, '~/design', LATCHED_QOS)
+        self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
+        self._thread = OwnThread(
+            self, self._states, self._answer, self._watch, self._deadline_events(),
+            settings.priority)
+        self._news = self.create_guard_condition(self._log_news)
+        self._designed = self.create_guard_condition(self._publish_design)
+        self.create_timer(1.0, self._diagnose, clock=Clock(clock_type=ClockType.STEADY_TIME))
+
+    def _deadline_events(self) -> list[EventHandler]:
+        """Return the handlers of a missed deadline, if a QoS override sets a deadline."""
+        deadline = self._states.qos_profile.deadline.nanoseconds
+        if not 0 < deadline < INFINITE:
+            return []
+        return SubscriptionEventCallbacks(
+            deadline=self._on_deadline, incompatible_qos=lambda _: None,  # `ros_graph` names it
+            use_default_callbacks=False).create_event_handlers(
+                self._states.callback_group, self._states.handle, self._states.topic_name)
+
+    def _create_services(self) -> None:
+        self.create_service(Trigger, '~/stop', self._on_stop)
+        self.create_service(Trigger, '~/start', self._on_start)
+        for service in self.services:
+            if service.srv_type is ChangeState:
+                self._change_state, service.callback = service.callback, self._on_change_state
+
+    # States and commands, in the thread of the states
+
+    def _answer(self, message: Any) -> None:
+        begun = monotonic()
+        header, loop = message.header, self._loop
+        if header.frame_id != self._frame and not self._is_frame(header.frame_id, begun):
+            return
+        try:
+            x = self._read(message)
+        except StatementError as error:
+            kind = 'frame' if isinstance(error, state_sources.FrameError) else 'finite'
+            loop.drop(kind, f'a state was dropped: {error}', begun)
+        else:
+            clock = None if self._is_simulated else time_ns()
+            speed = message.twist.twist.linear.x if self._has_speed else None
+            u = loop.answer(read_nanoseconds(header.stamp), x, begun, clock, speed)
+            if u is not None:
+                self._commands.publish(self._sink.message(u, header.stamp))
+                self._monitor.latencies.append(monotonic() - begun)
+        if loop.news or loop.events or loop.refused:
+            self._news.trigger()
+
+    def _watch(self) -> float:
+        """Send the command for missing states; return the time to wait for the next state [s]."""
+        now, loop = monotonic(), self._loop
+        if (u := loop.overdue(now)) is not None:
+            self._commands.publish(self._sink.message(u, self._time()))
+        if loop.news:
+            self._news.trigger()
+        return min(LONGEST_WAIT, loop.wake() - now)
+
+    def _is_frame(self, frame: str, now: float) -> bool:
+        """Return whether a frame is `frame_id`, or without that the frame of the first state."""
+        wanted = self._table.settings.frame_id
+        if frame == wanted or not (wanted or self._frame):
+            self._frame = frame
+            return True
+        self._loop.drop('frame', f"a state in the frame '{quote(frame)}' was dropped: wanted "
+                                 f"'{quote(wanted or self._frame)}'", now)
+        return False
+
+    def _on_deadline(self, _: Any) -> None:
+        self._loop.drop('deadline', f'a state on {self._states.topic_name} missed its deadline of '
+                        f'{self._states.qos_profile.deadline.nanoseconds * 1e-9:g} s', monotonic())
+
+    # Changes
+
+    def _adopt(self, candidate: Any) -> None:
+        before, self._adopted = self._adopted, candidate
+        if candidate.settings.frame_id != before.settings.frame_id:
+            self._frame = candidate.settings.frame_id
+        if candidate.design.plant.system is not before.design.plant.system:
+            self._sink = Sink(
+                candidate.settings.command_sink, candidate.design.plant.system,
+                candidate.settings.cmd_vel_stamped)
+        if candidate.gains != before.gains:
+            self._revision += 1
+            self._change = change(
+                before.design, candidate.design, self._loop.preview(candidate.control))
+            self._designed.trigger()
+        self._loop.adopt(candidate.control)
+
+    def _publish_design(self) -> None:
+        message = design_message(
+            self._adopted.design, self._change, self._loop.error, self._adopted.note)
+        message.header.stamp, message.revision = self._time(), self._revision
+        self._designs.publish(message)
+        self._monitor.design = f'revision {self._revision}: {message.sentence}'
+        self.get_logger().info(self._monitor.design)
+
+    def _on_stop(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        self._loop.stop('by ~/stop')
+        self._forget()
+        response.success = True
+        response.message = (f'stopped at {list(self._adopted.control.rest)}; the set point is '
+                            'held again after ~/start')
+        self._log.warning('stop', f'~/stop: {response.message}')
+        return response
+
+    def _on_start(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        response.success = True
+        response.message = (f'started again; it was stopped {self._loop.stopped}'
+                            if self._loop.stopped else 'it was not stopped')
+        self._log.info('start', f'~/start: {response.message}')
+        self._loop.start()
+        return response
+
+    # Lifecycle: rclpy manages publishers only
+
+    def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Log the transition; the node is configured when it starts."""
+        self._log.info('configure', f'configured; it was {state.label}')
+        return super().on_configure(state)
+
+    def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Log the transition; nothing is released."""
+        self._log.info('cleanup', f'cleaned up; it was {state.label}')
+        return super().on_cleanup(state)
+
+    def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Log that a transition has failed."""
+        self._log.warning('error', f'a transition failed; it was {state.label}')
+        return super().on_error(state)
+
+    def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Start the control loop."""
+        stopped = self._loop.stopped
+        self._loop = ControlLoop(self._adopted.control)
+        self._loop.stop(stopped)
+        self._is_active = True
+        done = super().on_activate(state)
+        self._thread.start()
+        self._log.info('activate', f'activated: the loop runs; it was {state.label}')
+        return done
+
+    def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Send the input at rest, and stop the control loop."""
+        self._rest()
+        self._log.info('deactivate', f'deactivated: the loop is stopped; it was {state.label}')
+        return super().on_deactivate(state)
+
+    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Send the input at rest, and stop the control loop."""
+        self._rest()
+        self._log.info('shutdown', f'shut down; it was {state.label}')
+        return super().on_shutdown(state)
+
+    def _rest(self) -> None:
+        if self._is_active:
+            self._is_active = False
+            self._thread.stop()
+            if self._loop.command is not None:
+                rest = self._adopted.control.rest
+                self._commands.publish(self._sink.message(rest, self._time()))
+                self._commands.wait_for_all_acked(FAREWELL)  # before the node is destroyed
+
+    def _on_change_state(self, request: Any, response: Any) -> Any:
+        try:
+            return self._change_state(request, response)
+        except RuntimeError as error:  # RCLError: no such transition from here
+            self._log.warning('transition', f'the transition was rejected: {error}')
+            response.success = False
+            return response
+
+    def destroy_node(self) -> None:
+        """Send the input at rest, and destroy the node."""
+        self._rest()
+        super().destroy_node()
+        # rclpy does not destroy it; while it exists others see the node in the graph.
+        self._state_machine.destroy_when_not_in_use()
+
+    # Reports
+
+    def _time(self) -> Time:
+        """Return the time of the node, simulated: not before the last state."""
+        now = self.get_clock().now().nanoseconds
+        if self._is_simulated:   # /clock is best effort, and may come later than the state
+            now = max(now, self._loop.stamp or 0)
+        seconds, nanoseconds = divmod(now, 10**9)
+        return Time(sec=seconds, nanosec=nanoseconds)
+
+    def _look_at_clock(self) -> None:
+        self._is_simulated = bool(self.get_parameter('use_sim_time').value)
+
+    def _log_news(self) -> None:
+        loop = self._loop
+        while loop.news:
+            self.get_logger().warning(loop.news.popleft())
+        while loop.events:
+            self.get_logger().info(loop.events.popleft())
+        while loop.refused:
+            self._note_refused(loop.refused.popleft())
+
+    def _diagnose(self) -> None:
+        self._log_news()
+        self._look_at_clock()
+        for sentence in self._monitor.found(topic_peers.find_faults(
+                self, [self._states.topic_name, self._commands.topic_name],
+                self._shared_topics())):
+            self.get_logger().warning(sentence)
+        array = DiagnosticArray()
+        array.header.stamp = self._time()
+        error = self._loop.error
+        array.status = self._monitor.statuses(
+            self.get_fully_qualified_name()[1:], self._loop, self._revision, self._is_active,
+            None if error is None else self._adopted.design.cost_to_go(error))
+        array.status += self._statuses()
+        identify(array.status, self, self._table.settings.hardware_id,
+                 self._adopted.design.plant.system.name)
+        self._diagnostics.publish(array)

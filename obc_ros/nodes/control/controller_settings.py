@@ -1,0 +1,261 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""Parameters that lqr_node and mpc_node share, and what they specify: plant, limits, rules."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+import functools
+from typing import Any, Protocol
+
+from obc_ros.core.closed_loop.control import Control, ENVELOPE, Rules, STALE
+from obc_ros.core.closed_loop.feedback import InputLimits, Vector
+from obc_ros.core.lqr.design.design import Design, linearize_plant, LinearizedPlant
+from obc_ros.core.lqr.design.input_limits import (
+    check_all_limited,
+    resolve_input_limits,
+    translate_former_limits,
+)
+from obc_ros.core.lqr.design.set_point import describe_set_point
+from obc_ros.core.lqr.weights import count, WEIGHT_KINDS
+from obc_ros.core.text.errors import StatementError
+from obc_ros.nodes.control.command_sinks import ROBOTS, SINKS
+from obc_ros.ros.conversions import choose_system, list_system_parameters
+from obc_ros.ros.hardware_id import HARDWARE
+from obc_ros.ros.parameters.node_parameters import declare_field, group, Value
+from obc_ros.ros.state_sources import SOURCES, STATE_SOURCE
+from obc_ros.ros.subscription_thread import PRIORITY
+
+
+@dataclass(frozen=True)
+class ControllerSettings:
+    """The parameters that both controllers have."""
+
+    system: str = declare_field(
+        'aircraft', 'name of a registered system, or path of a YAML file', read_only=True)
+    system_parameters: Mapping[str, Value] = group(list_system_parameters)
+    setpoint: Vector = declare_field(
+        (), 'state to hold: n numbers in SI units and radians; empty: the default of the system, '
+        'if that is an equilibrium')
+    setpoint_input: Vector = declare_field(
+        (), 'input at the set point, if the state does not determine it: m numbers; empty: the '
+        'default of the system, if the set point does not move with it')
+    weights: str = declare_field('matrices', 'how the weights are given', choices=WEIGHT_KINDS)
+    Qx: Vector = declare_field(
+        (), 'state weight: n numbers (diagonal) or n*n numbers row by row; empty: identity',
+        used_when=(('weights', 'matrices'),))
+    Qu: Vector = declare_field(
+        (), 'input weight: m numbers (diagonal) or m*m numbers row by row; empty: identity',
+        used_when=(('weights', 'matrices'),))
+    x_max: Vector = declare_field(
+        (), 'acceptable error of each state, in its unit; empty: 1 each', finite=False,
+        used_when=(('weights', 'bryson'),))
+    u_max: Vector = declare_field(
+        (), 'acceptable deviation of each input, in its unit; a scale, not a limit (see '
+        'u_limits); empty: 1 each', finite=False, used_when=(('weights', 'bryson'),))
+    H: Vector = declare_field(
+        (), "output matrix of z = H x in the cost z'z + rho u'u: p*n numbers row by row",
+        used_when=(('weights', 'output'),))
+    rho: float = declare_field(
+        1.0, "weight of u'u relative to z'z", lower=0.0, used_when=(('weights', 'output'),))
+    state_timeout: float = declare_field(
+        0.5, 'age of the last valid state at which on_stale acts; 0: never', 's', lower=0.0)
+    stamp_timeout: float = declare_field(
+        0.5, "maximum difference of a state's stamp and the node's clock; other states are "
+        "dropped. 0: no check. There is no check in simulated time, and for differences above one "
+        'hour', 's', lower=0.0)
+    on_stale: str = declare_field(
+        'equilibrium', 'command while no state arrives: the input at rest (equilibrium), the last '
+        'command (hold) or none (silent)', choices=STALE,
+        used_when=(('state_timeout',),))
+    u_limits: Vector = declare_field(
+        (), 'limits of the inputs, in their units: the maximum absolute value of each (m '
+        'numbers), within the limits of the system; or lower and upper limit of each (2 m '
+        'numbers), in place of those. Infinite: the limit of the system; empty: the limits of the '
+        'system', finite=False)
+    unlimited: bool = declare_field(
+        False, 'true: the inputs of a robot need no limits',
+        used_when=(('command_sink', *ROBOTS),))
+    x_limits: Vector = declare_field(
+        (), 'maximum absolute error of each state (n numbers), or lower and upper limit of each '
+        '(2 n numbers), outside which on_envelope acts; empty: none', finite=False)
+    on_envelope: str = declare_field(
+        'stop', 'action outside x_limits: stop until ~/start, or one of those of on_stale',
+        choices=ENVELOPE, used_when=(('x_limits',),))
+    state_source: str = declare_field(
+        'state', STATE_SOURCE, choices=tuple(SOURCES), read_only=True)
+    command_sink: str = declare_field(
+        'command', 'topic of the commands, with its type: command (Command), cmd_vel '
+        '(TwistStamped, the vehicle) or wrench (WrenchStamped, the aircraft)',
+        choices=tuple(SINKS), read_only=True)
+    cmd_vel_stamped: bool = declare_field(
+        True, 'true: cmd_vel is a TwistStamped; false: a Twist, which has no stamp',
+        read_only=True, used_when=(('command_sink', 'cmd_vel'),))
+    transition_time: float = declare_field(
+        0.0, 'time in which the jump of the command after a change decays, and the time from rest '
+        'to the first command of a robot; 0: the command jumps', 's', lower=0.0,
+        default_when=(('command_sink', *ROBOTS), 1.0))
+    frame_id: str = declare_field(
+        '', 'frame_id of the states; empty: that of the first state')
+    hardware_id: str = declare_field('', HARDWARE)
+    priority: int = declare_field(0, PRIORITY, lower=0, upper=99, read_only=True)
+    autostart: bool = declare_field(
+        True, 'true: the node configures and activates itself; false: it waits for the lifecycle '
+        'services', read_only=True)
+
+
+class ControllerCandidate(Protocol):
+    """What the judgement of a controller's parameters returns; replaced as a whole."""
+
+    @property
+    def settings(self) -> Any:
+        """Return the parameters, a `ControllerSettings`."""
+
+    @property
+    def design(self) -> Design:
+        """Return the regulator at the set point."""
+
+    @property
+    def control(self) -> Control:
+        """Return what determines the commands."""
+
+    @property
+    def gains(self) -> tuple[Any, ...]:
+        """Return the objects that determine the gain; they are identical if it is unchanged."""
+
+    @property
+    def note(self) -> str:
+        """Return text for the sentence of the design; empty: none."""
+
+
+def make_key(value: Any) -> Any:
+    """Return a parameter as a key of a cache."""
+    return tuple(sorted(value.items())) if isinstance(value, Mapping) else value
+
+
+@functools.lru_cache(maxsize=4)
+def linearize_system(system: str, parameters: tuple[tuple[str, Value], ...], setpoint: Vector,
+                     setpoint_input: Vector) -> LinearizedPlant:
+    """Return the plant at its set point; the parameters of the system as `make_key` returns."""
+    return linearize_plant(choose_system(system, dict(parameters)), setpoint, setpoint_input)
+
+
+def make_input_limits(settings: ControllerSettings, held: LinearizedPlant) -> InputLimits:
+    """
+    Return the limits of the inputs of a plant.
+
+    Parameters
+    ----------
+    settings : ControllerSettings
+        The parameters.
+    held : LinearizedPlant
+        The plant at its set point.
+
+    Returns
+    -------
+    InputLimits
+
+    Raises
+    ------
+    StatementError
+        If the limits are of wrong size, or those of a robot are not finite.
+
+    """
+    angles = tuple(i for i, is_angle in enumerate(held.system.angles) if is_angle)
+    lower, upper = resolve_input_limits(held, settings.u_limits)
+    if settings.command_sink in ROBOTS and not settings.unlimited:
+        check_all_limited(held, settings.u_limits, lower, upper, settings.command_sink)
+    return InputLimits(lower, upper, angles)
+
+
+def make_rules(settings: ControllerSettings, rate: float, names: tuple[str, ...]) -> Rules:
+    """
+    Return the rules of a control loop.
+
+    Parameters
+    ----------
+    settings : ControllerSettings
+        The parameters.
+    rate : float
+        Maximum rate of the commands [Hz]; 0: a command for every state.
+    names : tuple of str
+        (n,) names of the states.
+
+    Returns
+    -------
+    Rules
+
+    Raises
+    ------
+    StatementError
+        If x_limits are of wrong size or sign.
+
+    """
+    given, n = settings.x_limits, len(names)
+    if len(given) not in (0, n, 2 * n):
+        raise StatementError(f'x_limits has {count(len(given))}; wanted {n} or {2 * n}, for '
+                             f'{", ".join(names)}')
+    bounds = tuple((-each, each) for each in given)
+    if len(given) == 2 * n:
+        bounds = tuple(zip(given[::2], given[1::2], strict=True))
+    for name, (low, high) in zip(names, bounds, strict=False):
+        if not low < 0.0 < high:
+            raise StatementError(f'x_limits of {name}: [{low:g}, {high:g}]; wanted a negative '
+                                 'lower limit and a positive upper limit of the error')
+    return Rules(
+        period=round(min(1e9 / rate, 1e18)) if rate else 0,
+        state_timeout=settings.state_timeout, on_stale=settings.on_stale, x_limits=bounds,
+        on_envelope=settings.on_envelope, transition_time=settings.transition_time,
+        from_rest=settings.command_sink in ROBOTS,
+        stamp_timeout=settings.stamp_timeout)
+
+
+def explain_former_limits(given: Mapping[str, Any], values: Mapping[str, Value]) -> str:
+    """
+    Return an error message if u_min or u_max is given as a limit, as in former versions.
+
+    Parameters
+    ----------
+    given : mapping
+        Given values by name, of any type.
+    values : mapping
+        All parameters by name.
+
+    Returns
+    -------
+    str
+        Empty: neither is given as a limit.
+
+    """
+    names = [name for name in ('u_min', 'u_max') if name in given
+             and not (name == 'u_max' and (values['weights'] == 'bryson' or not values['u_max']))]
+    if not names:
+        return ''
+    system = choose_system(str(values['system']), {
+        name.partition('.')[2]: value for name, value in values.items()
+        if name.startswith('system_parameters.')})
+    return translate_former_limits(system, {name: given[name] for name in names})
+
+
+def describe_opening(candidate: ControllerCandidate) -> str:
+    """
+    Describe what a node is about to do: plant, set point, limits, topics and frame.
+
+    Parameters
+    ----------
+    candidate : ControllerCandidate
+        The adopted settings.
+
+    Returns
+    -------
+    str
+
+    """
+    settings, held = candidate.settings, candidate.design.plant
+    limits = candidate.control.limits
+    bounds = zip(held.system.inputs, limits.lower, limits.upper, strict=True)
+    return '; '.join((
+        f'system: {held.system.name}', *describe_set_point(held),
+        'limits: ' + ', '.join(f'{signal.name} in [{low:g}, {high:g}] {signal.unit}'.rstrip()
+                               for signal, low, high in bounds),
+        f'source: {settings.state_source}', f'sink: {settings.command_sink}',
+        f'frame: {settings.frame_id or "that of the first state"}'))

@@ -1,0 +1,54 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""References that lqr_node receives as messages."""
+
+from obc_ros.core.lqr.design.reference_tracking import Course, read_course
+from obc_ros.core.systems.system import System
+from obc_ros.core.text.errors import quote, StatementError
+from obc_ros.msg import Trajectory
+from obc_ros.ros.conversions import read_nanoseconds
+
+
+def read_courses(message: Trajectory, system: System, frame: str, present: tuple[Course, ...],
+                 now: int | None) -> tuple[Course, ...]:
+    """
+    Return the references to follow after a message, in the order of their beginnings.
+
+    Parameters
+    ----------
+    message : Trajectory
+        The new reference; without samples: no reference.
+    system : System
+        The system that follows.
+    frame : str
+        Frame of its states; empty: not known.
+    present : tuple of Course
+        The references before the message; the followed one is kept until the new one begins.
+    now : int, optional
+        Stamp of the last state [ns].
+
+    Returns
+    -------
+    tuple of Course
+
+    Raises
+    ------
+    StatementError
+        If the message is not a reference for the system.
+
+    """
+    if not message.t and not message.x and not message.u:
+        return ()
+    if message.system not in ('', system.name):
+        raise StatementError(f"system = '{quote(message.system)}': wanted {system.name}")
+    given = message.header.frame_id
+    if given and frame and given != frame:
+        raise StatementError(f"frame_id = '{quote(given)}': wanted the frame of the states, "
+                             f"'{quote(frame)}'")
+    stamp = read_nanoseconds(message.header.stamp)
+    new = read_course(system, (message.state_names, message.input_names), message.t, message.x,
+                      message.u, message.interpolation, stamp or None)
+    begun = [each for each in present
+             if now is not None and each.reference.begin is not None
+             and each.reference.begin <= now]
+    return (*begun[-1:], new)  # the followed one is kept for the case that the new one is rejected
