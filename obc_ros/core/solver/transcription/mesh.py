@@ -251,8 +251,9 @@ def choose_cuts(errors: Array, share: float, rate: float,
     """
     Return the number of parts of each interval, up to `most`, for an error of at most `share`.
 
-    The error of an interval is proportional to the power `rate` of its length.
+    The error of an interval is proportional to the power `rate` of its length; NaN counts as
+    infinite.
     """
     share = max(share, 1e-300)
-    number = np.ceil((np.minimum(errors, 1e30 * share) / share) ** (1 / rate))
+    number = np.ceil((np.fmin(errors, 1e30 * share) / share) ** (1 / rate))
     return np.clip(number, 1, most).astype(np.int64)

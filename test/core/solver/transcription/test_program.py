@@ -18,6 +18,7 @@ from obc_ros.core.solver.transcription.intervals import Pieces
 from obc_ros.core.solver.transcription.local_minima import LocalMinima
 from obc_ros.core.solver.transcription.mesh import (
     build_uniform_mesh,
+    choose_cuts,
     HELD,
     Layout,
     LINEAR,
@@ -198,6 +199,12 @@ def test_splitting_a_mesh_keeps_its_points():
     assert finer.layout.intervals == 6
     np.testing.assert_allclose(np.cumsum(finer.fractions)[[0, 3, 5]], np.cumsum(mesh.fractions))
     assert finer.layout.phases[0].modes == (LINEAR,)
+
+
+def test_an_undefined_error_is_cut_as_an_infinite_one():
+    """It is that of an interval in which f is undefined."""
+    assert choose_cuts(np.array([math.nan, math.inf, 0.0, 64.0]), 1.0, 6.0, 4).tolist() == [
+        4, 4, 1, 2]
 
 
 def test_an_arc_of_zero_duration_is_not_refined():
