@@ -149,12 +149,13 @@ class MultistartOptions:
     least_bent: int = steer(8, 'minimum for bent problems', 'starts', 'cstr_kirk')
     few: int = steer(2, 'minima above which the minimum number is doubled', 'minima')
     after: int = steer(3, 'starts after one that led to a better solution', 'starts', 'cart_pole')
-    many: int = steer(24, 'minimum for hard problems by steps and costs with wells', 'starts')
+    many: int = steer(
+        24, 'minimum for hard problems by steps and costs with wells', 'starts', 'f8_aircraft')
     many_work: int = steer(15_000, 'minimum for these', 'work', 'terminal_wells_plane')
     most: int = steer(80, 'maximum', 'starts', 'terminal_wells_plane')
     long: int = steer(60_000, 'work of the first descent before others are looked at', 'work')
     looks: int = steer(3, 'others that are looked at then', 'starts')
-    splits: int = steer(2, 'mesh halvings to confirm a lower cost', 'meshes')
+    splits: int = steer(2, 'mesh halvings to confirm a lower cost', 'meshes', 'f8_aircraft')
     rivals: int = steer(3, 'other minima kept for neighbours', 'minima')
     rival: float = steer(0.3, 'excess of their costs', 'relative')
     weary: int = steer(500_000, 'work in all after which nothing certified is enough', 'work')
@@ -246,8 +247,6 @@ class HorizonOptions:
 
     halvings: int = steer(6, 'halvings of T for the first horizon', '', 'pendulum_long')
     work: int = steer(100_000, 'work for all horizons', 'work', 'pendulum_long')
-    fine: int = steer(32, 'integration steps of the continuation', 'steps per interval')
-    far: float = steer(10.0, 'growth of the states above which it is not used', 'times')
 
 
 @dataclass(frozen=True)
@@ -260,8 +259,9 @@ class BangOptions:
     jump: float = steer(0.3, 'change of an input that may be a jump', 'range', 'thrust_in_a_disc')
     vanishing: float = steer(
         1e-3, 'length up to which an arc may be removed', 'final time', 'pendulum_mintime')
-    removal: float = steer(1e-7, 'increase of the cost by removing one', 'relative')
-    room: float = steer(1e-5, 'increase of the cost by new arcs', 'relative', 'oil_shale')
+    room: float = steer(
+        1e-5, 'increase of the cost by new arcs, or by the removal of arcs', 'relative',
+        'oil_shale')
 
 
 @dataclass(frozen=True)
@@ -315,7 +315,6 @@ class BoundaryOptions:
     steady: float = steer(0.7, 'ratio of residuals below which the budget is extended')
     slowly: float = steer(
         0.1, 'ratio of residuals above which bangs are sought, or intervals are spread')
-    worse: float = steer(1.5, 'ratio of residuals above which no finer mesh is tried')
     opened: float = steer(0.25, 'length of a free arc that is inserted', 'shorter neighbour')
     nearly: float = steer(
         0.1, 'rate at a junction that may be tangential', 'relative', 'clamped_beam')

@@ -222,8 +222,8 @@ class ArcIteration:
                 if arc.end - arc.start > options.vanishing * T]
         density = max(2.0 * self.coarse, outcome.mesh.layout.intervals)
         new = self.with_arcs(close_gaps(arcs, T), outcome, density)
-        dearer = options.removal * abs(outcome.objective)
-        return outcome if new is None or new.objective > outcome.objective + dearer else new
+        room = options.room * abs(outcome.objective)
+        return outcome if new is None or new.objective > outcome.objective + room else new
 
     @staticmethod
     def vanished(outcome: TranscriptionOutcome) -> bool:

@@ -405,16 +405,13 @@ def _settled_on(bench: Bench, program: PhasedProgram, outcome: TranscriptionOutc
                 better := certify_samples(problem, program, judge, fitter, smooth)).certified:
             return better
         turn = replace(turn, arcs=new, guess=sharpen_steps(join_phases(found), new))
-        following = _resolve(bench, program, turn, found, answer, seen)
-        if following is None:
-            break
-        turn = following
+        turn = _resolve(bench, program, turn, found, answer, seen)
     return None
 
 
 def _resolve(bench: Bench, program: PhasedProgram, turn: _Turn, found: Phased,
-             answer: Solution, seen: set[tuple[Signature, float, int]]) -> _Turn | None:
-    """Return the next attempt when the arcs do not change; None if it is not worth trying."""
+             answer: Solution, seen: set[tuple[Signature, float, int]]) -> _Turn:
+    """Return the next attempt when the arcs do not change."""
     assert answer.certificate is not None
     problem, options = bench.problem, bench.options.boundary
     worst, before = answer.certificate.worst, turn.off
@@ -431,8 +428,6 @@ def _resolve(bench: Bench, program: PhasedProgram, turn: _Turn, found: Phased,
         spread, count = spread_as_wanted(found, bench.options.refinement.cuts)
         return replace(turn, spread=spread, graded=turn.graded + 1,
                        fine=max(turn.fine, count / options.intervals))
-    if turn.off > options.worse * before:
-        return None
     if turn.off < options.steady * before:
         bench.meter.extend(round(options.work * turn.fine))
     spread = spread_by_error(found) if worst in BY_SAMPLES else turn.spread
