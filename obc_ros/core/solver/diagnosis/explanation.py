@@ -196,11 +196,6 @@ class Unsolved:
         found = self.found
         return None if found is None else _report(look(self.problem, found.t, found.x, found.u))
 
-    def is_undefined_nearby(self) -> Reason | None:
-        """Return which expression is undefined on the nearest path."""
-        path = self.nearest
-        return _report(explain_undefined(self.problem, path.t, path.x, path.u))
-
     def best(self, other: Problem) -> Solution:
         """Return a path of another problem; of a convex problem a nearly optimal one."""
         answer = self.solve(other)
@@ -344,7 +339,6 @@ CHECKS = (
     Check('undefined expression', (Situation.FOUND,), Unsolved.is_undefined),
     Check('kink of an expression', (Situation.ARRIVED,), Unsolved.has_kink),
     Check('level terminal constraint', (Situation.PATH,), Unsolved.ends_level),
-    Check('undefined expression nearby', (Situation.UNHELD,), Unsolved.is_undefined_nearby),
     Check('state constraint', (Situation.UNHELD,), Unsolved.not_held),
     Check('minimum time', (Situation.UNHELD, Situation.MISSED), Unsolved.too_short),
     Check('monotone resource', (Situation.UNHELD, Situation.MISSED), Unsolved.too_little),
