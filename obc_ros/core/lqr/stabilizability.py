@@ -82,6 +82,37 @@ def name_undetectable_modes(A: Array, F: Array, Q: Array, *, stability: float = 
                     stability, period) + '; add a weight'
 
 
+def explain_no_estimator(A: Array, C: Array, Qw: Array, outputs: tuple[str, ...], *,
+                         period: float = 0.0) -> str:
+    """
+    Name the modes that no estimator follows; empty if there are none.
+
+    Parameters
+    ----------
+    A, C, Qw : ndarray, shape (n, n), (q, n), (n, n)
+        dx/dt = A x + w (or x+ = A x + w), y = C x + v; Qw is the covariance of w.
+    outputs : tuple of str
+        Names of y.
+    period : float
+        Sampling period [s]; 0: continuous time.
+
+    """
+    rows = C / np.maximum(np.linalg.norm(C, axis=1), TINY)[:, None]
+    A, F, Q = _balanced(A.T, rows.T, Qw)   # the dual plant
+    A, C = A.T, F.T
+    modes = _unobservable(A, C, _LOST, period)
+    if modes.size:
+        word = '' if _unobservable(A, C, _EXACT, period).size == modes.size else 'numerically '
+        return _explain(modes, '(A, C)', f'{word}not detectable',
+                        f'cannot be seen in {", ".join(outputs)}', 0.0, period) + (
+            '; measure another output')
+    modes = _uncontrollable(A, Q, _UNSEEN, period)
+    if modes.size:
+        return _explain(modes, '(A, Qw)', 'not stabilisable', 'is not driven by Qw', 0.0,
+                        period) + '; add process noise to it'
+    return ''
+
+
 def _pair(has_cross: bool) -> str:
     # With N the pair is (A - B Qu^-1 N', Qx - N Qu^-1 N'), which nobody has written down.
     return 'the plant with this cost' if has_cross else '(A, Qx)'

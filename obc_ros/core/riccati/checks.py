@@ -206,3 +206,47 @@ def check_semidefinite(name: str, M: Any, n: int) -> Array:
     if lapack.dpotrf(matrix)[1]:
         _check_semidefinite(name, matrix, matrix, name)
     return matrix
+
+
+def check_definite(name: str, M: Any, n: int) -> Array:
+    """
+    Check that a matrix is symmetric and positive definite, and return a float copy.
+
+    The parameters and errors are those of `check_semidefinite`.
+    """
+    matrix = _symmetric(name, M, n)
+    _definite(name, matrix)
+    return matrix
+
+
+def check_matrix(name: str, M: Any, shape: tuple[int | None, int | None]) -> Array:
+    """
+    Check the numbers and the shape of a matrix, and return a float copy.
+
+    Parameters
+    ----------
+    name : str
+        Name of the matrix, for messages.
+    M : array_like, shape (rows, columns)
+        The matrix.
+    shape : tuple of int or None
+        Wanted numbers of rows and columns; None: any from 1 to `LARGEST`.
+
+    Returns
+    -------
+    ndarray
+
+    Raises
+    ------
+    StatementError
+        If it is not a matrix of finite numbers, or has the wrong shape.
+
+    """
+    matrix = _matrix(name, M)
+    for size, wanted in zip(matrix.shape, shape, strict=True):
+        if wanted is None and not 0 < size <= LARGEST:
+            raise StatementError(f'{name}: {size} rows or columns: wanted 1 to {LARGEST}')
+    _check_size(name, matrix, tuple(  # type: ignore[arg-type] # two of them
+        size if wanted is None else wanted
+        for size, wanted in zip(matrix.shape, shape, strict=True)))
+    return matrix

@@ -45,7 +45,13 @@ def system() -> System:
             Parameter('c', 0.05, 'N s/m', 0.0, description='damping')),
         dynamics=_dynamics,
         description='thrust vectored aircraft in the vertical plane (Example 2.5)',
-        plane='vertical')
+        plane='vertical',
+        outputs=(
+            Signal('gps_x', description='horizontal position'),
+            Signal('gps_y', description='vertical position'),
+            Signal('attitude', description='attitude, counter-clockwise'),
+            Signal('gyro', description='angular velocity')),
+        output_map=lambda x, u, p: (x[0], x[1], x[2], x[5]))
 
 
 def _dynamics(x: list[ca.SX], u: list[ca.SX], p: list[ca.SX]) -> tuple[Any, ...]:

@@ -6,7 +6,8 @@ Systems in YAML files.
 A system file has the keys of a problem file. Keys of the task (costs, initial state, constraints,
 final time) are ignored, so that a problem file is a system file too. These keys belong to a system
 only: `units` (of states, inputs, parameters), `angles` (states modulo 2 pi), `setpoint`,
-`setpoint_input`, `parameter_bounds`, `plane` and `description`.
+`setpoint_input`, `parameter_bounds`, `plane`, `description` and `outputs` (what sensors measure,
+name to expression of states, inputs and parameters).
 """
 
 from collections.abc import Mapping, Sequence
@@ -32,7 +33,7 @@ from obc_ros.core.text.stated_functions import call_functions
 from obc_ros.core.text.yaml_files import read_yaml
 
 OF_A_PLANT = ('units', 'angles', 'setpoint', 'setpoint_input', 'parameter_bounds', 'plane',
-              'description')
+              'description', 'outputs')
 PLANT = ('name', 'states', 'inputs', 'parameters', 'dynamics', 'input_bounds', 'state_bounds',
          *OF_A_PLANT)
 TASK = (
@@ -101,8 +102,9 @@ def _system(given: Given, stem: str, chosen: Values) -> System:
     check_keys(given, PLANT, TASK + FOR_PEOPLE)
     states, inputs = read_names(given, 'states'), read_names(given, 'inputs')
     values = _parameters(given, (*states, *inputs), chosen)
-    units = _texts(given, 'units', (*states, *inputs, *values))
-    angles = _chosen(given, 'angles', states)
+    outputs = _outputs(given, states, (*inputs, *values))
+    units = _texts(given, 'units', tuple(dict.fromkeys((*states, *inputs, *values, *outputs))))
+    angles = _chosen(given, 'angles', tuple(dict.fromkeys((*states, *outputs))))
     ranges = _bounds(given, 'parameter_bounds', tuple(values), values)
     x_limits = _bounds(given, 'state_bounds', states, values)
     u_limits = _bounds(given, 'input_bounds', inputs, values)
@@ -118,6 +120,11 @@ def _system(given: Given, stem: str, chosen: Values) -> System:
         return [expressions.parse_expression(equations[name], symbols, f'dynamics.{name}')
                 for name in states]
 
+    def measured(x: list[ca.SX], u: list[ca.SX], p: list[ca.SX]) -> list[ca.SX]:
+        symbols = dict(zip((*states, *inputs, *values), (*x, *u, *p), strict=True))
+        return [expressions.parse_expression(text, symbols, f'outputs.{name}')
+                for name, text in outputs.items()]
+
     return define(
         _text(given, 'name', stem),
         [Signal(name, units.get(name, ''), *x_limits[name], angle=name in angles)
@@ -130,7 +137,23 @@ def _system(given: Given, stem: str, chosen: Values) -> System:
         setpoint_input=_numbers(given, 'setpoint_input', inputs, values),
         description=_text(given, 'description', _text(given, 'title', '')),
         plane=_plane(given),
-        rebuild=lambda new: _system(given, stem, {**chosen, **new}))
+        rebuild=lambda new: _system(given, stem, {**chosen, **new}),
+        outputs=[Signal(name, units.get(name, ''), angle=name in angles) for name in outputs],
+        output_map=measured)
+
+
+def _outputs(given: Given, states: tuple[str, ...], taken: tuple[str, ...]) -> dict[str, Any]:
+    """Return the outputs; the name of a state is that state's, and no other quantity's."""
+    section = read_section(given, 'outputs')
+    for name, text in section.items():
+        check_name(name, 'outputs')
+        if name in taken:
+            raise StatementError(f"outputs: '{name}' is an input or a parameter; choose another "
+                                 f"name, such as {name}_measured: {name}")
+        if name in states and text != name:
+            raise StatementError(f"outputs.{name}: '{name}' is a state; choose another name for "
+                                 'another quantity')
+    return dict(section)
 
 
 def _by_name(given: Given, key: str, known: Sequence[str]) -> dict[str, Any]:

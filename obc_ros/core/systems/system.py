@@ -69,6 +69,10 @@ class System:
     rebuild : callable, optional
         Returns this system with other parameter values. It is needed if limits or the set point
         depend on parameters; None: only `p_value` changes.
+    outputs : tuple of Signal
+        What sensors measure, in the order of y (q,). Empty: all states.
+    y : casadi.SX
+        h(x, u; p), shape (q, 1). Without `outputs` it is x.
 
     """
 
@@ -85,6 +89,14 @@ class System:
     description: str = ''
     plane: str = ''
     rebuild: 'Callable[[Mapping[str, float]], System] | None' = field(default=None, repr=False)
+    outputs: tuple[Signal, ...] = ()
+    y: ca.SX = field(default_factory=lambda: ca.SX(0, 1), repr=False)
+
+    def __post_init__(self) -> None:
+        """Measure all states if no outputs are given."""
+        if not self.outputs:
+            object.__setattr__(self, 'outputs', self.states)
+            object.__setattr__(self, 'y', self.x)
 
     @property
     def n(self) -> int:
@@ -107,14 +119,20 @@ class System:
         return tuple(signal.name for signal in self.inputs)
 
     @property
+    def output_names(self) -> tuple[str, ...]:
+        """Return the names of the outputs, in order."""
+        return tuple(signal.name for signal in self.outputs)
+
+    @property
     def angles(self) -> tuple[bool, ...]:
         """Return for each state whether it is an angle modulo 2 pi."""
         return tuple(signal.angle for signal in self.states)
 
     @property
     def units(self) -> dict[str, str]:
-        """Return the units of states, inputs and parameters that have one, by name."""
-        named: list[Signal | Parameter] = [*self.states, *self.inputs, *self.parameters]
+        """Return the units of all signals and parameters that have one, by name."""
+        named: list[Signal | Parameter] = [
+            *self.states, *self.inputs, *self.parameters, *self.outputs]
         return {each.name: each.unit for each in named if each.unit}
 
     @property
@@ -141,6 +159,11 @@ class System:
         fx, fu = ca.jacobian(self.xdot, self.x), ca.jacobian(self.xdot, self.u)
         return ca.Function('jacobians', [self.x, self.u, self.p], [ca.densify(fx), ca.densify(fu)])
 
+    @cached_property
+    def _h(self) -> ca.Function:
+        hx = ca.densify(ca.jacobian(self.y, self.x))
+        return ca.Function('h', [self.x, self.u, self.p], [ca.densify(self.y), hx])
+
     def f(self, x: Array, u: Array) -> Array:
         """Return dx/dt, shape (n,), at state x (n,) and input u (m,)."""
         xdot: Array = self._f(x, u, self.p_value).full().ravel()
@@ -155,6 +178,11 @@ class System:
         """Return (df/dx, df/du), shapes (n, n) and (n, m), at state x and input u."""
         fx, fu = self._jacobians(x, u, self.p_value)
         return fx.full(), fu.full()
+
+    def measure(self, x: Array, u: Array) -> tuple[Array, Array]:
+        """Return y = h(x, u), shape (q,), and dh/dx, shape (q, n), at state x and input u."""
+        y, hx = self._h(x, u, self.p_value)
+        return y.full().ravel(), hx.full()
 
     def with_parameters(self, values: Mapping[str, float]) -> 'System':
         """
@@ -197,6 +225,8 @@ def define(
     description: str = '',
     plane: str = '',
     rebuild: Callable[[Mapping[str, float]], System] | None = None,
+    outputs: Sequence[Signal] = (),
+    output_map: Callable[[list[ca.SX], list[ca.SX], list[ca.SX]], Sequence[Any]] | None = None,
 ) -> System:
     """
     Return the system dx/dt = f(x, u; p) whose f is `dynamics`.
@@ -213,20 +243,29 @@ def define(
         Called with the symbols of states, inputs and parameters; returns the n expressions dx/dt.
     setpoint, setpoint_input : sequence of float, optional
         Default: zeros.
+    outputs : sequence of Signal
+        In the order of y (q,); empty: all states.
+    output_map : callable, optional
+        Called as `dynamics`; returns the q expressions y. An output that is a state with an angle
+        is an angle.
 
     Raises
     ------
     DynamicsError
-        If `dynamics` does not return n expressions, or a parameter is out of its range.
+        If `dynamics` or `output_map` does not return as many expressions as needed, or a
+        parameter is out of its range.
 
     """
     x, u, p = (ca.vertcat(*(ca.SX.sym(each.name) for each in signals)) if signals else ca.SX(0, 1)
                for signals in (states, inputs, parameters))
-    xdot = dynamics(*(ca.vertsplit(symbols) if symbols.numel() else []
-                      for symbols in (x, u, p)))
+    symbols = [ca.vertsplit(each) if each.numel() else [] for each in (x, u, p)]
+    xdot = dynamics(*symbols)
     if len(xdot) != len(states):
         raise DynamicsError(
             f'{name}: {len(states)} states but {len(xdot)} derivatives')
+    y = list(output_map(*symbols)) if output_map is not None else []
+    if len(y) != len(outputs):
+        raise DynamicsError(f'{name}: {len(outputs)} outputs but {len(y)} expressions')
     for parameter in parameters:
         _in_range(name, parameter, parameter.value)
     return System(
@@ -234,7 +273,20 @@ def define(
         x=x, u=u, p=p, xdot=ca.densify(ca.vertcat(*xdot)),
         setpoint=tuple(setpoint or [0.0] * len(states)),
         setpoint_input=tuple(setpoint_input or [0.0] * len(inputs)),
-        description=description, plane=plane, rebuild=rebuild)
+        description=description, plane=plane, rebuild=rebuild,
+        outputs=tuple(_describe_output(signal, expression, states, symbols[0])
+                      for signal, expression in zip(outputs, y, strict=True)),
+        y=ca.vertcat(*y) if y else ca.SX(0, 1))
+
+
+def _describe_output(output: Signal, expression: Any, states: Sequence[Signal],
+                     symbols: Sequence[ca.SX]) -> Signal:
+    """Return an output with unit and angle of the state that it is, if it is one."""
+    for state, symbol in zip(states, symbols, strict=True):
+        if ca.is_equal(ca.SX(expression), symbol):
+            return replace(output, unit=output.unit or state.unit,
+                           angle=output.angle or state.angle)
+    return output
 
 
 def _in_range(system: str, parameter: Parameter, value: Any) -> float:

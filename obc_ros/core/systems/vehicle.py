@@ -47,7 +47,12 @@ def system() -> System:
         dynamics=_dynamics,
         setpoint_input=(10.0, 0.0),
         description='vehicle with front wheel steering (Example 1.1)',
-        plane='horizontal')
+        plane='horizontal',
+        outputs=(
+            Signal('gps_x', description='position of the rear axle'),
+            Signal('gps_y', description='position of the rear axle, to the left'),
+            Signal('compass', description='heading, counter-clockwise')),
+        output_map=lambda x, u, p: x)
 
 
 def lateral() -> System:

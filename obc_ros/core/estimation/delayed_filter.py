@@ -1,0 +1,330 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+A filter whose measurements come late and out of order.
+
+Inputs and measurements are kept in the order of their stamps, each with the estimate after it. A
+late one is put in its place and what follows is filtered again, so that the result is that of
+the same measurements in order. What is older than the longest lag is dropped. Everything is
+counted.
+"""
+
+from bisect import bisect_right
+from collections import Counter, deque
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+import math
+
+import numpy as np
+from obc_ros.core.estimation.consistency import InnovationMonitor
+from obc_ros.core.estimation.filter import Belief, KalmanFilter, Update
+from obc_ros.core.numerics.arrays import Array
+from obc_ros.core.text.errors import DynamicsError, quote, StatementError
+
+NANOSECONDS = 1_000_000_000
+MOST_REJECTED = 20   # outliers of one sensor in a row after which the filter restarts
+NOTHING = Belief(np.zeros(0), np.zeros((0, 0)))   # before an event is filtered
+_INTERVALS = 21      # whose median is the period of a sensor
+
+
+@dataclass(eq=False)
+class _Event:
+    """An input or a measurement, and the estimate after it."""
+
+    stamp: int
+    u: Array | None = None
+    at: tuple[int, ...] = ()
+    y: Array | None = None
+    after: Belief = NOTHING
+    input_after: Array = field(default_factory=lambda: np.zeros(0))
+    update: Update | None = None
+    is_counted: bool = False
+
+
+@dataclass(eq=False)
+class _Sensor:
+    """What is known of the measurements of one group of outputs."""
+
+    newest: int | None = None
+    rejected: int = 0
+    intervals: deque[int] = field(default_factory=lambda: deque(maxlen=_INTERVALS))
+
+
+@dataclass(frozen=True, eq=False)
+class Estimate:
+    """
+    The estimate at an instant.
+
+    Attributes
+    ----------
+    stamp : int
+        [ns]
+    x : ndarray, shape (n,)
+        Mean.
+    P : ndarray, shape (n, n)
+        Covariance of the error.
+
+    """
+
+    stamp: int
+    x: Array
+    P: Array
+
+
+class DelayedFilter:
+    """
+    The estimate of a system from inputs and measurements with stamps.
+
+    Parameters
+    ----------
+    kalman : KalmanFilter
+        The filter; it may be replaced by `adopt`.
+    x0 : ndarray, shape (n,)
+        Mean before the first measurement.
+    P0 : ndarray, shape (n, n)
+        Its covariance; also used when the filter restarts.
+    u0 : ndarray, shape (m,)
+        Input before the first command.
+    longest_lag : float
+        [s] A measurement that is older than the newest one by more is dropped.
+    longest_gap : float
+        [s] After a longer time without measurements the filter restarts.
+
+    Attributes
+    ----------
+    counts : Counter
+        'used', 'late' (filtered again), 'out of order' (older than another of its sensor),
+        'too late', 'repeated', 'missing', 'not finite' (entries), 'malformed', 'outliers',
+        'restarts', 'faults'.
+    monitor : InnovationMonitor
+    last : Update or None
+        What the newest measurement did.
+
+    """
+
+    def __init__(self, kalman: KalmanFilter, x0: Array, P0: Array, u0: Array,
+                 longest_lag: float = 0.5, longest_gap: float = 2.0) -> None:
+        self._kalman, self._x0, self._P0 = kalman, np.array(x0), np.array(P0)
+        self._u = np.array(u0)
+        self._lag, self._gap = (round(each * NANOSECONDS) for each in (longest_lag, longest_gap))
+        self._events: list[_Event] = []
+        self._newest: int | None = None
+        self._sensors: dict[tuple[int, ...], _Sensor] = {}
+        self._names = {name: i for i, name in enumerate(kalman.system.output_names)}
+        self.counts: Counter[str] = Counter()
+        self.monitor = InnovationMonitor()
+        self.last: Update | None = None
+
+    @property
+    def newest(self) -> int | None:
+        """Return the stamp of the newest measurement [ns]; None: there was none."""
+        return self._newest
+
+    @property
+    def measured(self) -> tuple[str, ...]:
+        """Return the names of the outputs that have been measured."""
+        at = {i for group in self._sensors for i in group}
+        return tuple(name for name, i in self._names.items() if i in at)
+
+    def adopt(self, kalman: KalmanFilter) -> None:
+        """Use another filter from the newest measurement on."""
+        self._kalman, self.monitor = kalman, InnovationMonitor()
+
+    def command(self, stamp: int, u: Array) -> None:
+        """
+        Receive an input that acts from a stamp [ns] on.
+
+        Raises
+        ------
+        StatementError
+            If it is not m finite numbers; nothing changes.
+
+        """
+        given = np.asarray(u, dtype=float)
+        if given.shape != self._u.shape or not np.isfinite(given).all():
+            self.counts['malformed'] += 1
+            raise StatementError(f'a command of {given.size} numbers was dropped: wanted '
+                                 f'{self._u.size} finite numbers')
+        if not self._events:
+            self._u = given
+        elif stamp < self._events[0].stamp:
+            self.counts['too late'] += 1
+        else:
+            system = self._kalman.system
+            self._insert(_Event(stamp, u=np.clip(given, system.u_min, system.u_max)))
+
+    def measure(self, stamp: int, names: Sequence[str], y: Sequence[float] | Array) -> bool:
+        """
+        Receive a measurement.
+
+        Parameters
+        ----------
+        stamp : int
+            Instant of the measurement [ns].
+        names : sequence of str
+            The measured outputs.
+        y : sequence of float
+            Their values; an entry that is not finite is left out.
+
+        Returns
+        -------
+        bool
+            Whether it is used; otherwise it has been counted.
+
+        Raises
+        ------
+        StatementError
+            If a name is unknown or stands twice, or the lengths differ; nothing changes.
+
+        """
+        at, values = self._read(names, y)
+        finite = np.isfinite(values)
+        self.counts['not finite'] += int((~finite).sum())
+        sensor = self._sensors.setdefault(tuple(at), _Sensor())
+        if not finite.any():
+            return False
+        if self._is_late(stamp, tuple(at), sensor):
+            return False
+        event = _Event(stamp, at=tuple(i for i, fine in zip(at, finite, strict=True) if fine),
+                       y=values[finite])
+        if self._newest is None or stamp - self._newest > self._gap:
+            self._restart(stamp)
+        self._insert(event)
+        self._newest = max(stamp, self._newest or stamp)
+        if event.update is not None:
+            self._follow(stamp, event.update, sensor)
+        self._forget()
+        return True
+
+    def estimate(self, stamp: int) -> Estimate:
+        """
+        Return the estimate at an instant that is not before the newest measurement.
+
+        Raises
+        ------
+        StatementError
+            If there was no measurement.
+        DynamicsError
+            If the estimate cannot be predicted to the instant.
+
+        """
+        if not self._events:
+            raise StatementError('there was no measurement')
+        stamp = max(stamp, self._newest or stamp)
+        # An input that acts later than the instant is not used yet.
+        index = bisect_right(self._events, stamp, key=lambda event: event.stamp) - 1
+        base = self._events[index]
+        belief = self._kalman.predict(base.after, base.input_after,
+                                      (stamp - base.stamp) / NANOSECONDS)
+        return Estimate(stamp, belief.x, belief.P)
+
+    def _read(self, names: Sequence[str], y: Sequence[float] | Array) -> tuple[list[int], Array]:
+        values = np.asarray(y, dtype=float).ravel()
+        unknown = [name for name in names if name not in self._names]
+        reason = ''
+        if not len(names) or len(names) != len(values):
+            reason = f'{len(names)} names but {len(values)} numbers'
+        elif unknown:
+            reason = (f"'{quote(str(unknown[0]))}' is not an output of "
+                      f'{self._kalman.system.name} ({", ".join(self._names)})')
+        elif len(set(names)) < len(names):
+            reason = 'a name stands twice'
+        if reason:
+            self.counts['malformed'] += 1
+            raise StatementError(f'a measurement was dropped: {reason}')
+        return [self._names[name] for name in names], values
+
+    def _is_late(self, stamp: int, at: tuple[int, ...], sensor: _Sensor) -> bool:
+        """Count how late a measurement is; return whether it cannot be used."""
+        if self._newest is not None and stamp < max(self._newest - self._lag,
+                                                    self._events[0].stamp):
+            self.counts['too late'] += 1
+            return True
+        if any(event.stamp == stamp and set(event.at) & set(at) for event in self._events):
+            self.counts['repeated'] += 1
+            return True
+        if sensor.newest is None or stamp > sensor.newest:
+            if sensor.newest is not None:
+                interval = stamp - sensor.newest
+                if len(sensor.intervals) >= 3:
+                    period = sorted(sensor.intervals)[len(sensor.intervals) // 2]
+                    self.counts['missing'] += max(0, round(interval / period) - 1)
+                sensor.intervals.append(interval)
+            sensor.newest = stamp
+        else:
+            self.counts['out of order'] += 1
+            self.counts['missing'] -= self.counts['missing'] > 0  # it was counted as missing
+        self.counts['late'] += self._newest is not None and stamp < self._newest
+        return False
+
+    def _restart(self, stamp: int) -> None:
+        """Begin anew at a stamp; after the first time with the last mean."""
+        mean, u = self._x0, self._u
+        if self._events:
+            self.counts['restarts'] += 1
+            mean, u = self._events[-1].after.x, self._events[-1].input_after
+        self._events = [_Event(stamp, after=Belief(mean, self._P0), input_after=u,
+                               is_counted=True)]
+        self._sensors = {at: _Sensor() for at in self._sensors}
+        self.monitor = InnovationMonitor()
+
+    def _insert(self, event: _Event) -> None:
+        """Put an event in its place and filter from there on."""
+        index = bisect_right(self._events, event.stamp, key=lambda each: each.stamp)
+        self._events.insert(index, event)
+        try:
+            for k in range(index, len(self._events)):
+                self._filter(self._events[k - 1], self._events[k])
+        except (DynamicsError, np.linalg.LinAlgError):
+            # The estimate has left the range of numbers: the mean is lost too.
+            self.counts['faults'] += 1
+            self._events = []
+            self._restart(event.stamp)
+
+    def _filter(self, before: _Event, event: _Event) -> None:
+        belief = self._kalman.predict(before.after, before.input_after,
+                                      (event.stamp - before.stamp) / NANOSECONDS)
+        event.input_after = before.input_after if event.u is None else event.u
+        if event.y is not None:
+            event.update = self._kalman.update(belief, event.input_after, event.at, event.y)
+            belief = event.update.belief
+            if not event.is_counted:
+                event.is_counted = True
+                self.counts['outliers' if event.update.is_outlier else 'used'] += 1
+                self.monitor.add(event.update.nis, len(event.at))
+        if not (np.isfinite(belief.x).all() and np.isfinite(belief.P).all()):
+            raise DynamicsError('the estimate exceeds the range of double precision')
+        event.after = belief
+
+    def _follow(self, stamp: int, update: Update, sensor: _Sensor) -> None:
+        """Keep the newest update; restart after a row of outliers of one sensor."""
+        self.last = update
+        sensor.rejected = sensor.rejected + 1 if update.is_outlier else 0
+        if sensor.rejected >= MOST_REJECTED:
+            self._restart(max(stamp, self._newest or 0))
+
+    def _forget(self) -> None:
+        """Remove events that no accepted measurement can precede, but one."""
+        oldest = (self._newest or 0) - self._lag
+        first = bisect_right(self._events, oldest, key=lambda each: each.stamp) - 1
+        if first > 0:
+            del self._events[:first]
+
+
+def spread_deviations(name: str, values: Sequence[float], names: Sequence[str]) -> Array:
+    """
+    Return variances, as a diagonal matrix, from standard deviations: one, or one for each name.
+
+    Raises
+    ------
+    StatementError
+        If their number is another one, or one is not positive and finite.
+
+    """
+    if len(values) not in (1, len(names)):
+        raise StatementError(f'{name}: wanted 1 or {len(names)} numbers ({", ".join(names)}), '
+                             f'found {len(values)}')
+    for value in values:
+        if not (math.isfinite(value) and value > 0.0):
+            raise StatementError(f'{name} = {value:g}: wanted positive numbers')
+    return np.diag(np.broadcast_to(np.square(np.array(values, dtype=float)), (len(names),)))

@@ -1,0 +1,244 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+Steady Kalman gains by duality: the estimator of (A, C) is the regulator of (A', C').
+
+Continuous time: dx/dt = A x + w, y = C x + v with the intensities Qw, Rv of w and v;
+d xe/dt = A xe + L (y - C xe). Discrete time: x+ = A x + w, y = C x + v with the covariances Qw and
+Rv. The *predictor* form is xe+ = A xe + L (y - C xe). The *filter* form is
+xe <- xe + M (y - C xe), then xe+ = A xe, with L = A M.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from obc_ros.core.lqr.lqr import dlqr, lqr, LqrDesign
+from obc_ros.core.lqr.margins import compute_margins
+from obc_ros.core.lqr.sampled import discretize_cost
+from obc_ros.core.lqr.stabilizability import explain_no_estimator
+from obc_ros.core.lqr.weights import Weights
+from obc_ros.core.numerics.arrays import Array, linalg
+from obc_ros.core.riccati.checks import check_definite, check_matrix, check_semidefinite
+from obc_ros.core.text.errors import RefusedDesignError, StatementError
+
+
+@dataclass(frozen=True, eq=False)
+class KalmanDesign:
+    """
+    A steady Kalman filter with verified stability, the plant and the noise.
+
+    Attributes
+    ----------
+    A, C : ndarray, shape (n, n) and (q, n)
+        The plant; the sampled plant if `period` is positive.
+    Qw, Rv : ndarray, shape (n, n) and (q, q)
+        Intensities of the noise of process and measurement; covariances if `period` is positive.
+    L : ndarray, shape (n, q)
+        Gain of the predictor form (of the filter in continuous time).
+    M : ndarray, shape (n, q)
+        Gain of the filter form; in continuous time it is L.
+    P : ndarray, shape (n, n)
+        Covariance of the estimation error; in discrete time before a measurement.
+    P_filtered : ndarray, shape (n, n)
+        Covariance after a measurement; in continuous time it is P.
+    E : ndarray, shape (n,), complex
+        Poles of the estimator, the slowest last; in the z plane if `period` is positive.
+    bandwidth : ndarray, shape (q,)
+        [rad/s] highest frequency at which the gain of the estimator's loop, opened at each
+        output, crosses 1; 0: none.
+    residual, error, robustness : float
+        Of the dual regulator, see `LqrDesign`.
+    period : float
+        Sampling period [s]; 0: continuous time.
+
+    """
+
+    A: Array
+    C: Array
+    Qw: Array
+    Rv: Array
+    L: Array
+    M: Array
+    P: Array
+    P_filtered: Array
+    E: NDArray[np.complex128]
+    bandwidth: Array
+    residual: float
+    error: float
+    robustness: float
+    period: float = 0.0
+
+
+def lqe(A: ArrayLike, C: ArrayLike, Qw: ArrayLike, Rv: ArrayLike, *,
+        outputs: tuple[str, ...] = ()) -> KalmanDesign:
+    """
+    Return the steady Kalman filter of dx/dt = A x + w, y = C x + v.
+
+    Parameters
+    ----------
+    A, C : array_like, shape (n, n) and (q, n)
+        The plant.
+    Qw, Rv : array_like, shape (n, n) and (q, q)
+        Intensities of the white noise; symmetric, Qw >= 0, Rv > 0.
+    outputs : tuple of str, optional
+        Names of the outputs, for messages.
+
+    Returns
+    -------
+    KalmanDesign
+        ``L`` = P C'Rv^-1, ``P`` solving A P + P A' - P C'Rv^-1 C P + Qw = 0.
+
+    Raises
+    ------
+    StatementError
+        If a matrix has a wrong size, an entry that is not finite, or is not symmetric.
+    RefusedDesignError
+        If Qw or Rv is not definite, (A, C) is not detectable, a mode that does not decay is not
+        driven by Qw, or stability cannot be verified. The message names the mode.
+
+    References
+    ----------
+    R. E. Kalman and R. S. Bucy, New results in linear filtering and prediction theory, 1961.
+
+    """
+    A, C, Qw, Rv = _check(A, C, Qw, Rv, outputs, 0.0)
+    dual = _solve_dual(lambda: lqr(A.T, C.T, Qw, Rv))
+    L = dual.K.T
+    return _describe(dual, L, L, dual.P, dual.P)
+
+
+def dlqe(A: ArrayLike, C: ArrayLike, Qw: ArrayLike, Rv: ArrayLike, *, period: float = 1.0,
+         outputs: tuple[str, ...] = ()) -> KalmanDesign:
+    """
+    Return the steady Kalman filter of x+ = A x + w, y = C x + v.
+
+    Parameters
+    ----------
+    A, C : array_like, shape (n, n) and (q, n)
+        The sampled plant.
+    Qw, Rv : array_like, shape (n, n) and (q, q)
+        Covariances of the noise; symmetric, Qw >= 0, Rv > 0.
+    period : float
+        Sampling period [s], for the bandwidth and for messages.
+    outputs : tuple of str, optional
+        As for `lqe`.
+
+    Returns
+    -------
+    KalmanDesign
+        ``M`` = P C'(C P C' + Rv)^-1, ``L`` = A M, ``P`` = A P_filtered A' + Qw.
+
+    Raises
+    ------
+    StatementError, RefusedDesignError
+        As `lqe`.
+
+    """
+    if not (np.isfinite(period) and period > 0.0):
+        raise StatementError(f'period = {period:g}: wanted a positive number of seconds')
+    A, C, Qw, Rv = _check(A, C, Qw, Rv, outputs, period)
+    dual = _solve_dual(lambda: dlqr(A.T, C.T, Qw, Rv, period=period))
+    P = dual.P
+    M = linalg.solve(C @ P @ C.T + Rv, C @ P, assume_a='pos').T
+    kept = np.eye(len(A)) - M @ C
+    return _describe(dual, dual.K.T, M, P, kept @ P @ kept.T + M @ Rv @ M.T)
+
+
+def sampled_lqe(A: ArrayLike, C: ArrayLike, Qw: ArrayLike, Rv: ArrayLike, period: float, *,
+                outputs: tuple[str, ...] = ()) -> KalmanDesign:
+    """
+    Return the steady Kalman filter of dx/dt = A x + w that is measured once in each period.
+
+    Parameters
+    ----------
+    A, C : array_like, shape (n, n) and (q, n)
+        The plant in continuous time.
+    Qw : array_like, shape (n, n)
+        Intensity of the process noise.
+    Rv : array_like, shape (q, q)
+        Covariance of each measurement.
+    period : float
+        Time between measurements [s].
+    outputs : tuple of str, optional
+        As for `lqe`.
+
+    Returns
+    -------
+    KalmanDesign
+        Of the plant and noise of `discretize_noise`.
+
+    Raises
+    ------
+    StatementError, RefusedDesignError
+        As `lqe`; also if the period cannot be used.
+
+    """
+    if not (np.isfinite(period) and period > 0.0):
+        raise StatementError(f'period = {period:g}: wanted a positive number of seconds')
+    A, C, Qw, Rv = _check(A, C, Qw, Rv, outputs, 0.0)
+    Ad, Qd = discretize_noise(A, Qw, period)
+    return dlqe(Ad, C, Qd, Rv, period=period, outputs=outputs)
+
+
+def discretize_noise(A: Array, Qw: Array, period: float) -> tuple[Array, Array]:
+    """
+    Return Ad = exp(A period) and the covariance of the noise that arrives in a period.
+
+    Parameters
+    ----------
+    A, Qw : ndarray, shape (n, n)
+        The plant in continuous time and the intensity of its noise.
+    period : float
+        [s]
+
+    Returns
+    -------
+    Ad, Qd : ndarray, shape (n, n)
+        Qd is the integral of exp(A s) Qw exp(A's) over the period. It is computed over a short
+        time by one exponential (Van Loan 1978) and doubled, without growing exponentials.
+
+    Raises
+    ------
+    StatementError
+        If a state within the period exceeds the range of double precision.
+
+    """
+    none = np.zeros((len(A), 0))
+    Ad, _, sampled = discretize_cost(A.T, none, Weights(Qw, np.zeros((0, 0))), period)
+    return Ad.T, sampled.Qx
+
+
+def _check(A: ArrayLike, C: ArrayLike, Qw: ArrayLike, Rv: ArrayLike, outputs: tuple[str, ...],
+           period: float) -> tuple[Array, Array, Array, Array]:
+    A = check_matrix('A', A, (None, None))
+    n = len(A)
+    A = check_matrix('A', A, (n, n))
+    C = check_matrix('C', C, (None, n))
+    q = len(C)
+    if len(outputs) not in (0, q):
+        raise StatementError(f'outputs: {len(outputs)} names for {q} rows of C')
+    Qw, Rv = check_semidefinite('Qw', Qw, n), check_definite('Rv', Rv, q)
+    names = outputs or tuple(f'y{i}' for i in range(q))
+    if reason := explain_no_estimator(A, C, Qw, names, period=period):
+        raise RefusedDesignError(reason)
+    return A, C, Qw, Rv
+
+
+def _solve_dual(solve_regulator: Callable[[], LqrDesign]) -> LqrDesign:
+    try:
+        return solve_regulator()
+    except RefusedDesignError as error:
+        raise RefusedDesignError(
+            "no estimator with verified stability was found; of its dual regulator (A', C', Qw "
+            f'and Rv as A, B, Qx and Qu): {error}') from error
+
+
+def _describe(dual: LqrDesign, L: Array, M: Array, P: Array, filtered: Array) -> KalmanDesign:
+    figures = compute_margins(dual.A, dual.B, dual.K, dual.period)
+    return KalmanDesign(
+        A=dual.A.T, C=dual.B.T, Qw=dual.Qx, Rv=dual.Qu, L=L, M=M, P=P,
+        P_filtered=0.5 * (filtered + filtered.T), E=dual.E, bandwidth=figures.bandwidth,
+        residual=dual.residual, error=dual.error, robustness=dual.robustness,
+        period=dual.period)

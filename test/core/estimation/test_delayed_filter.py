@@ -1,0 +1,137 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""Measurements that are late, out of order, missing, repeated, malformed or wrong."""
+
+import math
+
+import numpy as np
+from obc_ros.core.estimation.delayed_filter import DelayedFilter, MOST_REJECTED, spread_deviations
+from obc_ros.core.estimation.filter import Belief, KalmanFilter
+from obc_ros.core.systems.registry import get_system
+from obc_ros.core.text.errors import StatementError
+import pytest
+
+MS = 1_000_000
+NAMES = get_system('double_integrator').output_names
+
+
+def make(gate=1.0, **options):
+    kalman = KalmanFilter(get_system('double_integrator'), np.diag([0.0, 1.0]),
+                          0.01 * np.eye(2), gate)
+    return DelayedFilter(kalman, np.zeros(2), np.eye(2), np.zeros(1), **options)
+
+
+def events():
+    rng = np.random.default_rng(4)
+    for k in range(60):
+        yield 'y', (10 * k + 1) * MS, [NAMES[k % 2]], rng.standard_normal(1) * 0.1
+        if k % 5 == 0:
+            yield 'u', (10 * k + 4) * MS, None, rng.standard_normal(1)
+
+
+def feed(delayed, given):
+    for kind, stamp, names, values in given:
+        if kind == 'u':
+            delayed.command(stamp, values)
+        else:
+            delayed.measure(stamp, names, values)
+    return delayed.estimate(700 * MS)
+
+
+@pytest.mark.parametrize('seed', range(5))
+def test_order_of_arrival_does_not_matter(seed):
+    given, rng = list(events()), np.random.default_rng(seed)
+    arrival = np.argsort(np.arange(len(given)) + rng.uniform(0, 8, len(given)))
+    arrival = [0, *(k for k in arrival if k != 0)]
+    late = make()
+    found, wanted = feed(late, [given[k] for k in arrival]), feed(make(), given)
+    assert found.x == pytest.approx(wanted.x, rel=1e-11)
+    assert pytest.approx(wanted.P, rel=1e-11) == found.P
+    assert late.counts['late'] > 0 and late.counts['too late'] == 0
+    assert late.counts['used'] == 60
+
+
+def test_the_filter_is_that_of_predictions_and_updates():
+    found = feed(make(), events())
+    kalman = make()._kalman
+    belief, u, now = Belief(np.zeros(2), np.eye(2)), np.zeros(1), MS
+    for kind, stamp, names, values in events():
+        belief, now = kalman.predict(belief, u, (stamp - now) * 1e-9), stamp
+        if kind == 'u':
+            u = values
+        else:
+            belief = kalman.update(belief, u, [NAMES.index(names[0])], values).belief
+    belief = kalman.predict(belief, u, (700 * MS - now) * 1e-9)
+    assert found.x == pytest.approx(belief.x, rel=1e-9)
+    assert pytest.approx(belief.P, rel=1e-9) == found.P
+
+
+def test_what_cannot_be_used_is_counted_and_changes_nothing():
+    delayed = make(longest_lag=0.1)
+    for k in range(50):
+        delayed.measure(k * 10 * MS, NAMES, [0.0, 0.0])
+    before = delayed.estimate(500 * MS)
+    assert not delayed.measure(100 * MS, NAMES, [9.0, 9.0])
+    assert not delayed.measure(480 * MS, NAMES, [9.0, 9.0])
+    assert not delayed.measure(495 * MS, NAMES, [math.nan, math.inf])
+    for names, values in ((['px'], [1.0]), (NAMES, [1.0]), ([], []), ([NAMES[0]] * 2, [1, 1])):
+        with pytest.raises(StatementError, match='a measurement was dropped'):
+            delayed.measure(495 * MS, names, values)
+    for u in ([1.0, 2.0], [math.nan], []):
+        with pytest.raises(StatementError, match='a command of'):
+            delayed.command(495 * MS, u)
+    assert delayed.counts['too late'] == delayed.counts['repeated'] == 1
+    assert delayed.counts['not finite'] == 2
+    assert delayed.counts['malformed'] == 7
+    after = delayed.estimate(500 * MS)
+    assert (after.x == before.x).all() and (after.P == before.P).all()
+
+
+def test_finite_entries_of_a_measurement_are_used():
+    delayed, other = make(), make()
+    delayed.measure(0, NAMES, [0.7, math.nan])
+    other.measure(0, NAMES[:1], [0.7])
+    assert (delayed.estimate(0).x == other.estimate(0).x).all()
+
+
+def test_missing_measurements_are_counted():
+    delayed = make()
+    for k in range(40):
+        if k not in (20, 21, 30):
+            delayed.measure(k * 10 * MS, NAMES, [0.0, 0.0])
+    assert delayed.counts['missing'] == 3
+    delayed.measure(300 * MS, NAMES, [0.0, 0.0])   # only late
+    assert delayed.counts['missing'] == 2 and delayed.counts['out of order'] == 1
+
+
+def test_a_row_of_outliers_restarts_the_filter():
+    delayed = make(gate=0.999)
+    for k in range(100):
+        delayed.measure(k * 10 * MS, NAMES, [0.0, 0.0])
+    delayed.measure(1000 * MS, NAMES, [50.0, 0.0])
+    assert delayed.counts['outliers'] == 1
+    assert abs(delayed.estimate(1000 * MS).x[0]) < 0.01
+    for k in range(101, 101 + 2 * MOST_REJECTED):
+        delayed.measure(k * 10 * MS, NAMES, [2.0, 0.0])
+    assert delayed.counts['restarts'] == 1
+    assert delayed.estimate(delayed.newest).x[0] == pytest.approx(2.0, abs=0.1)
+
+
+def test_a_gap_restarts_the_filter():
+    delayed = make(longest_gap=1.0)
+    delayed.measure(0, NAMES, [0.0, 0.0])
+    delayed.measure(5000 * MS, NAMES, [3.0, 0.0])
+    assert delayed.counts['restarts'] == 1
+    assert delayed.estimate(5000 * MS).x[0] == pytest.approx(3.0 * 1 / 1.01)
+
+
+def test_no_estimate_without_a_measurement():
+    with pytest.raises(StatementError, match='no measurement'):
+        make().estimate(0)
+
+
+def test_deviations_are_checked():
+    assert spread_deviations('s', [2.0], ('a', 'b')).tolist() == [[4, 0], [0, 4]]
+    for values in ([], [1, 2, 3], [0.0], [math.inf], [-1.0, 1.0]):
+        with pytest.raises(StatementError):
+            spread_deviations('s', values, ('a', 'b'))
