@@ -23,7 +23,7 @@ from obc_ros.core.systems.system import System
 from obc_ros.core.text.errors import DynamicsError, StatementError
 
 LARGEST_STEP = 0.02    # [s] of a linearisation of a nonlinear system
-_MOST_STEPS = 100_000  # of one prediction
+_MOST_STEPS = 2000     # of one prediction
 
 
 @dataclass(frozen=True, eq=False)
