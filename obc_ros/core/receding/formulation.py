@@ -1,0 +1,343 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+The problem of a receding horizon about a set point.
+
+With the error e = x - xe - drift t and v = u - ue, the plan minimises
+
+    sum over k < N of [e_k; v_k]' W [e_k; v_k]  +  e_N' P e_N  +  sigma * sum of the excesses
+
+subject to e_(k+1) = F(e_k, v_k), the input held over the period, and to the input bounds. W is
+the cost integrated over a period of the linearization, P that of the sampled regulator with these
+weights. State bounds and path constraints are softened; see docs/receding_horizon.md.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+import math
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from obc_ros.core.lqr.design.design import Design, design, linearize_plant, Sampling
+from obc_ros.core.lqr.sampled import discretize_cost, discretize_plant
+from obc_ros.core.lqr.weights import Weights
+from obc_ros.core.numerics.arrays import Array
+from obc_ros.core.numerics.runge_kutta import BUTCHER, take_step
+from obc_ros.core.ocp.problem import Problem
+from obc_ros.core.ocp.statement import build_problem
+from obc_ros.core.systems.system import Signal, System
+from obc_ros.core.text.errors import DynamicsError, StatementError
+
+LONGEST = 1000         # periods of a horizon
+_LIMITS = ('state_bounds', 'input_bounds', 'path_constraints')
+_ACCURACY = 1e-10      # relative error of a period of the model, by halving its steps
+_MOST_STEPS = 64       # of a period
+
+
+@dataclass(frozen=True, eq=False)
+class RecedingProblem:
+    """
+    A receding horizon about a set point.
+
+    Attributes
+    ----------
+    design : Design
+        The sampled regulator at the set point, whose weights, gain and cost-to-go are used.
+    limits : Problem
+        Bounds and path constraints, in its symbols and with its numbers.
+    horizon : int
+        Number N of periods.
+
+    """
+
+    design: Design
+    limits: Problem
+    horizon: int
+
+    @property
+    def system(self) -> System:
+        """Return the system."""
+        return self.design.plant.system
+
+    @property
+    def period(self) -> float:
+        """Return the time for which an input is held [s]."""
+        return self.design.sampling.period
+
+    @property
+    def xe(self) -> Array:
+        """Return the state of the set point at t = 0, shape (n,)."""
+        return self.design.plant.equilibrium.x
+
+    @property
+    def ue(self) -> Array:
+        """Return the input of the set point, shape (m,)."""
+        return self.design.plant.equilibrium.u
+
+    @property
+    def drift(self) -> Array:
+        """Return the rate of the set point, shape (n,)."""
+        return self.design.plant.equilibrium.drift
+
+    @property
+    def K(self) -> Array:
+        """Return the gain of the regulator, shape (m, n)."""
+        return self.design.K
+
+    @property
+    def P(self) -> Array:
+        """Return the cost-to-go of the regulator, shape (n, n)."""
+        return self.design.lqr.P
+
+    @cached_property
+    def weights(self) -> Weights:
+        """Return the weights of a sample, with their cross term."""
+        plant = self.design.plant
+        return discretize_cost(plant.A, plant.B, self.design.cost, self.period)[2]
+
+    @property
+    def input_box(self) -> tuple[Array, Array]:
+        """Return the lower and upper bounds of v = u - ue, shape (m,) each."""
+        return self.limits.u_lower - self.ue, self.limits.u_upper - self.ue
+
+    @cached_property
+    def soft(self) -> 'SoftLimits':
+        """Return the softened limits."""
+        problem = self.limits
+        bounded = np.flatnonzero(np.isfinite(problem.x_lower) | np.isfinite(problem.x_upper))
+        rows = ca.vertcat(*(problem.x[int(i)] for i in bounded), problem.path)
+        rows = ca.substitute(rows, problem.p, ca.DM(problem.p_value))
+        e, v, shift = (ca.SX.sym('e', problem.n), ca.SX.sym('v', problem.m),
+                       ca.SX.sym('shift', problem.n))
+        at = ca.substitute(rows, ca.vertcat(problem.x, problem.u),
+                           ca.vertcat(e + shift + self.xe, v + self.ue))
+        names = (*(problem.states[i] for i in bounded),
+                 *(f'path_constraints[{k}]' for k in range(problem.path.numel())))
+        return SoftLimits(
+            names, ca.densify(at), e, v, shift,
+            np.concatenate([problem.x_lower[bounded], problem.path_lower]),
+            np.concatenate([problem.x_upper[bounded], problem.path_upper]))
+
+    @cached_property
+    def model(self) -> ca.Function:
+        """Return F(e, v), one period of the error, shape (n, 1)."""
+        system, h = self.system, self.period
+        e, v = ca.SX.sym('e', system.n), ca.SX.sym('v', system.m)
+        f = ca.substitute(
+            ca.substitute(system.xdot, system.p, ca.DM(system.p_value)),
+            ca.vertcat(system.x, system.u), ca.vertcat(e + self.xe, v + self.ue)
+        ) - ca.DM(self.drift)
+        z = ca.vertcat(e, v)
+        if not ca.symvar(ca.jacobian(f, z)):
+            Ad, Bd = discretize_plant(self.design.plant.A, self.design.plant.B, h)
+            return ca.Function('model', [e, v], [ca.DM(Ad) @ e + ca.DM(Bd) @ v])
+        rate = ca.Function('rate', [e, v], [f])
+        return self._integrate(rate, e, v)
+
+    def _integrate(self, rate: ca.Function, e: ca.SX, v: ca.SX) -> ca.Function:
+        """Return F with the fewest steps of order 6 whose halving changes little."""
+        def build(steps: int) -> ca.Function:
+            h, at = ca.SX(self.period / steps), e
+            for _ in range(steps):
+                at = take_step(BUTCHER, lambda x, _: rate(x, v), at, ca.SX(0), h)[0]
+            return ca.Function('model', [e, v], [at])
+
+        points = self._samples()
+        coarse, steps = build(1), 1
+        while steps < _MOST_STEPS:
+            fine = build(2 * steps)
+            error = max(float(np.abs((coarse(*p) - fine(*p)).full() / (1.0 + np.abs(
+                fine(*p).full()))).max()) for p in points)
+            if error <= _ACCURACY:
+                return coarse
+            coarse, steps = fine, 2 * steps
+        raise DynamicsError(
+            f'period = {self.period:g}: the motion within a period cannot be computed in '
+            f'{_MOST_STEPS} steps; wanted a higher rate')
+
+    def _samples(self) -> list[tuple[Array, Array]]:
+        """Return errors and inputs at which the accuracy of the model is measured."""
+        random = np.random.default_rng(0)
+        lower, upper = (np.where(np.isfinite(bound), bound, sign) for bound, sign in zip(
+            self.input_box, (-1.0, 1.0), strict=True))
+        return [(random.uniform(-1.0, 1.0, len(self.xe)), lower + part * (upper - lower))
+                for part in (0.0, 0.25, 0.5, 0.75, 1.0)]
+
+    def error(self, x: Array, t: float = 0.0) -> Array:
+        """Return x - xe - drift t, shape (n,), with angles in [-pi, pi]."""
+        e = np.asarray(x, dtype=float) - self.xe - self.drift * t
+        for i, angle in enumerate(self.system.angles):
+            if angle:
+                e[i] = math.remainder(e[i], math.tau)
+        return e
+
+
+@dataclass(frozen=True, eq=False)
+class SoftLimits:
+    """
+    The softened limits lower <= rows(e, v, shift) <= upper, with x = xe + shift + e.
+
+    Attributes
+    ----------
+    names : tuple of str
+        Of the states with bounds and the path constraints.
+    rows, e, v, shift : casadi.SX
+        Expressions (r, 1) and their symbols.
+    lower, upper : ndarray, shape (r,)
+        -inf and inf for none.
+
+    """
+
+    names: tuple[str, ...]
+    rows: ca.SX
+    e: ca.SX
+    v: ca.SX
+    shift: ca.SX
+    lower: Array
+    upper: Array
+
+    @cached_property
+    def of_states(self) -> tuple[int, ...]:
+        """Return the rows without an input, which hold at the end of the horizon as well."""
+        return tuple(i for i in range(len(self.names)) if not ca.depends_on(self.rows[i], self.v))
+
+
+def state_receding_problem(system: System, *, horizon: int, period: float,
+                           weights: Mapping[str, Any] | None = None,
+                           setpoint: Sequence[float] = (), setpoint_input: Sequence[float] = (),
+                           limits: Mapping[str, Any] | None = None) -> RecedingProblem:
+    """
+    State a receding horizon for a system.
+
+    Parameters
+    ----------
+    system : System
+        The system.
+    horizon : int
+        Number of periods, 1 to 1000.
+    period : float
+        Time for which an input is held [s].
+    weights : mapping, optional
+        As for the regulator: Qx, Qu, or others of `weights.choose`.
+    setpoint, setpoint_input : sequence of float
+        State (n,) and input (m,); empty: those of the system.
+    limits : mapping, optional
+        `state_bounds`, `input_bounds`, `path_constraints` as in a problem file.
+
+    Raises
+    ------
+    StatementError
+        If a number or a key is wrong.
+    DynamicsError
+        If there is no equilibrium at the set point.
+    RefusedDesignError
+        If there is no gain with verified stability.
+
+    """
+    given = dict(limits or {})
+    for key in given:
+        if key not in _LIMITS:
+            raise StatementError(f"limits: '{key}' is not one of {', '.join(_LIMITS)}")
+    if isinstance(horizon, bool) or not isinstance(horizon, int) or not 1 <= horizon <= LONGEST:
+        raise StatementError(f'horizon = {horizon!r}: wanted a number of periods from 1 to '
+                             f'{LONGEST}')
+    chosen = dict(weights or {})
+    if chosen.get('stability'):
+        raise StatementError('stability: a receding horizon has no degree of stability; wanted 0')
+    plant = linearize_plant(system, setpoint, setpoint_input)
+    found = design(plant, chosen, sampling=Sampling(period, exact=True))
+    problem = build_problem({
+        'system': system, **given, 'final_time': {'free': False, 'value': horizon * period},
+        'initial_state': dict(zip(system.state_names, plant.equilibrium.x.tolist(), strict=True))})
+    _check_stated(problem)
+    made = RecedingProblem(found, problem, horizon)
+    _check_set_point(made)
+    return made
+
+
+def restate_problem(problem: Problem, *, horizon: int, period: float,
+                    setpoint: Sequence[float] = (), setpoint_input: Sequence[float] = ()
+                    ) -> RecedingProblem:
+    """
+    Return the receding horizon of an optimal control problem with a quadratic running cost.
+
+    Parameters
+    ----------
+    problem : Problem
+        From a problem file; its terminal cost is replaced by that of the regulator.
+    horizon, period, setpoint, setpoint_input
+        As for `state_receding_problem`.
+
+    Raises
+    ------
+    StatementError
+        If a receding horizon cannot take the problem: free final time, terminal constraints,
+        phases, free parameters, explicit time, or a running cost that is not quadratic about the
+        set point.
+
+    """
+    _check_stated(problem)
+    system = System(
+        name=problem.name,
+        states=tuple(Signal(name, problem.units.get(name, ''), angle=angle)
+                     for name, angle in zip(problem.states, problem.angles, strict=True)),
+        inputs=tuple(Signal(name, problem.units.get(name, ''), lower, upper)
+                     for name, lower, upper in zip(problem.inputs, problem.u_lower.tolist(),
+                                                   problem.u_upper.tolist(), strict=True)),
+        parameters=(), x=problem.x, u=problem.u, p=ca.SX(0, 1),
+        xdot=ca.substitute(problem.f, problem.p, ca.DM(problem.p_value)),
+        setpoint=(0.0,) * problem.n, setpoint_input=(0.0,) * problem.m)
+    z = ca.vertcat(problem.x, problem.u)
+    L = ca.substitute(problem.L, problem.p, ca.DM(problem.p_value))
+    hessian, gradient = ca.hessian(L, z)
+    if ca.symvar(hessian):
+        raise StatementError('running_cost: wanted a quadratic function of states and inputs')
+    H, n = 0.5 * ca.DM(hessian).full(), problem.n
+    made = state_receding_problem(
+        system, horizon=horizon, period=period, setpoint=setpoint, setpoint_input=setpoint_input,
+        weights={'Qx': H[:n, :n].ravel().tolist(), 'Qu': H[n:, n:].ravel().tolist(),
+                 'cross': H[:n, n:].ravel().tolist() if H[:n, n:].any() else ()})
+    slope = np.abs(ca.Function('slope', [z], [gradient])(
+        np.concatenate([made.xe, made.ue])).full()).max()
+    if slope > 1e-9 * (1.0 + np.abs(H).max() * (1.0 + np.abs(made.xe).max())):
+        raise StatementError('running_cost: its minimum is not at the set point; wanted the '
+                             'weights of x - xe and u - ue')
+    made = replace(made, limits=problem)
+    _check_set_point(made)
+    return made
+
+
+def _check_stated(problem: Problem) -> None:
+    """Raise StatementError for what a receding horizon cannot take."""
+    if problem.phases is not None:
+        raise StatementError('phases: a receding horizon has one phase')
+    if problem.free_parameters:
+        raise StatementError('free_parameters: a receding horizon has none; give their values')
+    if problem.final_time.free:
+        raise StatementError('final_time: a receding horizon has a given length; wanted '
+                             '{free: false, value: ...}')
+    if problem.has_clock or problem.added:
+        raise StatementError('t: a receding horizon does not depend on the time of its problem')
+    if problem.q:
+        raise StatementError('terminal_constraints: a receding horizon ends with the cost of the '
+                             'regulator; remove them')
+    if problem.start is not None:
+        raise StatementError('initial_state: a receding horizon begins at the measured state; '
+                             'wanted a number for each state')
+
+
+def _check_set_point(made: RecedingProblem) -> None:
+    """Raise StatementError if the set point violates a limit at t = 0."""
+    limits, soft = made.limits, made.soft
+    for name, value, low, high in zip(limits.inputs, made.ue, limits.u_lower, limits.u_upper,
+                                      strict=True):
+        if not low <= value <= high:
+            raise StatementError(f'input_bounds.{name}: the set point needs {value:.6g}, outside '
+                                 f'[{low:g}, {high:g}]')
+    at = ca.Function('at', [soft.e, soft.v, soft.shift], [soft.rows])(0, 0, 0).full().ravel()
+    for name, value, low, high in zip(soft.names, at, soft.lower, soft.upper, strict=True):
+        if not low <= value <= high:
+            raise StatementError(f'{name}: {value:.6g} at the set point, outside '
+                                 f'[{low:g}, {high:g}]')

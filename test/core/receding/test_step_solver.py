@@ -1,0 +1,118 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""Steps of the receding horizon: the regulator without limits, limits, deadlines, refusals."""
+
+import time
+
+import numpy as np
+from obc_ros.core.ocp.statement import build_problem
+from obc_ros.core.receding.formulation import (
+    RecedingProblem,
+    restate_problem,
+    state_receding_problem,
+)
+from obc_ros.core.receding.step_solver import StepSolver, TOLERANCE
+from obc_ros.core.systems import aircraft
+from obc_ros.core.systems.registry import get_system
+from obc_ros.core.text.errors import StatementError
+import pytest
+
+INTEGRATOR = {'states': ['p', 'v'], 'inputs': ['a'], 'dynamics': {'p': 'v', 'v': 'a'},
+              'running_cost': 'p**2 + 0.1*v**2 + 0.1*a**2', 'initial_state': {'p': 0, 'v': 0},
+              'final_time': {'free': False, 'value': 1}}
+
+
+def integrator(**limits: object) -> RecedingProblem:
+    """Return the double integrator with limits."""
+    return restate_problem(build_problem({**INTEGRATOR, **limits}), horizon=30, period=0.05)
+
+
+def flying(**limits: object) -> RecedingProblem:
+    """Return the aircraft with limits, at 50 Hz."""
+    return state_receding_problem(
+        aircraft.system(), horizon=20, period=0.02, limits=limits,
+        weights={'Qx': [10, 10, 1, 1, 1, 1], 'Qu': [0.1, 0.1]})
+
+
+def test_without_limits_the_input_is_that_of_the_regulator() -> None:
+    """The cost-to-go of the regulator ends the horizon, so that its length has no effect."""
+    problem = integrator()
+    solver = StepSolver(problem, compiled=False)
+    x, plan = np.array([3.0, -1.0]), None
+    for k in range(20):
+        result = solver.solve(x, plan, stamp=k * problem.period)
+        plan = result.plan
+        assert plan is not None and result.status == 'optimal'
+        np.testing.assert_allclose(plan.u[0], -problem.K @ x, atol=1e-9)
+        assert plan.cost == pytest.approx(x @ problem.P @ x, rel=1e-9)
+        x = plan.x[1]
+
+
+def test_with_inactive_limits_the_input_is_that_of_the_regulator() -> None:
+    """Limits that are far away change nothing."""
+    problem = integrator(state_bounds={'p': [-9, 9]}, input_bounds={'a': [-90, 90]})
+    result = StepSolver(problem, compiled=False).solve(np.array([1.0, 0.5]))
+    assert result.plan is not None and result.residual <= TOLERANCE
+    np.testing.assert_allclose(result.plan.u[0], -problem.K @ [1.0, 0.5], atol=1e-6)
+
+
+def test_limits_hold_and_the_plan_is_a_motion_of_the_model() -> None:
+    """A limit that the regulator breaks is kept, and inputs are admissible exactly."""
+    problem = flying(state_bounds={'theta': [-0.3, 0.3]},
+                     input_bounds={'f1': [-3, 3], 'f2': [30, 50]})
+    result = StepSolver(problem, compiled=False).solve(np.array([3.0, 1, 0, 0, 0, 0]))
+    plan = result.plan
+    assert plan is not None and result.status == 'optimal' and result.residual <= TOLERANCE
+    assert np.abs(plan.x[:, 2]).max() == pytest.approx(0.3, abs=1e-6)
+    assert np.abs(plan.u[:, 0]).max() <= 3.0 and plan.slack == {}
+    assert result.multiplier < result.penalty
+    for k, u in enumerate(plan.u):
+        e = np.array(problem.model(plan.x[k] - problem.xe, u - problem.ue)).ravel()
+        np.testing.assert_allclose(plan.x[k + 1], problem.xe + e, atol=1e-9)
+
+
+def test_a_start_outside_a_state_bound_is_told_by_name() -> None:
+    """The excess at the start cannot be avoided; it is returned."""
+    problem = integrator(state_bounds={'v': [-1, 1]})
+    result = StepSolver(problem, compiled=False).solve(np.array([0.0, 2.0]))
+    assert result.slack['v'] == pytest.approx(1.0, abs=1e-6)
+    assert 'exceeds v by 1' in result.words
+
+
+def test_an_expired_deadline_returns_the_best_admissible_motion() -> None:
+    """Without time for one quadratic program the regulator is the plan, within the bounds."""
+    problem = integrator(input_bounds={'a': [-1, 1]})
+    result = StepSolver(problem, compiled=False).solve(np.array([5.0, 0.0]),
+                                                       deadline=time.monotonic() - 1.0)
+    assert result.status == 'time' and result.iterations == 0
+    assert result.plan is not None and np.abs(result.plan.u).max() <= 1.0
+    assert result.residual == np.inf
+
+
+def test_a_moving_set_point_is_followed() -> None:
+    """The set point of the vehicle moves at 10 m/s; a plan from it stays on it."""
+    problem = state_receding_problem(get_system('vehicle'), horizon=20, period=0.02,
+                                     setpoint=[0.0, 0.0, 0.0], setpoint_input=[10.0, 0.0],
+                                     limits={'state_bounds': {'py': [-1, 1]}})
+    solver = StepSolver(problem, compiled=False)
+    result = solver.solve(np.array([30.0, 0.0, 0.0]), stamp=3.0)
+    assert result.plan is not None and result.status == 'optimal'
+    np.testing.assert_allclose(result.plan.x[:, 0], 30.0 + 10.0 * 0.02 * np.arange(21), atol=1e-6)
+
+
+@pytest.mark.parametrize('change, words', [
+    ({'final_time': {'free': True, 'lower': 0.1, 'upper': 2}}, 'final_time'),
+    ({'terminal_constraints': ['p']}, 'terminal_constraints'),
+    ({'running_cost': 'p**4 + a**2'}, 'quadratic'),
+    ({'running_cost': '(p - 1)**2 + a**2'}, 'set point'),
+    ({'state_bounds': {'p': [1, 2]}}, 'p: 0 at the set point')])
+def test_what_a_horizon_cannot_take_is_refused(change: dict[str, object], words: str) -> None:
+    """The message names the key."""
+    with pytest.raises(StatementError, match=words):
+        integrator(**change)
+
+
+def test_a_state_that_is_not_finite_is_refused() -> None:
+    """NaN never reaches the solver."""
+    with pytest.raises(StatementError, match='2 finite numbers'):
+        StepSolver(integrator(), compiled=False).solve(np.array([np.nan, 0.0]))
