@@ -76,7 +76,8 @@ def _compile(function: ca.Function, compiler: str, kept: Path, folder: Path) -> 
     generator.add(function)
     generator.generate(f'{folder}{os.sep}')
     source = folder / f'{name}.c'
-    key = hashlib.sha256('\n'.join((source.read_text(), ca.CasadiMeta.version(), platform.platform(),
+    key = hashlib.sha256('\n'.join((source.read_text(), ca.CasadiMeta.version(),
+                                    platform.platform(),
                                     platform.machine(), *_FLAGS)).encode()).hexdigest()[:32]
     library = kept / f'{name}_{key}.so'
     sound = _is_sound(library)

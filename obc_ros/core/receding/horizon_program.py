@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.receding.formulation import RecedingProblem
 
-Indices = NDArray[np.int64]
+RowPlaces = NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,7 +41,7 @@ class HorizonProgram:
                 len(soft.names), len(soft.of_states))
 
     @cached_property
-    def sides(self) -> tuple[Indices, Indices, Indices, Indices]:
+    def sides(self) -> tuple[RowPlaces, RowPlaces, RowPlaces, RowPlaces]:
         """Return the rows with an upper and a lower limit, of a stage and of the last one."""
         soft = self.problem.soft
         high, low = np.isfinite(soft.upper), np.isfinite(soft.lower)
@@ -114,7 +114,7 @@ class HorizonProgram:
                           ca.DM(last, last))
 
     @cached_property
-    def pattern(self) -> tuple[ca.Sparsity, Indices]:
+    def pattern(self) -> tuple[ca.Sparsity, RowPlaces]:
         """
         Return the sparsity of the rows, and where each nonzero is in the pieces.
 
@@ -125,21 +125,21 @@ class HorizonProgram:
         sizes = np.array([n * n, n * m, r * n, r * m]) * N
         starts = np.concatenate([[0], np.cumsum(sizes)])
         one = int(starts[4]) + last * n
-        rows: list[Indices] = []
-        columns: list[Indices] = []
-        values: list[Indices] = []
+        rows: list[RowPlaces] = []
+        columns: list[RowPlaces] = []
+        values: list[RowPlaces] = []
 
-        def put(row: int, column: int, block: Indices) -> None:
+        def put(row: int, column: int, block: RowPlaces) -> None:
             i, j = np.indices(block.shape)
             rows.append(i.ravel() + row)
             columns.append(j.ravel() + column)
             values.append(block.ravel())
 
-        def piece(kind: int, k: int, height: int, width: int) -> Indices:
+        def piece(kind: int, k: int, height: int, width: int) -> RowPlaces:
             first = starts[kind] + k * height * width
             return np.arange(first, first + height * width).reshape(width, height).T
 
-        def diagonal(row: int, chosen: Indices, column: int, value: int) -> None:
+        def diagonal(row: int, chosen: RowPlaces, column: int, value: int) -> None:
             for i, which in enumerate(chosen):
                 put(row + i, column + int(which), np.array([[value]]))
 
