@@ -293,7 +293,8 @@ class _Search:
         answer = solver._qp(h=solver._hessian, g=g, a=A, lba=lower, uba=upper, lbx=x_low,
                             ubx=x_high, x0=guess)
         z = answer['x'].full().ravel()
-        self.lam_a, self.lam_x = answer['lam_a'].full().ravel(), answer['lam_x'].full().ravel()
+        self.lam_a = _keep_finite(answer['lam_a'].full().ravel(), lower, upper)
+        self.lam_x = _keep_finite(answer['lam_x'].full().ravel(), x_low, x_high)
         if not (np.isfinite(z).all() and np.isfinite(self.lam_a).all()
                 and np.isfinite(self.lam_x).all()):
             self.lam_a = self.lam_x = None
@@ -389,6 +390,13 @@ class _Search:
                           self.multiplier, time.monotonic() - begun)
 
 
+def _keep_finite(lam: Array, lower: Array, upper: Array) -> Array:
+    """Return multipliers without those of infinite limits, which the solver takes as finite."""
+    kept: Array = np.where((lam > 0.0) & np.isposinf(upper) | (lam < 0.0) & np.isneginf(lower),
+                           0.0, lam)
+    return kept
+
+
 def _complement(values: Array, lower: Array, upper: Array, lam: Array) -> float:
     """Return the largest product of a multiplier with the distance from its limit."""
     above = np.where(np.isfinite(upper), upper - values, np.inf)
@@ -399,9 +407,9 @@ def _complement(values: Array, lower: Array, upper: Array, lam: Array) -> float:
 
 
 _OPTIONS: dict[str, dict[str, Any]] = {
-    'hpipm': {'print_time': False, 'inf': 1e8, 'hpipm': {
-        'iter_max': 60, 'mode': 'balance', 'res_g_max': 1e-9, 'res_b_max': 1e-10,
-        'res_d_max': 1e-10, 'res_m_max': 1e-10}},
+    'hpipm': {'print_time': False, 'inf': 1e5, 'hpipm': {
+        'iter_max': 60, 'mode': 'speed', 'res_g_max': 1e-8, 'res_b_max': 1e-8,
+        'res_d_max': 1e-8, 'res_m_max': 1e-8}},
     'fatrop': {'print_time': False, 'structure_detection': 'manual',
                'fatrop': {'print_level': 0, 'tol': 1e-9}},
     'osqp': {'print_time': False, 'osqp': {'verbose': False, 'eps_abs': 1e-9, 'eps_rel': 1e-9}},
