@@ -16,6 +16,7 @@ from typing import Any
 PARTS = {'msg': ('',), 'srv': ('Request', 'Response'), 'action': ('Goal', 'Result', 'Feedback')}
 # The module whose `Settings` are a node's parameters.
 TABLES = {
+    'estimator_node': 'obc_ros.nodes.estimator_settings',
     'lqr_node': 'obc_ros.nodes.lqr.settings',
     'plant_simulator': 'obc_ros.nodes.plant_simulator',
     'trajectory_server': 'obc_ros.nodes.trajectory_server'}

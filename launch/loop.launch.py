@@ -1,7 +1,7 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-One loop: plant_simulator, lqr_node and trajectory_server.
+One loop: plant_simulator, lqr_node and trajectory_server; estimator_node when asked.
 
 ros2 launch obc_ros loop.launch.py scenario:=aircraft namespace:=robot1 use_sim_time:=true
 
@@ -36,6 +36,8 @@ ARGUMENTS = (
      ['', 'command', 'cmd_vel', 'wrench']),
     ('publish_tf', '', 'true: the simulator publishes the frame of the body on tf; empty: as in '
      'the parameter files', ['', 'true', 'false']),
+    ('estimator', 'false', 'true: estimator_node provides the state, from measurements of the '
+     'plant with the sensors of config/sensors; that of the plant is then true_state'),
     ('respawn', 'false', 'true: restart a node 1 s after it has ended unexpectedly'),
     ('discovery_range',
      EnvironmentVariable('ROS_AUTOMATIC_DISCOVERY_RANGE', default_value='LOCALHOST'),
@@ -59,7 +61,13 @@ def _nodes(context: LaunchContext) -> list[Node]:
     given = LaunchConfiguration('params_file').perform(context)
     if not Path(given).is_file():
         raise ValueError(f'params_file:={given}: there is no such file')
-    files = ParameterFile(SCENARIO), ParameterFile(given)
+    sensors = CONFIG / 'sensors' / f'{LaunchConfiguration("scenario").perform(context)}.yaml'
+    estimates = IfCondition(LaunchConfiguration('estimator')).evaluate(context)
+    if estimates and not sensors.is_file():
+        raise ValueError(f'estimator:=true: there is no {sensors}, with sensors of the scenario')
+    files = (ParameterFile(SCENARIO), *([ParameterFile(str(sensors))] if estimates else ()),
+             ParameterFile(given))
+    hidden = [(name, f'true_{name}') for name in ('state', 'odom') if estimates]
 
     def argument(name: str, value_type: type) -> ParameterValue:
         return ParameterValue(LaunchConfiguration(name), value_type=value_type)
@@ -79,12 +87,15 @@ def _nodes(context: LaunchContext) -> list[Node]:
     source = {name: value for name, value in topics.items() if name == 'state_source'}
     options = {'respawn': is_true('respawn'), 'respawn_delay': 1.0}
 
-    def node(name: str, parameters: dict[str, ParameterValue]) -> Node:
+    def node(name: str, parameters: dict[str, ParameterValue],
+             remappings: list[tuple[str, str]] | None = None) -> Node:
         return Node(package='obc_ros', executable=name, name=name, output='screen',
                     namespace=LaunchConfiguration('namespace'),
-                    parameters=[*files, {**sim_time, **parameters}], **options)
+                    parameters=[*files, {**sim_time, **parameters}],
+                    remappings=remappings, **options)
 
     return [
-        *([node('plant_simulator', plant)] if is_true('plant') else ()),
+        *([node('plant_simulator', plant, hidden)] if is_true('plant') else ()),
+        *([node('estimator_node', {})] if estimates else ()),
         node('lqr_node', topics),
         *([node('trajectory_server', source)] if is_true('server') else ())]

@@ -4,7 +4,8 @@
 Node plant_simulator: integrates a system with the commands that it receives.
 
 Publishes ``state`` (State); ``odom`` (nav_msgs/Odometry) of a body in a plane, see
-`conversions`; ``/clock`` when asked or when speed is 0; ``/diagnostics``; while somebody
+`conversions`; ``measurement`` (Measurement) of the outputs that have a rate; ``/clock`` when asked
+or when speed is 0; ``/diagnostics``; while somebody
 subscribes, ``markers`` (visualization_msgs/MarkerArray) and ``trail`` (nav_msgs/Path) of a plant
 with positions, and ``tf`` when asked. Subscribes to ``command`` (Command) and, for the set point,
 to ``lqr_node/design`` (LqrDesign). Services: ``~/reset`` (Trigger) to x0, time and noise begin
@@ -27,6 +28,7 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from nav_msgs.msg import Odometry
 from obc_ros.core.closed_loop.paced_plant import choose_step, PacedPlant, Pacing
+from obc_ros.core.closed_loop.sensors import OutputConditions, Sensors
 from obc_ros.core.closed_loop.simulation_settings import (
     Conditions,
     Gust,
@@ -36,7 +38,7 @@ from obc_ros.core.closed_loop.simulation_settings import (
 from obc_ros.core.closed_loop.simulator import Simulator
 from obc_ros.core.systems.system import System
 from obc_ros.core.text.errors import StatementError
-from obc_ros.msg import Command, State
+from obc_ros.msg import Command, Measurement, State
 from obc_ros.nodes.views.plant_view import (
     check_view,
     FASTEST,
@@ -86,6 +88,25 @@ def _of_disturbances(values: Mapping[str, Any]) -> Iterator[ParameterRow]:
         used_when=(('disturbance.gust.*',),))
 
 
+def _of_outputs(values: Mapping[str, Any]) -> Iterator[ParameterRow]:
+    for signal in _system(values).outputs:
+        yield ParameterRow(
+            f'{signal.name}.rate', 0.0, 'measurements per simulated second, published on '
+            'measurement: publish_rate divided by a whole number; 0: none', 'Hz', lower=0.0,
+            upper=1e5)
+        yield ParameterRow(
+            f'{signal.name}.noise', 0.0, 'standard deviation of a measurement', signal.unit,
+            lower=0.0, upper=1e9)
+        yield ParameterRow(
+            f'{signal.name}.bias', 0.0, 'constant error of the measurements', signal.unit)
+        yield ParameterRow(
+            f'{signal.name}.dropout', 0.0, 'probability with which a measurement is lost',
+            lower=0.0, upper=1.0)
+        yield ParameterRow(
+            f'{signal.name}.delay', 0.0, 'time from a measurement to its publication', 's',
+            lower=0.0, upper=10.0)
+
+
 def _system(values: Mapping[str, Any]) -> System:
     prefix = 'system_parameters.'
     return conversions.choose_system(values['system'], {
@@ -127,7 +148,8 @@ class Settings:
         lower=0.0, used_when=(('lockstep', False),))
     pause_at: float = declare_field(
         0.0, 'simulated time at which the plant pauses, as by ~/pause; 0: never', 's', lower=0.0)
-    seed: int = declare_field(0, 'seed of the noise', lower=0, used_when=(('noise.*',),))
+    seed: int = declare_field(0, 'seed of the noise', lower=0,
+                              used_when=(('noise.*',), ('measurement.*',)))
     priority: int = declare_field(0, PRIORITY, lower=0, upper=99, read_only=True)
     hardware_id: str = declare_field('', HARDWARE)
     markers: bool = declare_field(
@@ -143,6 +165,7 @@ class Settings:
         read_only=True)
     noise: Mapping[str, float] = group(_of_states)
     disturbance: Mapping[str, float] = group(_of_disturbances)
+    measurement: Mapping[str, float] = group(_of_outputs)
 
     @property
     def simulated_stamps(self) -> bool:
@@ -164,6 +187,7 @@ class PlantCandidate:
     conditions: Conditions
     pacing: Pacing
     view: ViewSettings
+    sensors: Sensors
 
 
 def judge_plant_settings(settings: Settings) -> PlantCandidate:
@@ -192,7 +216,14 @@ def judge_plant_settings(settings: Settings) -> PlantCandidate:
     check_view(system, settings.view)
     return PlantCandidate(system, x0, conditions, Pacing(
         steps, settings.speed, settings.lockstep, settings.simulated_stamps,
-        settings.command_timeout, settings.pause_at), settings.view)
+        settings.command_timeout, settings.pause_at), settings.view, _sensors(settings, system))
+
+
+def _sensors(settings: Settings, system: System) -> Sensors:
+    given = settings.measurement
+    return Sensors(system, {name: OutputConditions(**{
+        each: given[f'{name}.{each}'] for each in ('rate', 'noise', 'bias', 'dropout', 'delay')})
+        for name in system.output_names}, settings.publish_rate, settings.seed)
 
 
 class PlantSimulator(Node):
@@ -211,6 +242,7 @@ class PlantSimulator(Node):
         self._plant = PacedPlant(
             Simulator(candidate.system, candidate.x0, candidate.conditions), candidate.pacing,
             *self._now())
+        self._sensors = candidate.sensors
         self._map = conversions.OdometryMap(candidate.system)
         self._message = State()
         self._message.header.frame_id = conversions.ODOM
@@ -229,7 +261,8 @@ class PlantSimulator(Node):
     def _offer(self, settings: Settings) -> None:
         """Create the publishers, subscriptions and services."""
         self._states = self.create_publisher(State, 'state', BACKLOG)
-        self._odom = self._clock_out = None
+        self._odom = self._clock_out = self._measurements = None
+        self._offer_measurements()
         if self._map.complete:
             self._odom = self.create_publisher(Odometry, 'odom', BACKLOG)
         if settings.publish_clock or settings.speed == 0.0:
@@ -243,6 +276,11 @@ class PlantSimulator(Node):
         self.create_timer(1.0, self._diagnose, clock=Clock(clock_type=ClockType.STEADY_TIME))
         if self._follows:  # the executor's thread receives the clock
             self.create_timer(0.5 / settings.publish_rate, lambda: self._thread.wake())
+
+    def _offer_measurements(self) -> None:
+        """Create the publisher of measurements once an output is measured."""
+        if len(self._sensors) and self._measurements is None:
+            self._measurements = self.create_publisher(Measurement, 'measurement', BACKLOG)
 
     def _now(self) -> tuple[float, int]:
         """Return the time of the plant [s] and that of the node's clock [ns]."""
@@ -277,11 +315,23 @@ class PlantSimulator(Node):
             self._clock_out.publish(ClockMessage(clock=message.header.stamp))
         message.x = flatten_doubles(plant.sample)
         self._states.publish(message)
+        self._publish_measurements()
         if self._odom and self._odom.get_subscription_count():
             self._odometry.header.stamp = message.header.stamp
             self._map.fill(
                 self._odometry, plant.sample, plant.simulator.slope(plant.sample))
             self._odom.publish(self._odometry)
+
+    def _publish_measurements(self) -> None:
+        if not len(self._sensors):
+            return
+        plant, simulator = self._plant, self._plant.simulator
+        for reading in self._sensors.take(simulator.steps // plant.pacing.steps, plant.stamp,
+                                          simulator.x, simulator.u):
+            message = Measurement(names=reading.names, y=flatten_doubles(reading.y))
+            message.header.frame_id = conversions.ODOM
+            conversions.set_stamp(message.header.stamp, reading.stamp)
+            self._measurements.publish(message)
 
     def _observe(self) -> Moment:
         """Return the last published state, for the view."""
@@ -300,6 +350,7 @@ class PlantSimulator(Node):
     def _on_reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         with self._lock:
             self._plant.reset(*self._now(), self._x0)
+            self._sensors.reset()
             self._warned.clear()
             self._publish()
         self._thread.wake()
@@ -353,6 +404,9 @@ class PlantSimulator(Node):
             self._plant.simulator.configure(candidate.system, candidate.conditions)
             self._odometry = self._map.message(candidate.conditions.noise)
             self._x0 = candidate.x0
+            if candidate.sensors.settings != self._sensors.settings:
+                self._sensors = candidate.sensors
+                self._offer_measurements()
         self._view.adopt(candidate.system, candidate.view)
         self._thread.wake()
 

@@ -220,7 +220,10 @@ def relative(name: str, node: str, namespace: str) -> str:
 
 
 CONFIGURATIONS = {
-    'plant_simulator': ({'publish_clock': True}, {'use_sim_time': True, 'system': 'vehicle'}),
+    'plant_simulator': (
+        {'publish_clock': True, 'measurement.gps_x.rate': 10.0},
+        {'use_sim_time': True, 'system': 'vehicle'}),
+    'estimator_node': ({'use_sim_time': True},),
     'lqr_node': (
         {'use_sim_time': True},
         {'state_source': 'odom', 'command_sink': 'wrench', 'unlimited': True},

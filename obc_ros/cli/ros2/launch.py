@@ -99,6 +99,8 @@ def _command(node: Started, file: Path) -> list[str]:
                '-r', f'__node:={node.name}']
     if place:
         command += ['-r', f'__ns:={place}']
+    for name, other in node.remappings:
+        command += ['-r', f'{name}:={other}']
     for each in node.files:
         command += ['--params-file', str(each)]
     if node.values:

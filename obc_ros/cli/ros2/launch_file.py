@@ -31,6 +31,7 @@ class Started:
     files: tuple[Path, ...]
     values: dict[str, Any]
     environment: dict[str, str]
+    remappings: tuple[tuple[str, str], ...] = ()
     respawn: bool = False
     respawn_delay: float = 0.0
 
@@ -133,6 +134,7 @@ class Node:
     name: str
     namespace: Any = ''
     parameters: Sequence[Any] = ()
+    remappings: Sequence[tuple[str, str]] | None = None
     output: str = 'screen'
     respawn: bool = False
     respawn_delay: float = 0.0
@@ -151,6 +153,7 @@ class Node:
         return Started(
             package=self.package, executable=self.executable, name=self.name,
             namespace=_perform(self.namespace, context), files=tuple(files), values=values,
+            remappings=tuple(self.remappings or ()),
             environment=dict(variables), respawn=self.respawn, respawn_delay=self.respawn_delay)
 
 

@@ -99,6 +99,8 @@ class DelayedFilter:
     monitor : InnovationMonitor
     last : Update or None
         What the newest measurement did.
+    last_names : tuple of str
+        Its outputs.
 
     """
 
@@ -114,11 +116,18 @@ class DelayedFilter:
         self.counts: Counter[str] = Counter()
         self.monitor = InnovationMonitor()
         self.last: Update | None = None
+        self.last_names: tuple[str, ...] = ()
+        self._too_late = 0
 
     @property
     def newest(self) -> int | None:
         """Return the stamp of the newest measurement [ns]; None: there was none."""
         return self._newest
+
+    @property
+    def u(self) -> Array:
+        """Return the newest input, shape (m,)."""
+        return self._events[-1].input_after if self._events else self._u
 
     @property
     def measured(self) -> tuple[str, ...]:
@@ -145,13 +154,14 @@ class DelayedFilter:
             self.counts['malformed'] += 1
             raise StatementError(f'a command of {given.size} numbers was dropped: wanted '
                                  f'{self._u.size} finite numbers')
-        if not self._events:
-            self._u = given
+        system = self._kalman.system
+        given = np.clip(given, system.u_min, system.u_max)
+        if not self._events or stamp > (self._newest or 0) + self._gap:
+            self._u = given   # used when the next measurement restarts the filter
         elif stamp < self._events[0].stamp:
             self.counts['too late'] += 1
         else:
-            system = self._kalman.system
-            self._insert(_Event(stamp, u=np.clip(given, system.u_min, system.u_max)))
+            self._insert(_Event(stamp, u=given))
 
     def measure(self, stamp: int, names: Sequence[str], y: Sequence[float] | Array) -> bool:
         """
@@ -192,6 +202,7 @@ class DelayedFilter:
         self._insert(event)
         self._newest = max(stamp, self._newest or stamp)
         if event.update is not None:
+            self.last_names = tuple(self._kalman.system.output_names[i] for i in event.at)
             self._follow(stamp, event.update, sensor)
         self._forget()
         return True
@@ -239,7 +250,12 @@ class DelayedFilter:
         if self._newest is not None and stamp < max(self._newest - self._lag,
                                                     self._events[0].stamp):
             self.counts['too late'] += 1
+            self._too_late += 1
+            if self._too_late >= MOST_REJECTED:   # the clock was set back
+                self._events, self._newest, self._too_late = [], None, 0
+                self.counts['restarts'] += 1
             return True
+        self._too_late = 0
         if any(event.stamp == stamp and set(event.at) & set(at) for event in self._events):
             self.counts['repeated'] += 1
             return True

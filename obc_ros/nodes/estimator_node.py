@@ -1,0 +1,159 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+Node estimator_node: estimates the state of a plant from measurements of its outputs.
+
+Subscribes to ``measurement`` (Measurement) and ``command`` (Command). Publishes ``state`` (State),
+``~/estimate`` (Estimate: covariance, innovation, consistency), ``odom`` (nav_msgs/Odometry) of a
+body in a plane, and ``/diagnostics``. Parameters: see `estimator_settings.Settings`.
+
+The filter is the extended Kalman filter of `core.estimation`. Estimates are predicted to the
+present. After ``measurement_timeout`` without a measurement none is published, so that the
+controller acts as for a lost state.
+"""
+
+import sys
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray
+from nav_msgs.msg import Odometry
+import numpy as np
+from obc_ros.core.estimation.delayed_filter import DelayedFilter
+from obc_ros.core.text.errors import ObcError, StatementError
+from obc_ros.msg import Command, Estimate, Measurement, State
+from obc_ros.nodes.estimator_messages import estimate_message, estimator_status
+from obc_ros.nodes.estimator_settings import (
+    EstimatorCandidate,
+    judge_estimator_settings,
+    Settings,
+)
+from obc_ros.ros.conversions import OdometryMap, read_nanoseconds
+from obc_ros.ros.executor import run
+from obc_ros.ros.hardware_id import identify
+from obc_ros.ros.parameters.node_parameters import Parameters
+from obc_ros.ros.throttled_log import ThrottledLog
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
+from rclpy.node import Node
+
+BACKLOG = 100
+AHEAD = 500_000_000             # [ns] a measurement with a later stamp is dropped
+OTHER_CLOCK = 3_600_000_000_000  # [ns] with a larger difference the stamps have another clock
+
+
+class EstimatorNode(Node):  # type: ignore[misc] # rclpy's classes are untyped
+    """The node; see the module's text."""
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__('estimator_node', allow_undeclared_parameters=True, **options)
+        self._log = ThrottledLog(self)
+        self._adopted: EstimatorCandidate | None = None
+        self._table = Parameters(self, Settings, self._judge, self._adopt, opening=str)
+        self._adopted = candidate = self._table.candidate
+        settings = candidate.settings
+        self._filter = DelayedFilter(
+            candidate.kalman, candidate.x0, candidate.P0, candidate.u0, settings.longest_lag)
+        self._map, self._published, self._last = OdometryMap(candidate.system), 0, 0
+        self._warned: set[str] = set()
+        self._states = self.create_publisher(State, 'state', BACKLOG)
+        self._estimates = self.create_publisher(Estimate, '~/estimate', BACKLOG)
+        self._odom = self.create_publisher(
+            Odometry, 'odom', BACKLOG) if self._map.complete else None
+        self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
+        self.create_subscription(Measurement, 'measurement', self._on_measurement, BACKLOG)
+        self.create_subscription(Command, 'command', self._on_command, BACKLOG)
+        if settings.rate:
+            self.create_timer(1.0 / settings.rate, self._publish)
+        self.create_timer(1.0, self._diagnose, clock=Clock(clock_type=ClockType.STEADY_TIME))
+
+    def _on_measurement(self, message: Measurement) -> None:
+        stamp = read_nanoseconds(message.header.stamp)
+        if AHEAD < stamp - self.get_clock().now().nanoseconds < OTHER_CLOCK:
+            self._filter.counts['future'] += 1
+            self._warn_once('a measurement from the future was dropped')
+            return
+        try:
+            used = self._filter.measure(stamp, message.names, message.y)
+        except StatementError as error:
+            self._warn_once(str(error))
+            return
+        if used and not self._adopted.settings.rate:
+            self._publish()
+
+    def _on_command(self, message: Command) -> None:
+        delay = round(self._adopted.settings.input_delay * 1e9)
+        try:
+            self._filter.command(read_nanoseconds(message.header.stamp) + delay, message.u)
+        except StatementError as error:
+            self._warn_once(str(error))
+
+    def _present(self) -> int:
+        """Return the instant of the next estimate [ns]."""
+        newest = self._filter.newest or 0
+        now = self.get_clock().now().nanoseconds
+        if not self._adopted.settings.rate or abs(now - newest) > OTHER_CLOCK:
+            return newest
+        return max(now, newest)
+
+    def _age(self) -> float | None:
+        """Return the age of the newest measurement [s]; None: there was none."""
+        newest = self._filter.newest
+        return None if newest is None else 1e-9 * (self.get_clock().now().nanoseconds - newest)
+
+    def _publish(self) -> None:
+        """Publish the present estimate, unless it is too old or not later than the last one."""
+        newest, settings, stamp = self._filter.newest, self._adopted.settings, self._present()
+        if newest is None or stamp == self._last:
+            return
+        if stamp - newest > settings.measurement_timeout * 1e9:
+            self._warn_once(f'no measurement for {settings.measurement_timeout:g} s: no estimate '
+                            'is published until one arrives')
+            return
+        try:
+            mean = self._filter.estimate(stamp)
+        except ObcError as error:
+            self._warn_once(str(error))
+            return
+        estimate = estimate_message(mean, self._filter, settings.frame_id)
+        self._states.publish(State(header=estimate.header, x=estimate.x))
+        self._estimates.publish(estimate)
+        if self._odom is not None and self._odom.get_subscription_count():
+            odometry = self._map.message(np.sqrt(np.maximum(mean.P.diagonal(), 0.0)))
+            odometry.header = estimate.header
+            self._map.fill(odometry, mean.x, self._adopted.system.f(mean.x, self._filter.u))
+            self._odom.publish(odometry)
+        self._last, self._published = stamp, self._published + 1
+
+    def _judge(self, settings: Settings) -> EstimatorCandidate:
+        return judge_estimator_settings(settings)
+
+    def _adopt(self, candidate: EstimatorCandidate) -> None:
+        self._adopted = candidate
+        self._filter.adopt(candidate.kalman)
+        self.get_logger().info(str(candidate))
+
+    def _warn_once(self, sentence: str) -> None:
+        """Log a warning the first time; diagnostics count the others."""
+        kind = sentence.split(':')[0]
+        if kind not in self._warned:
+            self._warned.add(kind)
+            self._log.warning(kind, f'{sentence}; further cases are counted in diagnostics')
+
+    def _diagnose(self) -> None:
+        array = DiagnosticArray()
+        array.header.stamp = self.get_clock().now().to_msg()
+        array.status = [estimator_status(
+            self.get_fully_qualified_name()[1:], self._adopted, self._filter, self._age(),
+            self._published)]
+        identify(array.status, self, self._adopted.settings.hardware_id,
+                 self._adopted.system.name)
+        self._diagnostics.publish(array)
+
+
+def main() -> int:
+    """Run the node until SIGINT or SIGTERM."""
+    return run(EstimatorNode)
+
+
+if __name__ == '__main__':
+    sys.exit(main())

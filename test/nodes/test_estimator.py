@@ -1,0 +1,112 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""The estimator in the loop: late and lost measurements, malformed messages, refusals."""
+
+import math
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray
+import numpy as np
+from obc_ros.msg import Estimate, Measurement, State
+import pytest
+
+SYSTEM = {'system': 'aircraft'}
+NOISE = {'Qw': [0.0, 0.0, 0.0, 0.1, 0.1, 0.5], 'Rv': [0.01, 0.01, 1e-4, 1e-4],
+         'x0_deviation': [0.5]}
+GPS = {'rate': 10.0, 'noise': 0.1, 'delay': 0.05, 'dropout': 0.05}
+IMU = {'rate': 100.0, 'noise': 0.01, 'delay': 0.05, 'dropout': 0.05}
+SENSORS = {f'measurement.{name}.{key}': value
+           for name, conditions in (('gps_x', GPS), ('gps_y', GPS), ('attitude', IMU),
+                                    ('gyro', IMU))
+           for key, value in conditions.items()}
+NAMES = ['gps_x', 'gps_y', 'attitude', 'gyro']
+
+
+def measurement(probe: Any, names: list[str], y: list[float], earlier: float = 0.0
+                ) -> Measurement:
+    message = Measurement(names=names, y=y)
+    now = probe.node.get_clock().now().nanoseconds - round(earlier * 1e9)
+    message.header.stamp.sec, message.header.stamp.nanosec = divmod(now, 10**9)
+    return message
+
+
+def values(arrays: list[Any], probe: Any) -> dict[str, str]:
+    """Return the next diagnostics of the estimator."""
+    arrays.clear()
+    status = probe.wait_for(lambda: [each for array in arrays for each in array.status
+                                     if each.name.endswith('estimate')])[-1]
+    return {'level': status.level, 'message': status.message,
+            **{each.key: each.value for each in status.values}}
+
+
+def test_the_loop_with_late_and_lost_measurements_is_stable(spawn, probe):
+    """Gps at 10 Hz and imu at 100 Hz, 50 ms late, 5 % lost."""
+    truth = probe.listen(State, 'true_state', 1000)
+    estimates = probe.listen(Estimate, '/estimator_node/estimate', 1000)
+    arrays = probe.listen(DiagnosticArray, '/diagnostics')
+    spawn('plant_simulator', {**SYSTEM, **SENSORS, 'x0': [0.3, -0.3, 0.0, 0.0, 0.0, 0.0]},
+          remappings={'state': 'true_state'})
+    spawn('estimator_node', {**SYSTEM, **NOISE})
+    spawn('lqr_node', SYSTEM)
+    probe.wait_for(lambda: len(estimates) > 300, what='estimates')
+    probe.spin_for(5.0)
+    true = np.array([each.x for each in truth[-400:]])
+    assert np.abs(true[:, :2]).max() < 0.5 and np.abs(true[:, 2]).max() < 0.3
+    found = values(arrays, probe)
+    assert int(found['measurements missing']) > 0
+    assert found['measurements malformed'] == found['measurements faults'] == '0'
+    last = estimates[-1]
+    P = np.array(last.covariance).reshape(6, 6)
+    assert (P == P.T).all() and np.linalg.eigvalsh(P)[0] > 0
+
+
+def test_bad_messages_are_counted_and_the_node_goes_on(spawn, probe):
+    states = probe.listen(State, 'state')
+    arrays = probe.listen(DiagnosticArray, '/diagnostics')
+    spawn('estimator_node', {**SYSTEM, **NOISE})
+    publisher = probe.publisher(Measurement, 'measurement')
+    for names, y in ((['px'], [1.0]), (NAMES, [1.0]), ([], []), (['gyro', 'gyro'], [1.0, 1.0])):
+        publisher.publish(measurement(probe, names, y))
+    publisher.publish(measurement(probe, NAMES, [math.nan] * 4))
+    publisher.publish(measurement(probe, NAMES, [0.0] * 4, earlier=-60.0))
+    probe.spin_for(0.5)
+    assert not states
+    for _ in range(20):
+        publisher.publish(measurement(probe, NAMES, [0.2, math.nan, 0.0, 0.0]))
+        probe.spin_for(0.02)
+    found = values(arrays, probe)
+    assert found['measurements malformed'] == '4'
+    assert found['measurements not finite'] == '24'
+    assert found['measurements future'] == '1'
+    assert states[-1].x[0] == pytest.approx(0.2, abs=0.1)
+
+
+def test_without_measurements_the_estimate_ages_and_stops(spawn, probe):
+    states = probe.listen(State, 'state')
+    arrays = probe.listen(DiagnosticArray, '/diagnostics')
+    spawn('estimator_node', {**SYSTEM, **NOISE, 'measurement_timeout': 0.3})
+    publisher = probe.publisher(Measurement, 'measurement')
+    publisher.publish(measurement(probe, NAMES, [0.0] * 4))
+    probe.wait_for(lambda: states)
+    probe.spin_for(1.5)
+    states.clear()
+    probe.spin_for(0.5)
+    assert not states
+    assert 'no estimate is published' in values(arrays, probe)['message']
+    publisher.publish(measurement(probe, NAMES, [0.0] * 4))
+    probe.wait_for(lambda: states)
+
+
+def test_noise_is_judged_and_refused_with_the_reason(spawn, probe):
+    spawn('estimator_node', {**SYSTEM, **NOISE}).wait_for_output('slowest pole')
+    for given, words in (
+            ({'Qw': [-1.0] * 6}, 'Qw[0] = -1: Qw must be positive semidefinite'),
+            ({'Rv': [1.0, 1.0, 0.0, 1.0]}, 'Rv[2] = 0: Rv must be positive definite'),
+            ({'Qw': [1.0]}, 'Qw has 1 number'),
+            ({'outputs': ['attitude', 'gyro']}, 'cannot be seen in attitude, gyro'),
+            ({'outputs': ['gps']}, "'gps' is not an output of aircraft"),
+            ({'Qw': [0.0, 0.0, 0.0, 0.0, 1.0, 1.0, ]}, '')):
+        result, = probe.set_parameters('/estimator_node', **given)
+        assert result.successful == (not words) and words in result.reason
+    found = probe.get_parameters('/estimator_node', 'Rv', 'outputs')
+    assert found['Rv'] == pytest.approx(NOISE['Rv'])
