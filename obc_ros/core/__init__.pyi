@@ -1,5 +1,7 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
+from obc_ros.core.estimation.kalman_gain import dlqe as dlqe
+from obc_ros.core.estimation.kalman_gain import lqe as lqe
 from obc_ros.core.library.answer import Answer as Answer
 from obc_ros.core.library.motions import minimize as minimize
 from obc_ros.core.library.motions import plan as plan

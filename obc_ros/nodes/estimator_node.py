@@ -129,7 +129,7 @@ class EstimatorNode(Node):  # type: ignore[misc] # rclpy's classes are untyped
 
     def _adopt(self, candidate: EstimatorCandidate) -> None:
         self._adopted = candidate
-        self._filter.adopt(candidate.kalman)
+        self._filter.adopt(candidate.kalman, candidate.x0, candidate.P0)
         self.get_logger().info(str(candidate))
 
     def _warn_once(self, sentence: str) -> None:

@@ -135,9 +135,10 @@ class DelayedFilter:
         at = {i for group in self._sensors for i in group}
         return tuple(name for name, i in self._names.items() if i in at)
 
-    def adopt(self, kalman: KalmanFilter) -> None:
-        """Use another filter from the newest measurement on."""
+    def adopt(self, kalman: KalmanFilter, x0: Array, P0: Array) -> None:
+        """Use another filter from the newest measurement on; x0, P0 as for the class."""
         self._kalman, self.monitor = kalman, InnovationMonitor()
+        self._x0, self._P0 = np.array(x0), np.array(P0)
 
     def command(self, stamp: int, u: Array) -> None:
         """
@@ -157,7 +158,9 @@ class DelayedFilter:
         system = self._kalman.system
         given = np.clip(given, system.u_min, system.u_max)
         if not self._events or stamp > (self._newest or 0) + self._gap:
-            self._u = given   # used when the next measurement restarts the filter
+            self._u = given
+            if self._events:   # the next measurement restarts the filter with this input
+                self._events[-1].input_after = given
         elif stamp < self._events[0].stamp:
             self.counts['too late'] += 1
         else:

@@ -132,7 +132,7 @@ def test_a_launch_ends_with_1_after_a_failed_node(domain: int, tmp_path: Path) -
      "Valid options are: ['aircraft', 'vehicle', 'vehicle_lateral']"),
     ('launch fleet vehicles:=0', 'wanted a number from 1 to 100'),
     ('launch nowhere loop.launch.py', "package 'nowhere' is not installed"),
-    ('run obc_ros nothing', "'obc_ros' has no 'nothing'; it has lqr_node"),
+    ('run obc_ros nothing', "'obc_ros' has no 'nothing'; it has estimator_node, lqr_node"),
     ('run nowhere lqr_node', "'nowhere' has no 'lqr_node'; it has none")])
 def test_a_wrong_command_line_starts_no_node(line: str, wanted: str,
                                              capsys: pytest.CaptureFixture[str]) -> None:

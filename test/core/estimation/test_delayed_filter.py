@@ -125,6 +125,30 @@ def test_a_gap_restarts_the_filter():
     assert delayed.estimate(5000 * MS).x[0] == pytest.approx(3.0 * 1 / 1.01)
 
 
+def test_a_restart_uses_the_input_of_the_gap():
+    delayed = make(longest_gap=1.0)
+    delayed.measure(0, NAMES, [0.0, 0.0])
+    delayed.command(4000 * MS, [2.0])
+    delayed.measure(5000 * MS, NAMES, [0.0, 0.0])
+    before, after = (delayed.estimate(stamp * MS).x[1] for stamp in (5000, 6000))
+    assert after - before == pytest.approx(2.0)
+
+
+def test_another_filter_and_a_clock_that_was_set_back():
+    delayed = make()
+    for k in range(10):
+        delayed.measure((9000 + k) * MS, NAMES, [0.0, 0.0])
+    for k in range(MOST_REJECTED + 1):
+        delayed.measure(k * 10 * MS, NAMES, [1.0, 0.0])
+    assert delayed.counts['too late'] == MOST_REJECTED
+    assert delayed.newest == MOST_REJECTED * 10 * MS
+    system = get_system('double_integrator')
+    delayed.adopt(KalmanFilter(system, np.zeros((2, 2)), 1e6 * np.eye(2)), np.zeros(2), np.eye(2))
+    before = delayed.estimate(delayed.newest).x
+    delayed.measure(delayed.newest + MS, NAMES, [9.0, 9.0])
+    assert delayed.estimate(delayed.newest).x == pytest.approx(before, abs=1e-2)
+
+
 def test_no_estimate_without_a_measurement():
     with pytest.raises(StatementError, match='no measurement'):
         make().estimate(0)
