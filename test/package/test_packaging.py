@@ -158,7 +158,7 @@ def test_an_interface_is_installed(file):
 
 @pytest.mark.ros
 def test_data_files_are_installed():
-    data = [*(ROOT / 'config').iterdir(), *(ROOT / 'launch').glob('*.py'), ROOT / 'package.xml',
+    data = [*(ROOT / 'config').rglob('*.yaml'), *(ROOT / 'launch').glob('*.py'), ROOT / 'package.xml',
             *(ROOT / 'foxglove').iterdir(), *(ROOT / 'rviz').iterdir()]
     for file in data:
         assert installed(f'share/obc_ros/{name(file)}').read_bytes() == file.read_bytes()
@@ -316,7 +316,8 @@ def test_every_wheel_is_pinned(distro):
 
 def test_every_source_file_has_the_license_header():
     sources = files('.py', '.cmake', '.in', 'CMakeLists.txt', '.yml', 'Makefile', 'run')
-    for path in [*sources, *(ROOT / 'config').iterdir(), *(ROOT / 'requirements').iterdir()]:
+    others = (*(ROOT / 'config').rglob('*.yaml'), *(ROOT / 'requirements').iterdir())
+    for path in (*sources, *others):
         lines = path.read_text(encoding='utf-8').splitlines(keepends=True)
         start = 1 if lines and lines[0].startswith('#!') else 0
         assert tuple(lines[start:start + 2]) == HEADER, name(path)
