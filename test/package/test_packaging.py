@@ -158,8 +158,8 @@ def test_an_interface_is_installed(file):
 
 @pytest.mark.ros
 def test_data_files_are_installed():
-    data = [*(ROOT / 'config').rglob('*.yaml'), *(ROOT / 'launch').glob('*.py'), ROOT / 'package.xml',
-            *(ROOT / 'foxglove').iterdir(), *(ROOT / 'rviz').iterdir()]
+    data = [*(ROOT / 'config').rglob('*.yaml'), *(ROOT / 'launch').glob('*.py'),
+            ROOT / 'package.xml', *(ROOT / 'foxglove').iterdir(), *(ROOT / 'rviz').iterdir()]
     for file in data:
         assert installed(f'share/obc_ros/{name(file)}').read_bytes() == file.read_bytes()
     assert installed('share/obc_ros/cmake/obc_rosConfig.cmake').is_file()
