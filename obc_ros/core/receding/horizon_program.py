@@ -11,11 +11,13 @@ The rows of stage k are the model and then the softened limits,
     A_k e_k + B_k v_k - e_(k+1) = A_k ebar_k + B_k vbar_k - F(ebar_k, vbar_k),
     C_k e_k + D_k v_k - s_k <= upper - c(ebar_k, vbar_k) + C_k ebar_k + D_k vbar_k,
 
-and likewise from below. The Hessian is that of the cost (Gauss-Newton).
+and likewise from below. The Hessian is that of the Lagrangian at given multipliers; at zero it is
+that of the cost (Gauss-Newton).
 """
 
 from dataclasses import dataclass
 from functools import cached_property
+import math
 from typing import Any
 
 import casadi as ca
@@ -60,25 +62,68 @@ class HorizonProgram:
     @cached_property
     def linearize(self) -> ca.Function:
         """
-        Return the function (E, V, shifts) to the pieces of the rows.
+        Return the function (E, V, shifts, lam, mu) to matrix, numbers, Hessian of the Lagrangian.
 
-        E (n, N+1), V (m, N), shifts (n, N+1); F (n, N), c (r, N), entries of the matrix in the
-        order of `pattern`, c at the end.
+        E (n, N+1), V (m, N), shifts (n, N+1), multipliers of the model lam (n, N) and of the soft
+        rows mu (r, N). The numbers are, column-major: the right sides of
+        the model (n, N) and of the soft rows (r, N), the values of these (r, N), both at the end,
+        and the gaps of the model (n, N).
         """
         N, n, m, _, _ = self.sizes
         soft = self.problem.soft
         e, v, shift = soft.e, soft.v, soft.shift
         F = self.problem.model(e, v)
-        stage = ca.Function('stage', [e, v, shift], [
-            F, soft.rows, *(ca.densify(ca.jacobian(f, at)) for f in (F, soft.rows)
-                            for at in (e, v))])
+        (A, B), (C, D) = ([ca.densify(ca.jacobian(f, at)) for at in (e, v)]
+                          for f in (F, soft.rows))
+        lam, mu = ca.SX.sym('lam', n), ca.SX.sym('mu', len(soft.names))
+        z = ca.vertcat(e, v)
+        curved = ca.densify(ca.hessian(lam.T @ F + mu.T @ soft.rows, z)[0])
+        stage = ca.Function('stage', [e, v, shift, lam, mu], [
+            A, B, C, D, A @ e + B @ v - F, C @ e + D @ v - soft.rows, soft.rows, F,
+            curved + ca.DM(2.0 * self.hessian)])
         rows = soft.rows[list(soft.of_states)] if soft.of_states else ca.SX(0, 1)
-        end = ca.Function('end', [e, shift], [rows, ca.densify(ca.jacobian(rows, e))])
+        slope = ca.densify(ca.jacobian(rows, e))
+        end = ca.Function('end', [e, shift], [slope, slope @ e - rows, rows])
         E, V, S = ca.MX.sym('E', n, N + 1), ca.MX.sym('V', m, N), ca.MX.sym('S', n, N + 1)
-        F_all, c, A, B, C, D = stage.map(N)(E[:, :N], V, S[:, :N])
-        c_last, C_last = end(E[:, N], S[:, N])
-        return ca.Function('linearize', [E, V, S], [
-            F_all, c, c_last, A, B, C, D, C_last])
+        L, M = ca.MX.sym('L', n, N), ca.MX.sym('M', len(soft.names), N)
+        found = stage.map(N)(E[:, :N], V, S[:, :N], L, M)
+        last = end(E[:, N], S[:, N])
+        sparsity, places = self.pattern
+        flat = ca.vertcat(*(ca.vec(each) for each in (*found[:4], last[0])), 1.0, -1.0)
+        numbers = ca.vertcat(*(ca.vec(each) for each in (
+            *found[4:7], last[1], last[2], E[:, 1:] - found[7])))
+        H = ca.vertcat(ca.vec(found[8]), ca.DM(2.0 * self.problem.P).reshape((-1, 1)))
+        return ca.Function('linearize', [E, V, S, L, M], [
+            ca.MX(sparsity, flat[places.tolist()]), numbers,
+            ca.MX(self.full_hessian.sparsity(), H)])
+
+    @cached_property
+    def multiply(self) -> ca.Function:
+        """Return the function (A, z, lam, H) to W z, A' lam, H z and A z; W: of the cost."""
+        A = ca.MX.sym('A', self.pattern[0])
+        z, lam = ca.MX.sym('z', A.size2()), ca.MX.sym('lam', A.size1())
+        H = ca.MX.sym('H', self.full_hessian.sparsity())
+        return ca.Function('multiply', [A, z, lam, H], [ca.vertcat(
+            ca.MX(self.full_hessian) @ z, A.T @ lam, H @ z, A @ z)])
+
+    @cached_property
+    def multiplier_rows(self) -> tuple[RowPlaces, RowPlaces, RowPlaces]:
+        """Return the rows of the model (N, n), and the rows (N, k) of the soft rows listed."""
+        N, n, _, _, last = self.sizes
+        up, down = self.sides[:2]
+        width = n + len(up) + len(down)
+        starts = np.arange(N)[:, None] * width
+        soft = starts + n + np.arange(len(up) + len(down))
+        soft[-1] += last
+        return starts + np.arange(n), soft, np.concatenate([up, down])
+
+    def split(self, numbers: Array) -> list[Array]:
+        """Return the parts of the numbers of `linearize`: (N, n), (N, r), (N, r), ..., (N, n)."""
+        N, n, _, r, last = self.sizes
+        shapes = (N, n), (N, r), (N, r), (last,), (last,), (N, n)
+        ends = np.cumsum([math.prod(shape) for shape in shapes])
+        return [part.reshape(shape) for part, shape in zip(
+            np.split(numbers, ends[:-1]), shapes, strict=True)]
 
     @cached_property
     def rollout(self) -> ca.Function:
@@ -109,9 +154,9 @@ class HorizonProgram:
     def full_hessian(self) -> ca.DM:
         """Return the Hessian of the program."""
         N, n, m, r, last = self.sizes
-        block = ca.diagcat(ca.DM(2.0 * self.hessian), ca.DM(r, r))
-        return ca.diagcat(*[block] * N, ca.DM(last, last), ca.DM(2.0 * self.problem.P),
-                          ca.DM(last, last))
+        block = ca.diagcat(ca.densify(ca.DM(2.0 * self.hessian)), ca.DM(r, r))
+        return ca.diagcat(*[block] * N, ca.DM(last, last),
+                          ca.densify(ca.DM(2.0 * self.problem.P)), ca.DM(last, last))
 
     @cached_property
     def pattern(self) -> tuple[ca.Sparsity, RowPlaces]:

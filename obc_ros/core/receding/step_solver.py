@@ -3,11 +3,11 @@
 """
 One step of the receding horizon, solved by its deadline.
 
-Sequential quadratic programming with the Hessian of the cost (Gauss-Newton). After each quadratic
-program the inputs are applied to the model with the feedback of the regulator and within their
-bounds. Every candidate is thus a motion of the model with admissible inputs, and the one with the
-smallest cost and penalty is kept. The start is such a motion too, so that a step may end at any
-time.
+Sequential quadratic programming with the Hessian of the Lagrangian, whose multipliers are those of
+the step before, or with that of the cost (Gauss-Newton) if the former finds no solution. At the
+end the inputs are applied to the model with the feedback of the regulator and within their bounds.
+Every candidate is thus a motion of the model with admissible inputs, and the one with the smallest
+cost and penalty is returned. The start is such a motion too, so that a step may end at any time.
 """
 
 from dataclasses import dataclass
@@ -25,9 +25,11 @@ from obc_ros.core.receding.horizon_program import HorizonProgram
 from obc_ros.core.receding.plan import Plan
 from obc_ros.core.text.errors import StatementError
 
-TOLERANCE = 1e-6      # relative residual of the optimality conditions of an optimal plan
+STEP_TOLERANCE = 1e-6      # relative residual of the optimality conditions of an optimal plan
 _MOST = 30            # quadratic programs of a step
 _ABOVE = 10.0         # the penalty over the largest multiplier expected
+_CURVED = 12           # programs with second derivatives, before those of the cost alone
+_TRIED = 3            # last iterates that are applied to the model if none is optimal
 _RAISES = 2           # times that the penalty is raised by 10 in a step
 _KEPT = 1e-9          # excess that is not told, relative to 1 + the size of the limit
 
@@ -81,13 +83,15 @@ class StepResult:
 
 @dataclass(frozen=True, eq=False)
 class _Candidate:
-    """A motion of the model: E (N + 1, n), V (N, m), cost, and the sum of the excesses."""
+    """Errors E (N + 1, n), inputs V (N, m), cost, sum of the excesses, and its linearization."""
 
     E: Array
     V: Array
     cost: float
     excess: float
-    pieces: list[Array]
+    matrix: ca.DM
+    numbers: list[Array]
+    hessian: ca.DM
 
     def value(self, penalty: float) -> float:
         return self.cost + penalty * self.excess
@@ -120,6 +124,7 @@ class StepSolver:
         self._program = HorizonProgram(problem)
         self._penalty = self._choose_penalty()
         self._ready = False
+        self._multipliers: tuple[float, Array, Array] | None = None
 
     def prepare(self) -> str:
         """
@@ -134,19 +139,18 @@ class StepSolver:
         if self._ready:
             return self.words
         program = self._program
-        self._linearize, self._rollout = program.linearize, program.rollout
+        functions = program.linearize, program.rollout, program.multiply
+        self._linearize, self._rollout, self._multiply = functions
         self.words = 'interpreted: as asked'
         if self._compiled:
-            both = [compile_function(each, self._directory)
-                    for each in (program.linearize, program.rollout)]
-            self._linearize, self._rollout = (each.function for each in both)
-            self.words = '; '.join(dict.fromkeys(each.words for each in both))
-        self._sparsity, self._places = program.pattern
+            found = [compile_function(each, self._directory) for each in functions]
+            self._linearize, self._rollout, self._multiply = (each.function for each in found)
+            self.words = '; '.join(dict.fromkeys(each.words for each in found))
         self._hessian = program.full_hessian
         options = _OPTIONS[self._backend]
         sized = self._backend in ('hpipm', 'fatrop')
         self._qp = ca.conic('qp', self._backend, {
-            'h': self._hessian.sparsity(), 'a': self._sparsity},
+            'h': self._hessian.sparsity(), 'a': program.pattern[0]},
             {**options, **(program.options if sized else {}), 'error_on_fail': False})
         self._ready = True
         self.solve(self.problem.xe)
@@ -187,8 +191,7 @@ class StepSolver:
     def _starts(self, search: '_Search', start: Plan | None) -> list[_Candidate]:
         """Return the motions under the regulator and along an earlier plan that are finite."""
         N, n, m, _, _ = self._program.sizes
-        zero = search.follow(np.zeros((N, m)), np.zeros((N, n)))
-        found = [zero]
+        found = []
         if start is not None and start.is_finite and start.x.shape[1] == n \
                 and start.u.shape[1] == m:
             k = round((search.stamp - start.stamp) / start.period)
@@ -201,7 +204,20 @@ class StepSolver:
                 turns = np.round((search.e0 - E[0]) / math.tau) * math.tau
                 E[:left] += np.where(self.problem.system.angles, turns, 0.0)
                 found.append(search.follow(V, E))
-        return [each for each in found if each is not None]
+        finite = [each for each in found if each is not None]
+        regulator = None if finite else search.follow(np.zeros((N, m)), np.zeros((N, n)))
+        return finite if regulator is None else [regulator]
+
+    def _recall(self, stamp: float) -> tuple[Array, Array] | None:
+        """Return the multipliers of the last optimal plan from a time on, None if it is over."""
+        if self._multipliers is None:
+            return None
+        begun, lam, mu = self._multipliers
+        k = round((stamp - begun) / self.problem.period)
+        if not 0 <= k < len(lam):
+            return None
+        rest = np.minimum(np.arange(len(lam)) + k, len(lam) - 1)
+        return lam[rest], mu[rest]
 
     def _choose_penalty(self) -> float:
         """Return sigma: above the slope of the cost-to-go at the limits of the set point."""
@@ -219,11 +235,14 @@ class _Search:
     def __init__(self, solver: StepSolver, e0: Array, stamp: float) -> None:
         self.solver, self.problem, self.e0, self.stamp = solver, solver.problem, e0, stamp
         self.program = solver._program
-        N = self.problem.horizon
-        times = stamp + self.problem.period * np.arange(N + 1)
+        times = stamp + self.problem.period * np.arange(self.problem.horizon + 1)
         self.shifts = np.outer(self.problem.drift, times)
         self.count = 0
+        self.curved = True
         self.multiplier = 0.0
+        self._filled: tuple[_Candidate, float, tuple[Array, ...]] | None = None
+        N, n, _, r, _ = self.program.sizes
+        self.lam, self.mu = solver._recall(stamp) or (np.zeros((N, n)), np.zeros((N, r)))
         self.lam_a: Array | None = None
         self.lam_x: Array | None = None
 
@@ -237,16 +256,19 @@ class _Search:
         z = np.hstack([E[:-1], V])
         cost = float(np.einsum('ki,ij,kj->', z, self.program.hessian, z)
                      + E[-1] @ self.problem.P @ E[-1])
-        pieces = [each.full() for each in self.solver._linearize(E.T, V.T, self.shifts)]
-        return _Candidate(E, V, cost, float(sum(map(np.sum, self.excesses(pieces)))), pieces)
+        matrix, column, hessian = self.solver._linearize(
+            E.T, V.T, self.shifts, self.lam.T, self.mu.T)
+        numbers = self.program.split(column.full().ravel())
+        excess = float(sum(map(np.sum, self.excesses(numbers))))
+        return _Candidate(E, V, cost, excess, matrix, numbers, hessian)
 
-    def excesses(self, pieces: list[Array]) -> tuple[Array, Array]:
+    def excesses(self, numbers: list[Array]) -> tuple[Array, Array]:
         """Return the excesses of the soft rows, (N, r) and (rows of the last stage,)."""
         soft = self.problem.soft
         last = list(soft.of_states)
-        return tuple(np.maximum(0.0, np.maximum(lower - c.T, c.T - upper)) for c, lower, upper in (
-            (pieces[1], soft.lower, soft.upper),
-            (pieces[2][:, 0], soft.lower[last], soft.upper[last])))  # type: ignore[return-value]
+        return tuple(np.maximum(0.0, np.maximum(lower - c, c - upper)) for c, lower, upper in (
+            (numbers[2], soft.lower, soft.upper),
+            (numbers[4], soft.lower[last], soft.upper[last])))  # type: ignore[return-value]
 
     def run(self, x0: Array, starts: list[_Candidate], deadline: float,
             begun: float) -> StepResult:
@@ -257,41 +279,73 @@ class _Search:
         at = best = min(starts, key=lambda each: each.value(self.solver._penalty))
         residual = kept = math.inf   # of the present iterate, and of the best motion
         status, raises, longest = 'iterations', 0, 0.0
+        tried: list[_Candidate] = []
         while self.count < _MOST:
             now = time.monotonic()
             if now + longest > deadline:
                 status = 'time'
                 break
             solved = self._solve_program(at)
+            if solved is None and self.curved:
+                at = self._forget_curvature(best)
+                solved = self._solve_program(at)
             if solved is None:
                 status = 'failed'
                 break
+            self._take_multipliers()
             at = self.judge(*solved)
+            if self.curved and self.count == _CURVED:
+                at = self._forget_curvature(best)
+            tried.append(at)
             residual = self.measure_residual(at)
-            moved = self.follow(at.V, at.E[:-1])
+            moved = self.follow(at.V, at.E[:-1]) if residual <= STEP_TOLERANCE else None
             longest = max(longest, time.monotonic() - now)
-            if residual <= TOLERANCE and moved is not None:
+            if moved is not None:
                 if moved.excess > _KEPT * (1.0 + self.problem.horizon) and raises < _RAISES:
                     self.solver._penalty *= 10.0   # the excess may be due to the penalty
                     raises += 1
                     continue
                 at, best, status = moved, moved, 'optimal'
                 kept = residual
+                self.keep_multipliers()
                 break
-            if moved is not None and moved.value(self.solver._penalty) < best.value(
-                    self.solver._penalty):
-                best, kept = moved, math.inf
+        if status != 'optimal':
+            motions = [self.follow(each.V, each.E[:-1]) for each in tried[-_TRIED:]]
+            best = min([best, *(each for each in motions if each is not None)],
+                       key=lambda each: each.value(self.solver._penalty))
         return self.report(best, status, kept, begun)
+
+    def keep_multipliers(self) -> None:
+        """Keep the multipliers for the next step."""
+        self.curved = True
+        self._take_multipliers()
+        self.solver._multipliers = self.stamp, self.lam, self.mu
+
+    def _take_multipliers(self) -> None:
+        """Take the multipliers of the last program for the Hessian of the next one."""
+        if not self.curved or self.lam_a is None:
+            return
+        model, soft, which = self.program.multiplier_rows
+        self.lam = self.lam_a[model]
+        self.mu = np.zeros_like(self.mu)
+        for column, row in enumerate(which):
+            self.mu[:, row] += self.lam_a[soft[:, column]]
+
+    def _forget_curvature(self, at: _Candidate) -> _Candidate:
+        """Return a candidate with the Hessian of the cost alone, which is convex."""
+        self.curved = False
+        self.lam, self.mu = np.zeros_like(self.lam), np.zeros_like(self.mu)
+        return self.judge(at.E, at.V)
 
     def _solve_program(self, at: _Candidate) -> tuple[Array, Array] | None:
         """Solve the quadratic program about a candidate; None if there is no finite answer."""
         self.count += 1
         N, n, m, r, last = self.program.sizes
-        A, lower, upper, x_low, x_high, g = self._fill(at)
+        lower, upper, x_low, x_high, g = self._fill(at)
         solver = self.solver
         guess = self._unknowns(at)
-        answer = solver._qp(h=solver._hessian, g=g, a=A, lba=lower, uba=upper, lbx=x_low,
-                            ubx=x_high, x0=guess)
+        answer = solver._qp(h=at.hessian, g=g + self._turn(at, guess), a=at.matrix, lba=lower,
+                            uba=upper, lbx=x_low, ubx=x_high, x0=guess)
         z = answer['x'].full().ravel()
         self.lam_a = _keep_finite(answer['lam_a'].full().ravel(), lower, upper)
         self.lam_x = _keep_finite(answer['lam_x'].full().ravel(), x_low, x_high)
@@ -303,24 +357,29 @@ class _Search:
         E = np.vstack([stages[:, :n], z[N * (n + m + r) + last:][:n]])
         return E, stages[:, n:n + m]
 
+    def _turn(self, at: _Candidate, z: Array) -> Array:
+        """Return the gradient of the cost at a candidate less that of the program's Hessian."""
+        parts = self.solver._multiply(at.matrix, z, 0.0, at.hessian).full().ravel()
+        turned: Array = parts[:len(z)] - parts[2 * len(z):3 * len(z)]
+        return turned
+
     def _unknowns(self, at: _Candidate) -> Array:
-        stage, end = self.excesses(at.pieces)
+        stage, end = self.excesses(at.numbers)
         return np.concatenate([np.hstack([at.E[:-1], at.V, stage]).ravel(), end, at.E[-1], end])
 
-    def _fill(self, at: _Candidate) -> tuple[ca.DM, Array, Array, Array, Array, Array]:
-        """Return the matrix, the bounds of the rows and unknowns, and the gradient."""
+    def _fill(self, at: _Candidate) -> tuple[Array, ...]:
+        """Return what `_compute_bounds` returns, which is kept for the last candidate."""
+        if self._filled is None or self._filled[0] is not at or (
+                self._filled[1] != self.solver._penalty):
+            self._filled = at, self.solver._penalty, self._compute_bounds(at)
+        return self._filled[2]
+
+    def _compute_bounds(self, at: _Candidate) -> tuple[Array, ...]:
+        """Return the bounds of the rows and unknowns, and the gradient."""
         N, n, m, r, last = self.program.sizes
-        F, c, c_last, A, B, C, D, C_last = at.pieces
-        flat = np.concatenate([each.ravel(order='F') for each in (A, B, C, D, C_last)]
-                              + [[1.0, -1.0]])
-        matrix = ca.DM(self.solver._sparsity, flat[self.solver._places])
         up, down, up_last, down_last = self.program.sides
         soft = self.problem.soft
-        gap = (np.einsum('kji,kj->ki', A.T.reshape(N, n, n), at.E[:-1])
-               + np.einsum('kji,kj->ki', B.T.reshape(N, m, n), at.V) - F.T)
-        rest = (np.einsum('kji,kj->ki', C.T.reshape(N, n, r), at.E[:-1])
-                + np.einsum('kji,kj->ki', D.T.reshape(N, m, r), at.V) - c.T) if r else c.T
-        rest_last = C_last @ at.E[-1] - c_last[:, 0]
+        gap, rest, _, rest_last, _, _ = at.numbers
         of = list(soft.of_states)
         high, low = rest[:, up] + soft.upper[up], rest[:, down] + soft.lower[down]
         high_last = rest_last[up_last] + soft.upper[of][up_last]
@@ -342,7 +401,7 @@ class _Search:
         sigma = self.solver._penalty
         g = np.concatenate([np.tile(np.concatenate([np.zeros(n + m), np.full(r, sigma)]), N),
                             np.zeros(last + n), np.full(last, sigma)])
-        return matrix, lower, upper, x_low, x_high, g
+        return lower, upper, x_low, x_high, g
 
     def measure_residual(self, at: _Candidate) -> float:
         """
@@ -353,15 +412,15 @@ class _Search:
         """
         if self.lam_a is None or self.lam_x is None:
             return math.inf
-        matrix, lower, upper, x_low, x_high, g = self._fill(at)
+        lower, upper, x_low, x_high, g = self._fill(at)
         z = self._unknowns(at)
-        gaps = float(np.abs(at.pieces[0].T - at.E[1:]).max()) / (1.0 + float(np.abs(at.E).max()))
+        gaps = float(np.abs(at.numbers[5]).max()) / (1.0 + float(np.abs(at.E).max()))
         outside = float(np.maximum(0.0, np.maximum(x_low - z, z - x_high)).max())
-        Hz = (self.solver._hessian @ z).full().ravel()
-        turned = (matrix.T @ self.lam_a).full().ravel()
+        Hz, turned, _, rows = np.split(self.solver._multiply(
+            at.matrix, z, self.lam_a, at.hessian).full().ravel(),
+            [len(z), 2 * len(z), 3 * len(z)])
         size = 1.0 + max(float(np.abs(each).max(initial=0.0)) for each in (Hz, self.lam_a))
         slope = float(np.abs(Hz + g + turned + self.lam_x).max()) / size
-        rows = (matrix @ z).full().ravel()
         products = max(_complement(rows, lower, upper, self.lam_a),
                        _complement(z, x_low, x_high, self.lam_x)) / (
                            1.0 + abs(at.value(self.solver._penalty)))
@@ -372,7 +431,7 @@ class _Search:
     def report(self, at: _Candidate, status: str, residual: float, begun: float) -> StepResult:
         """Return the result of a candidate."""
         problem, soft = self.problem, self.problem.soft
-        stage, end = self.excesses(at.pieces)
+        stage, end = self.excesses(at.numbers)
         worst = stage.max(axis=0, initial=0.0)
         for place, i in enumerate(soft.of_states):
             worst[i] = max(worst[i], end[place])

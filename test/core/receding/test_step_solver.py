@@ -11,7 +11,7 @@ from obc_ros.core.receding.formulation import (
     restate_problem,
     state_receding_problem,
 )
-from obc_ros.core.receding.step_solver import StepSolver, TOLERANCE
+from obc_ros.core.receding.step_solver import STEP_TOLERANCE, StepSolver
 from obc_ros.core.systems import aircraft
 from obc_ros.core.systems.registry import get_system
 from obc_ros.core.text.errors import StatementError
@@ -52,7 +52,7 @@ def test_with_inactive_limits_the_input_is_that_of_the_regulator() -> None:
     """Limits that are far away change nothing."""
     problem = integrator(state_bounds={'p': [-9, 9]}, input_bounds={'a': [-90, 90]})
     result = StepSolver(problem, compiled=False).solve(np.array([1.0, 0.5]))
-    assert result.plan is not None and result.residual <= TOLERANCE
+    assert result.plan is not None and result.residual <= STEP_TOLERANCE
     np.testing.assert_allclose(result.plan.u[0], -problem.K @ [1.0, 0.5], atol=1e-6)
 
 
@@ -62,7 +62,7 @@ def test_limits_hold_and_the_plan_is_a_motion_of_the_model() -> None:
                      input_bounds={'f1': [-3, 3], 'f2': [30, 50]})
     result = StepSolver(problem, compiled=False).solve(np.array([3.0, 1, 0, 0, 0, 0]))
     plan = result.plan
-    assert plan is not None and result.status == 'optimal' and result.residual <= TOLERANCE
+    assert plan is not None and result.status == 'optimal' and result.residual <= STEP_TOLERANCE
     assert np.abs(plan.x[:, 2]).max() == pytest.approx(0.3, abs=1e-6)
     assert np.abs(plan.u[:, 0]).max() <= 3.0 and plan.slack == {}
     assert result.multiplier < result.penalty
