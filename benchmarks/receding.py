@@ -26,6 +26,7 @@ from typing import Any, Protocol
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
+from obc_ros.core.receding.compiled_functions import compile_function
 from obc_ros.core.receding.formulation import RecedingProblem, state_receding_problem
 from obc_ros.core.receding.plan import Plan
 from obc_ros.core.receding.step_solver import StepSolver
@@ -282,12 +283,13 @@ def count_leaving(problem: RecedingProblem, found: TerminalSet, starts: int) -> 
     z = random.normal(size=(starts, n))
     z *= random.uniform(size=(starts, 1))**(1 / n) / np.linalg.norm(z, axis=1, keepdims=True)
     e = np.sqrt(found.level) * z @ np.linalg.cholesky(np.linalg.inv(found.P)).T
-    steps = problem.model.map(starts)
     worst = np.zeros(starts)
-    for _ in range(500):
-        e = steps(e.T, -problem.K @ e.T).full().T
-        V = np.einsum('ki,ij,kj->k', e, found.P, e) / found.level
-        worst = np.fmax(worst, np.where(np.isfinite(V), V, math.inf))
+    with tempfile.TemporaryDirectory() as folder:
+        steps = compile_function(problem.model.map(starts), Path(folder)).function
+        for _ in range(500):
+            e = steps(e.T, -problem.K @ e.T).full().T
+            V = np.einsum('ki,ij,kj->k', e, found.P, e) / found.level
+            worst = np.fmax(worst, np.where(np.isfinite(V), V, math.inf))
     return int((worst > 1.0).sum()), float(worst.max())
 
 

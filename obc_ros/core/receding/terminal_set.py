@@ -31,6 +31,7 @@ from obc_ros.core.receding.formulation import RecedingProblem
 from obc_ros.core.text.errors import RefusedDesignError
 
 _MORE = 1.0 + 1e-9     # each computed bound times this
+_PART = 0.01           # least decrease at the boundary, relative to that of the linear loop
 _BISECTIONS = 40
 _GROWTHS = 12          # of the box of a period
 _LARGEST = 1e12        # level that is taken for no limit at all
@@ -219,7 +220,8 @@ class _PeriodBounds:
         d = self._gather @ q * _MORE
         remainder = math.sqrt(float(d @ np.abs(self._P) @ d)) * _MORE
         decrease = (self.contraction + s * remainder) * _MORE
-        return _Found(self.contraction, remainder, decrease) if decrease < 1.0 else None
+        least = 1.0 - _PART * (1.0 - self.contraction)
+        return _Found(self.contraction, remainder, decrease) if decrease <= least < 1.0 else None
 
     def paths_reached(self, level: float) -> bool:
         """Return whether a path constraint is not proved to hold in the ellipsoid."""
@@ -281,8 +283,8 @@ def _state(problem: RecedingProblem, level: float, limit: str, linear: float, fo
     """Return the set with its sentence."""
     about = 'the moving set point' if problem.drift.any() else 'the set point'
     words = (f"in e'P e <= {level:.4g} about {about} the regulator keeps all limits at every "
-             f'sample, and sqrt(V) falls by a factor of at most {found.decrease:.6f} each period '
-             f'of {problem.period:g} s')
+             f'sample, and sqrt(V) falls by at least {1.0 - found.decrease:.2g} of itself in each '
+             f'period of {problem.period:g} s')
     if limit != 'none':
         words += f'; the level is determined by {limit}'
     return TerminalSet(problem.P, level, TerminalProof(
