@@ -30,7 +30,7 @@ _MOST = 30            # quadratic programs of a step
 _ABOVE = 10.0         # the penalty over the largest multiplier expected
 _CURVED = 12           # programs with second derivatives, before those of the cost alone
 _TRIED = 3            # last iterates that are applied to the model if none is optimal
-_RAISES = 2           # times that the penalty is raised by 10 in a step
+_RAISES = 2           # times that the penalty is raised by 10
 _KEPT = 1e-9          # excess that is not told, relative to 1 + the size of the limit
 
 _WORDS = {
@@ -123,6 +123,7 @@ class StepSolver:
         self._directory, self._backend, self._compiled = cache_dir, backend, compiled
         self._program = HorizonProgram(problem)
         self._penalty = self._choose_penalty()
+        self._largest_penalty = self._penalty * 10.0**_RAISES
         self._ready = False
         self._multipliers: tuple[float, Array, Array] | None = None
 
@@ -278,7 +279,7 @@ class _Search:
                               self.solver._penalty, 0.0, time.monotonic() - begun)
         at = best = min(starts, key=lambda each: each.value(self.solver._penalty))
         residual = kept = math.inf   # of the present iterate, and of the best motion
-        status, raises, longest = 'iterations', 0, 0.0
+        status, longest = 'iterations', 0.0
         tried: list[_Candidate] = []
         while self.count < _MOST:
             now = time.monotonic()
@@ -301,9 +302,9 @@ class _Search:
             moved = self.follow(at.V, at.E[:-1]) if residual <= STEP_TOLERANCE else None
             longest = max(longest, time.monotonic() - now)
             if moved is not None:
-                if moved.excess > _KEPT * (1.0 + self.problem.horizon) and raises < _RAISES:
+                if (moved.excess > _KEPT * (1.0 + self.problem.horizon)
+                        and self.solver._penalty < 0.5 * self.solver._largest_penalty):
                     self.solver._penalty *= 10.0   # the excess may be due to the penalty
-                    raises += 1
                     continue
                 at, best, status = moved, moved, 'optimal'
                 kept = residual

@@ -79,6 +79,15 @@ def test_a_start_outside_a_state_bound_is_told_by_name() -> None:
     assert 'exceeds v by 1' in result.words
 
 
+def test_the_penalty_stays_bounded_if_an_excess_cannot_be_avoided() -> None:
+    """It is raised twice by 10, not in each step."""
+    solver = StepSolver(integrator(state_bounds={'v': [-1, 1]}), compiled=False)
+    inside = solver.solve(np.array([0.0, 0.5])).penalty
+    found = [solver.solve(np.array([0.0, 2.0])) for _ in range(4)]
+    assert found[-1].penalty == pytest.approx(100 * inside)
+    assert all(each.status == 'optimal' for each in found)
+
+
 def test_an_expired_deadline_returns_the_best_admissible_motion() -> None:
     """Without time for one quadratic program the regulator is the plan, within the bounds."""
     problem = integrator(input_bounds={'a': [-1, 1]})
