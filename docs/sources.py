@@ -18,6 +18,7 @@ PARTS = {'msg': ('',), 'srv': ('Request', 'Response'), 'action': ('Goal', 'Resul
 TABLES = {
     'estimator_node': 'obc_ros.nodes.estimator_settings',
     'lqr_node': 'obc_ros.nodes.lqr.settings',
+    'mpc_node': 'obc_ros.nodes.mpc.settings',
     'plant_simulator': 'obc_ros.nodes.plant_simulator',
     'trajectory_server': 'obc_ros.nodes.trajectory_server'}
 

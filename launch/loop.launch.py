@@ -1,7 +1,7 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-One loop: plant_simulator, lqr_node and trajectory_server; estimator_node when asked.
+One loop: plant_simulator, lqr_node or mpc_node, trajectory_server; estimator_node when asked.
 
 ros2 launch obc_ros loop.launch.py scenario:=aircraft namespace:=robot1 use_sim_time:=true
 
@@ -28,6 +28,7 @@ ARGUMENTS = (
     ('use_sim_time', 'false', 'use the time of /clock'),
     ('speed', '1.0', 'simulated seconds per second; 0: as fast as possible'),
     ('lockstep', 'false', 'true: each step of the plant waits for its command'),
+    ('controller', 'lqr', 'lqr: lqr_node; mpc: mpc_node', ['lqr', 'mpc']),
     ('plant', 'true', 'false: no simulator, as a real robot replaces it'),
     ('server', 'true', 'false: without trajectory_server'),
     ('state_source', '', 'topic of the states; empty: that of the parameter files',
@@ -97,5 +98,5 @@ def _nodes(context: LaunchContext) -> list[Node]:
     return [
         *([node('plant_simulator', plant, hidden)] if is_true('plant') else ()),
         *([node('estimator_node', {})] if estimates else ()),
-        node('lqr_node', topics),
+        node(f'{LaunchConfiguration("controller").perform(context)}_node', topics),
         *([node('trajectory_server', source)] if is_true('server') else ())]

@@ -15,7 +15,8 @@ for _name in ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'MKL_NUM_THREADS'):
 
 _started = re.split(r'[./\\]', sys.argv[0] if sys.argv[0] != '-m' else sys.orig_argv[
     sys.orig_argv.index('-m') + 1])[-1]
-if _started in ('estimator_node', 'lqr_node', 'plant_simulator', 'trajectory_server'):
+if _started in ('estimator_node', 'lqr_node', 'mpc_node', 'plant_simulator',
+                'trajectory_server'):
     # A node ends without a traceback on a signal while it still loads its modules; later
     # `executor.run` handles signals.
     for _number in (signal.SIGINT, signal.SIGTERM):

@@ -51,7 +51,7 @@ def sources():
 
 @pytest.mark.ros
 @pytest.mark.parametrize('node', [
-    'estimator_node', 'lqr_node', 'plant_simulator', 'trajectory_server'])
+    'estimator_node', 'lqr_node', 'mpc_node', 'plant_simulator', 'trajectory_server'])
 def test_the_reference_lists_the_parameters_of_the_node(node, sources):
     module = sources.TABLES[node]
     rows = {row.name: row for row in sources.parameters(ROOT, module)}

@@ -56,8 +56,10 @@ def test_a_parameter_file_overrides_the_scenario(file: str, tmp_path: Path) -> N
 @pytest.mark.parametrize('file', FILES)
 @pytest.mark.parametrize(('arguments', 'sentence'), [
     ({'scenario': 'nonsense'},
-     r'"scenario".* "nonsense".*\[\'aircraft\', \'vehicle\', \'vehicle_lateral\'\]'),
-    ({'scenario': '../config/aircraft'}, r'\[\'aircraft\', \'vehicle\', \'vehicle_lateral\'\]'),
+     r'"scenario".* "nonsense".*\[\'aircraft\', \'aircraft_limits\', \'vehicle\', '
+     r'\'vehicle_lateral\'\]'),
+    ({'scenario': '../config/aircraft'},
+     r'\[\'aircraft\', \'aircraft_limits\', \'vehicle\', \'vehicle_lateral\'\]'),
     ({'params_file': 'missing.yaml'}, 'params_file:=missing.yaml: there is no such file'),
     ({'params_file': '.'}, 'params_file:=.: there is no such file'),
     ({'plant': 'maybe'}, 'maybe'),

@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""Every parameter of the three nodes has an effect or is refused."""
+"""Every parameter of the nodes has an effect or is refused."""
 
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any
@@ -11,7 +11,9 @@ from obc_ros.core.systems import registry
 from obc_ros.core.text.errors import ObcError
 from obc_ros.nodes import plant_simulator, trajectory_server
 from obc_ros.nodes.lqr import settings as lqr_settings
+from obc_ros.nodes.mpc import settings as mpc_settings
 from obc_ros.ros.parameters.node_parameters import Parameters
+from obc_ros.workers.wire import pack
 import pytest
 from rclpy.node import Node
 from rclpy.parameter import Parameter
@@ -31,6 +33,13 @@ def control_effect(settings: Any) -> Any:
     return repr(control), settings.frame_id, settings.hardware_id, leg.allowed, leg.along.at(0.5)
 
 
+def plan_effect(settings: Any) -> Any:
+    """Return the control and the problem of mpc_node, and the settings read at each message."""
+    found = mpc_settings.judge_mpc_settings(settings)
+    return (repr(found.control), pack(found.problem), settings.frame_id, settings.hardware_id,
+            settings.plan_rate)
+
+
 def server_effect(settings: Any) -> Any:
     """Return the settings, all of which the server reads at each request."""
     return repr(settings)
@@ -38,6 +47,7 @@ def server_effect(settings: Any) -> Any:
 
 NODES: dict[str, tuple[Any, Callable[[Any], Any], Callable[[Any], Any]]] = {
     'lqr_node': (lqr_settings.Settings, lqr_settings.judge_lqr_settings, control_effect),
+    'mpc_node': (mpc_settings.Settings, mpc_settings.judge_mpc_settings, plan_effect),
     'plant_simulator': (plant_simulator.Settings, plant_simulator.judge_plant_settings,
                         lambda settings: (
                             repr(plant_simulator.judge_plant_settings(settings)),
@@ -71,6 +81,12 @@ LQR: dict[str, tuple[Any, Values]] = {
     'x_limits': ([1.0] * 6, {}), 'on_envelope': ('hold', {'x_limits': [1.0] * 6}),
     'start_tolerance': ([0.5] * 6, {}), 'hardware_id': ('h1', {}),
     'transition_time': (0.5, {}), 'frame_id': ('map', {})}
+MPC: dict[str, tuple[Any, Values]] = {
+    **{name: LQR[name] for name in LQR if name not in (
+        'cross', 'stability', 'integral', 'Qi', 'design', 'rate', 'sample_time', 'delay', 'P1',
+        'horizon', 'schedule', 'schedule_range', 'start_tolerance')},
+    'horizon': (2.0, {}), 'x_bounds': ([-1.0, 1.0] * 6, {}),
+    'path_constraints': (['px - 3'], {}), 'deadline': (0.01, {}), 'plan_rate': (1.0, {})}
 STATES = ('px', 'py', 'theta', 'vx', 'vy', 'omega')
 PLANT: dict[str, tuple[Any, Values]] = {
     **{f'system_parameters.{name}': (value, {}) for name, value in (
@@ -89,7 +105,7 @@ SERVER: dict[str, tuple[Any, Values]] = {
     'workers': (3, {}), 'time_limit': (5.0, {}), 'max_intervals': (100, {}),
     'cache_size': (3, {}), 'queue_length': (3, {}), 'hardware_id': ('h1', {}),
     'markers': (False, {}), 'scheduler': ('tcp://127.0.0.1:9', {}), 'state_timeout': (0.2, {})}
-TABLES = {'lqr_node': LQR, 'plant_simulator': PLANT, 'trajectory_server': SERVER}
+TABLES = {'lqr_node': LQR, 'mpc_node': MPC, 'plant_simulator': PLANT, 'trajectory_server': SERVER}
 CASES = [(node, name) for node, table in TABLES.items() for name in table]
 # The parameters that have an effect only under a condition, and start values under which they have
 # none (empty where the defaults suffice).
@@ -97,8 +113,11 @@ CONDITIONAL: dict[tuple[str, str], Values] = {
     **{('lqr_node', name): {} for name in (
         'x_max', 'u_max', 'H', 'rho', 'Qi', 'sample_time', 'schedule_range', 'unlimited',
         'on_envelope')},
-    ('lqr_node', 'Qx'): {'weights': 'bryson'}, ('lqr_node', 'Qu'): {'weights': 'bryson'},
-    ('lqr_node', 'on_stale'): {'state_timeout': 0.0},
+    **{('mpc_node', name): {} for name in (
+        'x_max', 'u_max', 'H', 'rho', 'unlimited', 'on_envelope')},
+    **{(node, name): {'weights': 'bryson'}
+       for node in ('lqr_node', 'mpc_node') for name in ('Qx', 'Qu')},
+    **{(node, 'on_stale'): {'state_timeout': 0.0} for node in ('lqr_node', 'mpc_node')},
     **{('plant_simulator', name): {} for name in (
         'tolerance', 'seed', 'disturbance.gust_start', 'disturbance.gust_duration')},
     ('plant_simulator', 'command_timeout'): {'lockstep': True},

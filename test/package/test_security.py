@@ -42,6 +42,7 @@ IMPORTS = ('exec_module', 'import_module')
 IMPORTS_BY_NAME = {
     'obc_ros/cli/obc.py': 'one of SUBCOMMANDS',
     'obc_ros/workers/process.py': 'given by the pool on the command line',
+    'obc_ros/workers/steps/step_process.py': 'given by the link on the command line',
     'obc_ros/core/__init__.py': 'one of the modules of the public names',
     'obc_ros/core/numerics/arrays.py': 'one of the modules of SciPy that are named there',
     'benchmarks/timing.py': 'a constant of a benchmark',
@@ -225,6 +226,11 @@ CONFIGURATIONS = {
         {'use_sim_time': True, 'system': 'vehicle'}),
     'estimator_node': ({'use_sim_time': True},),
     'lqr_node': (
+        {'use_sim_time': True},
+        {'state_source': 'odom', 'command_sink': 'wrench', 'unlimited': True},
+        {'system': 'vehicle', 'state_source': 'odom', 'command_sink': 'cmd_vel',
+         'setpoint_input': [1.0, 0.0], 'u_limits': [0.0, 2.0, -0.5, 0.5]}),
+    'mpc_node': (
         {'use_sim_time': True},
         {'state_source': 'odom', 'command_sink': 'wrench', 'unlimited': True},
         {'system': 'vehicle', 'state_source': 'odom', 'command_sink': 'cmd_vel',

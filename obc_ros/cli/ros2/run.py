@@ -14,8 +14,8 @@ from obc_ros.core.text.errors import ObcError, quote
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.add_argument('package_name', help='obc_ros')
-    parser.add_argument('executable_name', help='lqr_node, plant_simulator, estimator_node, '
-                        'trajectory_server')
+    parser.add_argument('executable_name', help='lqr_node, mpc_node, plant_simulator, '
+                        'estimator_node, trajectory_server')
     parser.add_argument('argv', nargs=argparse.REMAINDER,
                         help='its arguments: --ros-args -p system:=aircraft')
 

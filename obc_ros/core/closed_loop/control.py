@@ -34,6 +34,8 @@ class Reference:
         Whether the state at its beginning was checked.
     reported : str
         The last event that was reported: '', 'begun' or 'ended'.
+    is_announced : bool
+        Whether its beginning and its end are reported.
 
     """
 
@@ -42,6 +44,7 @@ class Reference:
     refused: str = ''
     is_judged: bool = False
     reported: str = ''
+    is_announced: bool = True
 
 
 @dataclass(frozen=True, eq=False)

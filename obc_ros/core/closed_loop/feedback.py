@@ -39,6 +39,29 @@ class ReferenceLaw(Protocol):
 
 
 @dataclass(frozen=True)
+class Region:
+    """
+    The errors e with e'P e <= level: an ellipsoid about a set point.
+
+    Attributes
+    ----------
+    P : tuple of tuple of float
+        (n, n), symmetric and positive definite.
+    level : float
+        Above 0.
+
+    """
+
+    P: Rows
+    level: float
+
+    def measure(self, e: Sequence[float]) -> float:
+        """Return e'P e of an error e (n,)."""
+        return sum([float(value * sum(map(mul, row, e)))
+                    for value, row in zip(e, self.P, strict=True)])
+
+
+@dataclass(frozen=True)
 class StateFeedback:
     """
     State feedback about a set point that is constant or moves at a constant rate.
@@ -53,6 +76,8 @@ class StateFeedback:
         dxe/dt (n,).
     Ki : tuple of tuple of float
         Gain (m, p) of the integrals; empty without integral action.
+    region : Region, optional
+        The errors for which the feedback is used; None: for all.
 
     """
 
@@ -61,6 +86,7 @@ class StateFeedback:
     K: Rows
     drift: Vector
     Ki: Rows = ()
+    region: Region | None = None
 
     def at(self, t: float) -> ReferencePoint:
         """Return the set point at time t [s]."""

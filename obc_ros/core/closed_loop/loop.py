@@ -79,7 +79,8 @@ class ControlLoop:
     ----------
     counts : collections.Counter
         Numbers of events: answered, saturated, skipped, repeated, late, restarted, stale,
-        outside, and each reason for which a state is dropped (size, finite, old, ahead, command).
+        outside, unplanned, and each reason for which a state is dropped (size, finite, old,
+        ahead, command).
     news : collections.deque of str
         Warnings, oldest first; each kind at most once a second.
     events : collections.deque of str
@@ -94,8 +95,9 @@ class ControlLoop:
         x - xr at the last command of the control law.
     stopped : str
         Why the loop is stopped; empty: it is not.
-    is_stale, is_outside : bool
-        Whether states are missing, and whether the last one was outside `x_limits`.
+    is_stale, is_outside, is_unplanned : bool
+        Whether states are missing, whether the last one was outside `x_limits`, and whether it
+        was outside the region of the feedback that was to be used.
     lag : float or None
         Age of the last state [s] from its stamp; None: not known.
 
@@ -109,7 +111,7 @@ class ControlLoop:
         self.command: list[float] | None = None
         self.error: list[float] | None = None
         self.stopped = ''
-        self.is_stale = self.is_outside = False
+        self.is_stale = self.is_outside = self.is_unplanned = False
         self.lag: float | None = None
         self._control = self._next = control
         self._followed, self._order = set_point(control, control.regulator, 0), StampOrder()
@@ -310,6 +312,8 @@ class ControlLoop:
         error = control.limits.error(x, here.x)
         if control.rules.x_limits and self._is_beyond(control, error):
             return self._instead('equilibrium' if self.stopped else control.rules.on_envelope)
+        if self._is_unplanned(ahead.law, error):
+            return self._instead(control.rules.on_stale)
         if control.C:
             self._integrate(control, here, error, stamp)
         self.error, self._since = error, stamp
@@ -414,6 +418,22 @@ class ControlLoop:
                 return True
         self.is_outside = False
         return False
+
+    def _is_unplanned(self, law: ReferenceLaw, error: Sequence[float]) -> bool:
+        """Return whether an error is outside the region of the feedback that is to be used."""
+        region = law.region if isinstance(law, StateFeedback) else None
+        value = 0.0 if region is None else region.measure(error)
+        was_unplanned = self.is_unplanned
+        self.is_unplanned = region is not None and not value <= region.level
+        if region is None or not self.is_unplanned:
+            if was_unplanned:
+                self._report('planned', 'the state can be controlled again', self.events)
+            return False
+        self.counts['unplanned'] += 1
+        self._report('unplanned', f'no plan, and the state is outside the terminal set (its value '
+                     f'is {value:.4g}, the level {region.level:.4g}); on_stale: '
+                     f'{self._control.rules.on_stale}')
+        return True
 
     # The memory of a run: moving set point, integral, transition, sent commands
 

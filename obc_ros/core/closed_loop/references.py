@@ -143,6 +143,8 @@ def describe_events(legs: Sequence[Leg], law: ReferenceLaw) -> Iterator[str]:
     """Yield a message for each reference that a new law begins or ends; each once."""
     for leg in legs:
         reference = leg.reference
+        if not reference.is_announced:
+            continue
         if law is leg.along and not reference.reported:
             reference.reported = 'begun'
             yield f'the reference of {reference.duration:g} s begins'

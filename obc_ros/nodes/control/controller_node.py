@@ -19,6 +19,7 @@ from typing import Any
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from lifecycle_msgs.srv import ChangeState
+from obc_ros.core.closed_loop.control import Control
 from obc_ros.core.closed_loop.loop import ControlLoop
 from obc_ros.core.lqr.design.report import Change, change
 from obc_ros.core.text.errors import quote, StatementError
@@ -56,7 +57,7 @@ OVERRIDES = (QoSPolicyKind.DEADLINE, QoSPolicyKind.DEPTH, QoSPolicyKind.DURABILI
              QoSPolicyKind.HISTORY, QoSPolicyKind.RELIABILITY)
 INFINITE = 2**63 - 1  # [ns] as a QoS duration
 FAREWELL = Duration(seconds=0.5)
-LONGEST_WAIT = 0.5  # [s] between two checks in the thread of the states
+CHECK_PERIOD = 0.5  # [s] between two checks in the thread of the states
 
 
 class ControllerNode(LifecycleNode):  # type: ignore[misc] # rclpy's classes are untyped
@@ -106,6 +107,9 @@ class ControllerNode(LifecycleNode):  # type: ignore[misc] # rclpy's classes are
         """Configure and activate the node."""
         self.trigger_configure()
         self.trigger_activate()
+
+    def _look_ahead(self, u: list[float] | None) -> None:
+        """Continue after a state, in its thread; u is the command or None."""
 
     def _forget(self) -> None:
         """Forget what is followed, after ~/stop."""
@@ -178,6 +182,7 @@ class ControllerNode(LifecycleNode):  # type: ignore[misc] # rclpy's classes are
             if u is not None:
                 self._commands.publish(self._sink.message(u, header.stamp))
                 self._monitor.latencies.append(monotonic() - begun)
+            self._look_ahead(u)
         if loop.news or loop.events or loop.refused:
             self._news.trigger()
 
@@ -188,7 +193,7 @@ class ControllerNode(LifecycleNode):  # type: ignore[misc] # rclpy's classes are
             self._commands.publish(self._sink.message(u, self._time()))
         if loop.news:
             self._news.trigger()
-        return min(LONGEST_WAIT, loop.wake() - now)
+        return min(CHECK_PERIOD, loop.wake() - now)
 
     def _is_frame(self, frame: str, now: float) -> bool:
         """Return whether a frame is `frame_id`, or without that the frame of the first state."""
@@ -219,7 +224,11 @@ class ControllerNode(LifecycleNode):  # type: ignore[misc] # rclpy's classes are
             self._change = change(
                 before.design, candidate.design, self._loop.preview(candidate.control))
             self._designed.trigger()
-        self._loop.adopt(candidate.control)
+        self._use(candidate.control)
+
+    def _use(self, control: Control) -> None:
+        """Let the loop use a control from the next state on."""
+        self._loop.adopt(control)
 
     def _publish_design(self) -> None:
         message = design_message(

@@ -94,7 +94,7 @@ class LoopMonitor:
         new, self._before = counts - self._before, counts
         return [self._states(name, loop, new, elapsed, now, is_active),
                 self._commands(name, loop, new, cost),
-                _status(f'{name}: design', DiagnosticStatus.OK, self.design, {
+                make_status(f'{name}: design', DiagnosticStatus.OK, self.design, {
                     'revision': revision, 'changes refused': self.refusals,
                     'last refusal': self.last_refusal})]
 
@@ -121,7 +121,7 @@ class LoopMonitor:
         if self.faults:
             level = max(level, DiagnosticStatus.WARN)
             words = '; '.join([words, *self.faults.values()])
-        return _status(f'{name}: states', level, words, {
+        return make_status(f'{name}: states', level, words, {
             'rate [Hz]': f'{new["answered"] / elapsed:.1f}',
             'age [s]': '' if age is None else f'{age:.4f}',
             'age by its stamp [s]': '' if loop.lag is None else f'{loop.lag:.4f}',
@@ -147,7 +147,7 @@ class LoopMonitor:
             level, words = DiagnosticStatus.WARN, 'the error is outside x_limits'
         if loop.stopped:
             level, words = DiagnosticStatus.WARN, f'stopped: {loop.stopped}'
-        return _status(f'{name}: commands', level, words, {
+        return make_status(f'{name}: commands', level, words, {
             'latency p50 [us]': f'{1e6 * percent[49]:.0f}',
             'latency p99 [us]': f'{1e6 * percent[98]:.0f}',
             'share at a limit': f'{share:.3f}',
@@ -156,6 +156,8 @@ class LoopMonitor:
             'times outside x_limits': loop.counts['outside']})
 
 
-def _status(name: str, level: Any, message: str, values: Mapping[str, Any]) -> DiagnosticStatus:
+def make_status(name: str, level: Any, message: str, values: Mapping[str, Any]
+                ) -> DiagnosticStatus:
+    """Return a status with its values as texts."""
     return DiagnosticStatus(name=name, level=level, message=message, values=[
         KeyValue(key=key, value=str(value)) for key, value in values.items()])

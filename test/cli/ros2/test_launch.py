@@ -120,7 +120,7 @@ def test_a_launch_ends_with_1_after_a_failed_node(domain: int, tmp_path: Path) -
 
 @pytest.mark.parametrize(('line', 'wanted'), [
     ('launch obc_ros loop.launch.py scenario:=nonsense',
-     "Valid options are: ['aircraft', 'vehicle', 'vehicle_lateral']"),
+     "Valid options are: ['aircraft', 'aircraft_limits', 'vehicle', 'vehicle_lateral']"),
     ('launch obc_ros loop.launch.py scenaro:=vehicle', "no argument 'scenaro'; it has scenario"),
     ('launch obc_ros loop.launch.py vehicle', "malformed launch argument 'vehicle'"),
     ('launch obc_ros loop.launch.py plant:=maybe', "wanted 'true' or 'false', got 'maybe'"),
@@ -129,7 +129,7 @@ def test_a_launch_ends_with_1_after_a_failed_node(domain: int, tmp_path: Path) -
     ('launch obc_ros nothing.launch.py', 'it has fleet.launch.py, loop.launch.py'),
     ('launch obc_ros', 'which launch file?'),
     ('launch loop scenario:=nonsense',
-     "Valid options are: ['aircraft', 'vehicle', 'vehicle_lateral']"),
+     "Valid options are: ['aircraft', 'aircraft_limits', 'vehicle', 'vehicle_lateral']"),
     ('launch fleet vehicles:=0', 'wanted a number from 1 to 100'),
     ('launch nowhere loop.launch.py', "package 'nowhere' is not installed"),
     ('run obc_ros nothing', "'obc_ros' has no 'nothing'; it has estimator_node, lqr_node"),

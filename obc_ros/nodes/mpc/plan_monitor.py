@@ -1,0 +1,119 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""Diagnostics of plans: the last one, the deadlines, and the solver process."""
+
+from collections import Counter, deque
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from statistics import quantiles
+from time import monotonic
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticStatus
+from obc_ros.core.closed_loop.loop import ControlLoop
+from obc_ros.nodes.control.loop_monitor import make_status
+from obc_ros.workers.wire import Packet
+
+KEPT = 1e-6   # slack below which a bound is kept
+
+
+@dataclass
+class PlanMonitor:
+    """
+    What is known of the plans.
+
+    Attributes
+    ----------
+    counts : collections.Counter
+        wanted: states at which a new plan was due; missed: those at which it had not arrived;
+        failed: replies without a plan.
+    last : Packet or None
+        The last plan.
+    reason : str
+        Why the last step has failed.
+
+    """
+
+    counts: Counter[str] = field(default_factory=Counter)
+    last: Packet | None = None
+    reason: str = ''
+    _taken: float = 0.0
+    _times: deque[float] = field(default_factory=lambda: deque(maxlen=5_000))
+    _before: Counter[str] = field(default_factory=Counter)
+    _longest: float = 0.0
+
+    def add(self, reply: Packet) -> None:
+        """Store a plan."""
+        self.last, self._taken = reply, monotonic()
+        self.add_time(reply)
+
+    def add_time(self, reply: Packet) -> None:
+        """Store the time of a solve."""
+        seconds = float(reply.plain.get('seconds', 0.0))
+        self._times.append(seconds)
+        self._longest = max(self._longest, seconds)
+
+    def fail(self, reason: str) -> None:
+        """Count a step without a plan."""
+        self.counts['failed'] += 1
+        self.reason = reason
+
+    def status(self, name: str, loop: ControlLoop, processes: Mapping[str, int], why: str
+               ) -> DiagnosticStatus:
+        """
+        Return the status of the plans since the last call.
+
+        Parameters
+        ----------
+        name : str
+            Name of the node.
+        loop : ControlLoop
+            The loop; it may run at the same time.
+        processes : mapping
+            Numbers of lost solver processes by cause.
+        why : str
+            Why the node cannot plan at all; empty: it can.
+
+        """
+        new = Counter(self.counts) - self._before
+        self._before = Counter(self.counts)
+        slack = self._slack()
+        level, words = DiagnosticStatus.OK, 'plans are followed'
+        if why:
+            level, words = DiagnosticStatus.ERROR, why
+        elif loop.is_unplanned:
+            level, words = DiagnosticStatus.ERROR, (
+                'no plan, and the state is outside the terminal set; on_stale: '
+                f'{loop.control.rules.on_stale}')
+        elif new['failed']:
+            level, words = DiagnosticStatus.WARN, f'{new["failed"]} steps failed: {self.reason}'
+        elif new['missed']:
+            level, words = DiagnosticStatus.WARN, f'{new["missed"]} deadlines missed'
+        elif slack:
+            level, words = DiagnosticStatus.WARN, 'exceeded in the plan: ' + ', '.join(
+                f'{what} by {value:.3g}' for what, value in slack.items())
+        elif self.last is None:
+            words = 'no plan yet'
+        return make_status(f'{name}: plan', level, words, {
+            **self._values(), 'exceeded': max(slack.values(), default=0.0),
+            **{f'exceeded {what}': f'{value:.3g}' for what, value in slack.items()},
+            **{f'deadlines {kind}': self.counts[kind] for kind in ('wanted', 'missed')},
+            'steps failed': self.counts['failed'], 'last failure': self.reason,
+            'states without a plan': loop.counts['unplanned'],
+            **{f'solver {kind}': processes[kind] for kind in ('ended', 'silent', 'unsent')}})
+
+    def _slack(self) -> dict[str, float]:
+        """Return by how much bounds are exceeded in the last plan, by name."""
+        return {} if self.last is None else {
+            what: value for what, value in self.last.plain['slack'].items() if value > KEPT}
+
+    def _values(self) -> dict[str, Any]:
+        if self.last is None:
+            return {}
+        times, plain = list(self._times), self.last.plain
+        percent = quantiles(times, n=100) if len(times) > 1 else [float('nan')] * 99
+        return {'age [s]': f'{monotonic() - self._taken:.4f}', 'cost': f'{plain["cost"]:.6g}',
+                'iterations': plain['iterations'], 'residual': f'{plain["residual"]:.3g}',
+                'outcome': plain['status'], 'solve p50 [ms]': f'{1e3 * percent[49]:.3f}',
+                'solve p99 [ms]': f'{1e3 * percent[98]:.3f}',
+                'solve max [ms]': f'{1e3 * self._longest:.3f}'}

@@ -1,0 +1,195 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+Parameters of mpc_node, and the problem and the control that they specify.
+
+The rows that lqr_node has too are in `controller_settings`.
+"""
+
+from dataclasses import dataclass, replace
+import functools
+import math
+from typing import Any
+
+import numpy as np
+from obc_ros.core.closed_loop.control import Control
+from obc_ros.core.closed_loop.feedback import convert_rows, InputLimits, Region, Vector
+from obc_ros.core.lqr.design.design import Design, design, Sampling
+from obc_ros.core.lqr.design.set_point import check_set_point
+from obc_ros.core.lqr.weights import count
+from obc_ros.core.text.errors import StatementError
+from obc_ros.nodes.control.command_sinks import Sink
+from obc_ros.nodes.control.controller_settings import (
+    ControllerSettings,
+    linearize_system,
+    make_input_limits,
+    make_key,
+    make_rules,
+)
+from obc_ros.ros.conversions import list_system_parameters
+from obc_ros.ros.parameters.node_parameters import declare_field
+from obc_ros.workers.steps.step_link import StepLink
+from obc_ros.workers.wire import Packet
+
+FEWEST_STEPS, MOST_STEPS = 2, 1000
+SHARE = 0.8   # of a period: the time of a solve without `deadline`
+
+
+@dataclass(frozen=True)
+class Settings(ControllerSettings):
+    """The parameters of mpc_node."""
+
+    rate: float = declare_field(
+        50.0, 'rate of commands and plans, by the stamps of the states; 0 is not allowed', 'Hz',
+        lower=0.0, upper=1000.0, read_only=True)
+    horizon: float = declare_field(
+        1.0, 'length of a plan; rounded to whole periods', 's', lower=0.0, upper=1e3)
+    x_bounds: Vector = declare_field(
+        (), 'lower and upper bound of each state (2 n numbers, in its unit), held along the plan '
+        'and exceeded only if nothing else is possible; infinite: none; empty: none',
+        finite=False)
+    path_constraints: tuple[str, ...] = declare_field(
+        (), 'expressions of states that are at most 0 along the plan, such as an obstacle: '
+        "'0.25 - (px - 2)**2 - py**2'; exceeded only if nothing else is possible", texts=True)
+    deadline: float = declare_field(
+        0.0, 'time that a solve may take; 0: 0.8 of the period', 's', lower=0.0, upper=10.0)
+    plan_rate: float = declare_field(
+        10.0, 'maximum rate of ~/plan; 0: none is published', 'Hz', lower=0.0)
+
+
+@dataclass(frozen=True, eq=False)
+class MpcCandidate:
+    """
+    The problem and the control of a valid set of parameters.
+
+    Attributes
+    ----------
+    settings : Settings
+    design : Design
+        The sampled regulator behind the plan.
+    control : Control
+        The control without a plan.
+    problem : Packet
+        What the solver process solves.
+    link : StepLink or None
+        The process that was started for this problem; None before that.
+    ready : Packet or None
+        The terminal set: array P (n, n), ``level`` and ``sentence``; None before it is known.
+
+    """
+
+    settings: Settings
+    design: Design
+    control: Control
+    problem: Packet
+    link: StepLink | None = None
+    ready: Packet | None = None
+
+    @property
+    def gains(self) -> tuple[Any, ...]:
+        """Return the objects that determine the gain; they are identical if it is unchanged."""
+        return self.design, self.control.regulator.region
+
+    @property
+    def note(self) -> str:
+        """Describe plan and terminal set."""
+        known = self.ready.plain['sentence'] if self.ready else 'the terminal set is not known yet'
+        return (f'plans of {self.problem.plain["steps"]} steps at {self.settings.rate:g} Hz; '
+                f'{known}')
+
+    def with_terminal_set(self, ready: Packet) -> 'MpcCandidate':
+        """Return the candidate with the terminal set of a prepared process."""
+        region = Region(convert_rows(ready.arrays['P']), float(ready.plain['level']))
+        regulator = replace(self.control.regulator, region=region)
+        return replace(self, control=replace(self.control, regulator=regulator), ready=ready)
+
+
+def judge_mpc_settings(settings: Settings) -> MpcCandidate:
+    """
+    Return the regulator, the control and the problem for a set of parameters.
+
+    Parameters
+    ----------
+    settings : Settings
+        The parameters.
+
+    Returns
+    -------
+    MpcCandidate
+        Without a process and a terminal set: its feedback acts nowhere.
+
+    Raises
+    ------
+    ObcError
+        If a parameter is rejected; the message names it.
+
+    """
+    if not settings.rate:
+        raise StatementError('rate = 0: wanted the rate of the plans')
+    found = _design(*(make_key(getattr(settings, name)) for name in _DESIGN))
+    system = found.plant.system
+    Sink(settings.command_sink, system)   # raises if it does not carry the inputs
+    check_set_point(found.plant, settings.setpoint, settings.setpoint_input)
+    limits = make_input_limits(settings, found.plant)
+    # Without a terminal set nothing is known to be safe but the set point itself.
+    nowhere = Region(convert_rows(found.lqr.P), 0.0)
+    return MpcCandidate(settings, found, Control(
+        regulator=replace(found.regulator, region=nowhere), limits=limits,
+        rest=found.plant.rest, names=system.state_names,
+        rules=make_rules(settings, settings.rate, system.state_names)),
+        _state_problem(settings, found, limits))
+
+
+def _state_problem(settings: Settings, found: Design, limits: InputLimits) -> Packet:
+    """Return what the solver process needs to state the problem."""
+    steps = round(settings.horizon * settings.rate)
+    if not FEWEST_STEPS <= steps <= MOST_STEPS:
+        raise StatementError(
+            f'horizon = {settings.horizon:g} s: {steps} periods at {settings.rate:g} Hz; wanted '
+            f'{FEWEST_STEPS} to {MOST_STEPS}')
+    lower, upper = _bounds(settings.x_bounds, found.plant.system.state_names)
+    equilibrium = found.plant.equilibrium
+    declared = {row.name: row.default
+                for row in list_system_parameters({'system': settings.system})}
+    return Packet(
+        {'system': settings.system, 'parameters': {
+             name: value for name, value in settings.system_parameters.items()
+             if value != declared.get(name)},
+         'setpoint': list(settings.setpoint), 'setpoint_input': list(settings.setpoint_input),
+         'period': 1.0 / settings.rate, 'steps': steps,
+         'path_constraints': list(settings.path_constraints),
+         'deadline': settings.deadline or SHARE / settings.rate},
+        {'Qx': found.weights.Qx, 'Qu': found.weights.Qu, 'xe': np.array(equilibrium.x),
+         'ue': np.array(equilibrium.u), 'u_lower': np.array(limits.lower),
+         'u_upper': np.array(limits.upper), 'x_lower': np.array(lower),
+         'x_upper': np.array(upper)})
+
+
+def _bounds(given: Vector, names: tuple[str, ...]) -> tuple[Vector, Vector]:
+    n = len(names)
+    if not given:
+        return (-math.inf,) * n, (math.inf,) * n
+    if len(given) != 2 * n:
+        raise StatementError(f'x_bounds has {count(len(given))}; wanted {2 * n}: lower and upper '
+                             f'bound of {", ".join(names)}')
+    for name, low, high in zip(names, given[::2], given[1::2], strict=True):
+        if not low < high:
+            raise StatementError(f'x_bounds of {name}: [{low:g}, {high:g}]; wanted a lower bound '
+                                 'below the upper one')
+    return given[::2], given[1::2]
+
+
+_PLANT = ('system', 'system_parameters', 'setpoint', 'setpoint_input')
+_WEIGHTS = ('weights', 'Qx', 'Qu', 'x_max', 'u_max', 'H', 'rho')
+_DESIGN = (*_PLANT, *_WEIGHTS, 'rate')
+
+
+@functools.lru_cache(maxsize=4)   # a design in use is not computed again
+def _design(*values: Any) -> Design:
+    given = dict(zip(_DESIGN, values, strict=True))
+    held = linearize_system(*(given[name] for name in _PLANT))
+    if given['weights'] == 'bryson':   # It can be set before x_max and u_max.
+        given['x_max'] = given['x_max'] or (1.0,) * held.system.n
+        given['u_max'] = given['u_max'] or (1.0,) * held.system.m
+    weights = {**{name: given[name] for name in _WEIGHTS}, 'cross': (), 'stability': 0.0}
+    return design(held, weights, (), (), Sampling(1.0 / given['rate'], 0.0, True))

@@ -1,0 +1,154 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""The steps of a receding horizon about a set point, as `step_process` asks for them."""
+
+from collections.abc import Iterable
+import math
+import time
+from typing import Any
+
+import numpy as np
+from obc_ros.core.numerics.arrays import Array
+from obc_ros.core.receding.formulation import RecedingProblem, state_receding_problem
+from obc_ros.core.receding.plan import Plan
+from obc_ros.core.receding.step_solver import StepResult, StepSolver
+from obc_ros.core.receding.terminal_set import find_terminal_set
+from obc_ros.core.systems.registry import get_system
+from obc_ros.core.text.errors import DynamicsError, StatementError
+from obc_ros.workers.wire import Packet
+
+FOLLOWED = ('optimal', 'time', 'iterations', 'stalled')   # what a plan may be followed after
+
+
+def prepare(problem: Packet) -> 'RecedingSteps':
+    """
+    Return the steps of a problem, with everything built, compiled and run once.
+
+    Parameters
+    ----------
+    problem : Packet
+        ``system``, ``parameters``, ``setpoint``, ``setpoint_input``, ``period`` [s], ``steps``,
+        ``path_constraints`` and ``deadline`` [s]; arrays Qx (n, n), Qu (m, m), u_lower, u_upper
+        (m,), x_lower, x_upper (n,).
+
+    Returns
+    -------
+    RecedingSteps
+
+    Raises
+    ------
+    ObcError
+        If the problem cannot be stated, or no terminal set can be proved.
+
+    """
+    plain, arrays = problem.plain, problem.arrays
+    system = get_system(plain['system'], plain['parameters'])
+    made = state_receding_problem(
+        system, horizon=plain['steps'], period=plain['period'],
+        weights={name: tuple(arrays[name].ravel().tolist()) for name in ('Qx', 'Qu')},
+        setpoint=plain['setpoint'], setpoint_input=plain['setpoint_input'],
+        limits={
+            'state_bounds': _bounds(system.state_names, arrays['x_lower'], arrays['x_upper']),
+            'input_bounds': _bounds(system.input_names, arrays['u_lower'], arrays['u_upper']),
+            'path_constraints': [{'expr': each, 'upper': 0.0}
+                                 for each in plain['path_constraints']]})
+    if made.drift.any():
+        raise StatementError('setpoint: it moves; a receding horizon about a moving set point is '
+                             'not supported, wanted a set point at rest')
+    return RecedingSteps(made, plain['deadline'])
+
+
+class RecedingSteps:
+    """
+    The steps of one problem, each from the plan before it.
+
+    Parameters
+    ----------
+    problem : RecedingProblem
+        The problem.
+    deadline : float
+        Time that a step may take [s].
+
+    Raises
+    ------
+    RefusedDesignError
+        If no terminal set can be proved.
+
+    """
+
+    def __init__(self, problem: RecedingProblem, deadline: float) -> None:
+        self._problem, self._deadline = problem, deadline
+        self._solver = StepSolver(problem)
+        self._set = find_terminal_set(problem)
+        self._words = self._solver.prepare()
+        self._last: Plan | None = None
+        self._origin = 0   # [ns]: stamps of plans are seconds from here, for their precision
+
+    @property
+    def ready(self) -> Packet:
+        """Return the terminal set."""
+        found = self._set
+        return Packet({'level': found.level, 'sentence': f'{found.proof.words}; {self._words}'},
+                      {'P': found.P})
+
+    def answer(self, request: Packet) -> Packet:
+        """
+        Return the plan of a request.
+
+        Parameters
+        ----------
+        request : Packet
+            ``kind`` 'first': a plan without excess from the state x, or a refusal. 'step': the
+            plan from the instant ``stamp`` [ns] on, a period after the state x at which u acts.
+
+        Raises
+        ------
+        ObcError
+            If there is no plan; the message gives the reason.
+
+        """
+        x = request.arrays['x']
+        if request.plain['kind'] == 'first':
+            return self._plan_first(x)
+        begun, stamp = time.monotonic(), int(request.plain['stamp'])
+        if self._last is None:
+            self._origin = stamp
+        ahead = self._predict(x, request.arrays['u'])
+        found = self._solver.solve(ahead, self._last, begun + self._deadline,
+                                   (stamp - self._origin) * 1e-9)
+        plan = found.plan
+        if plan is None or found.status not in FOLLOWED or not plan.is_finite:
+            raise DynamicsError(f'no plan: {found.words}')
+        self._last = plan
+        return Packet({'stamp': stamp, 'cost': plan.cost, 'slack': dict(found.slack),
+                       **_describe(found), 'seconds': time.monotonic() - begun},
+                      {'x': plan.x, 'u': plan.u})
+
+    def _predict(self, x: Array, u: Array) -> Array:
+        """Return the state (n,) after a period in which u (m,) is held."""
+        problem = self._problem
+        ahead = problem.model(problem.error(x), u - problem.ue).full().ravel() + problem.xe
+        if not np.isfinite(ahead).all():
+            raise DynamicsError('no plan: the predicted state is not finite')
+        return np.asarray(ahead)
+
+    def _plan_first(self, x: Array) -> Packet:
+        """Return a plan without excess from the state x (n,)."""
+        found = self._solver.solve(x, stamp=0.0)
+        if found.plan is None or found.status != 'optimal' or found.slack:
+            raise DynamicsError(f'no plan from the present state keeps all limits: {found.words}')
+        self._last = None
+        return Packet(_describe(found), {'x': found.plan.x, 'u': found.plan.u})
+
+
+def _describe(found: StepResult) -> dict[str, Any]:
+    return {'status': found.status, 'iterations': found.iterations, 'residual': found.residual,
+            'seconds': found.seconds}
+
+
+def _bounds(names: Iterable[str], lower: Array, upper: Array
+            ) -> dict[str, list[float | None]]:
+    """Return bounds by name as in a problem file."""
+    return {name: [float(value) if math.isfinite(value) else None for value in pair]
+            for name, *pair in zip(names, lower, upper, strict=True)
+            if any(map(math.isfinite, pair))}

@@ -1,0 +1,80 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+A process that solves one step of a receding horizon after another.
+
+Started by `step_link.StepLink`: ``python -m obc_ros.workers.steps.step_process FD MODULE PARENT``.
+MODULE offers ``prepare(problem: Packet) -> StepAnswerer``. The first packet is the problem; its
+reply has `ready` or `refused`. Of the requests that wait, the newest is answered.
+"""
+
+from contextlib import suppress
+from importlib import import_module
+import os
+import signal
+import socket
+import sys
+from typing import Protocol
+
+from obc_ros.core.text.errors import ObcError
+from obc_ros.workers.process import end_with_parent
+from obc_ros.workers.wire import Channel, Packet
+
+
+class StepAnswerer(Protocol):
+    """What solves the steps of one problem."""
+
+    @property
+    def ready(self) -> Packet:
+        """Return what the node must know of the prepared problem."""
+
+    def answer(self, request: Packet) -> Packet:
+        """Return the reply to a request; ObcError: it is refused."""
+
+
+def serve_steps(channel: Channel, module: str) -> None:
+    """
+    Prepare the first packet, and answer the newest request until the channel is closed.
+
+    Parameters
+    ----------
+    channel : Channel
+        To the node.
+    module : str
+        Name of the module that prepares the problem.
+
+    """
+    problem = channel.receive()
+    assert problem is not None   # it waits for ever
+    try:
+        answerer: StepAnswerer = import_module(module).prepare(problem)
+    except (ObcError, ArithmeticError) as error:
+        channel.send({'refused': str(error)})
+        return
+    channel.send({'ready': answerer.ready.plain}, answerer.ready.arrays)
+    while True:
+        request = channel.receive()
+        while request is not None and (newer := channel.receive(timeout=0.0)) is not None:
+            request = newer
+        assert request is not None
+        try:
+            reply = answerer.answer(request)
+        except (ObcError, ArithmeticError) as error:
+            reply = Packet({'refused': str(error)})
+        asked = {name: request.plain[name] for name in ('id', 'kind')}
+        channel.send({**reply.plain, **asked}, reply.arrays)
+
+
+def main() -> int:
+    """Serve the node that has started this process; it ends with the node."""
+    descriptor, module, parent = sys.argv[1:]
+    signal.signal(signal.SIGINT, signal.SIG_IGN)   # the node ends this process
+    end_with_parent(int(parent))
+    channel = Channel(socket.socket(fileno=int(descriptor)))
+    with suppress(EOFError, BrokenPipeError):   # the node has closed the channel
+        serve_steps(channel, module)
+    os._exit(0)   # without the destructors of CasADi: nothing is left to keep
+
+
+if __name__ == '__main__':
+    sys.exit(main())

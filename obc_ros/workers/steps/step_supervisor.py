@@ -1,0 +1,189 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+The thread that keeps a solver process at work.
+
+A process that has ended, or does not answer, is replaced by another one for the same problem.
+"""
+
+from collections import Counter, deque
+from collections.abc import Callable, Mapping
+from threading import Lock, Thread
+import time
+from typing import Any
+
+from obc_ros.core.numerics.arrays import Array
+from obc_ros.core.text.errors import ObcError
+from obc_ros.workers.steps.step_link import StepLink
+from obc_ros.workers.wire import Packet
+
+TICK = 0.05           # [s] in which the thread sees a silent or another process
+PATIENCE = 1.0        # [s] that a request may be without a reply, at least
+START_TIME = 60.0     # [s] in which a process must be prepared
+START_PAUSE = 0.5     # [s] before another start after a failed one; doubled each time
+LONGEST_PAUSE = 30.0  # [s]
+
+
+class StepSupervisor:
+    """
+    A solver process, and its successors.
+
+    Parameters
+    ----------
+    on_reply : callable
+        Called in the thread with each reply to a request.
+    on_ready : callable
+        Called in the thread with the reply of a prepared process.
+    on_news : callable
+        Called in the thread with a sentence when a process is lost, and when it has been replaced.
+
+    Attributes
+    ----------
+    counts : collections.Counter
+        Numbers of requests: sent, unsent, answered; and of processes: ended, silent.
+    link : StepLink or None
+        The process in use.
+    refusal : str
+        Why the problem cannot be solved at all; empty: it can, or is not prepared yet.
+
+    """
+
+    def __init__(self, on_reply: Callable[[Packet], None], on_ready: Callable[[Packet], None],
+                 on_news: Callable[[str], None]) -> None:
+        self.counts: Counter[str] = Counter()
+        self.link: StepLink | None = None
+        self.refusal = ''
+        self._on_reply, self._on_ready, self._on_news = on_reply, on_ready, on_news
+        self._lock = Lock()   # guards `link` against a replacement
+        self._waiting: deque[tuple[int, float]] = deque(maxlen=1000)   # id, end
+        self._lost = False
+        self._thread: Thread | None = None
+        self._is_wanted = False
+
+    @property
+    def is_ready(self) -> bool:
+        """Return whether the process has prepared its problem."""
+        return self.link is not None and self.link.ready is not None
+
+    def use(self, link: StepLink) -> None:
+        """Use another process from now on, and end the present one."""
+        with self._lock:
+            before, self.link, self.refusal = self.link, link, ''
+            self._waiting.clear()
+            self._since, self._pause = time.monotonic(), START_PAUSE
+        if before is not None and before is not link:
+            before.close()
+
+    def start(self) -> None:
+        """Begin to receive replies."""
+        self._is_wanted = True
+        self._thread = Thread(target=self._run, name='steps', daemon=True)
+        self._thread.start()
+
+    def stop(self) -> None:
+        """End the thread and the process."""
+        self._is_wanted = False
+        if self._thread is not None:
+            self._thread.join()
+            self._thread = None
+        with self._lock:
+            if self.link is not None:
+                self.link.close()
+                self.link = None
+
+    def ask(self, plain: Mapping[str, Any], arrays: Mapping[str, Array],
+            patience: float = PATIENCE) -> bool:
+        """
+        Send a request; return False if no process is ready to take it.
+
+        A process that has not answered after `patience` seconds is replaced.
+        """
+        with self._lock:
+            link = self.link
+            number = link.send(plain, arrays) if link is not None and link.ready else 0
+            if number:
+                self._waiting.append((number, time.monotonic() + patience))
+        self.counts['sent' if number else 'unsent'] += 1
+        return bool(number)
+
+    def _run(self) -> None:
+        while self._is_wanted:
+            link = self.link
+            if link is None:
+                time.sleep(TICK)
+                continue
+            try:
+                packet = link.receive(TICK)
+                if packet is not None and link.ready is None:
+                    self._begin(link, packet)
+                elif packet is not None:
+                    self._take(link, packet)
+            except (EOFError, OSError):
+                if link is self.link:
+                    self._replace(link, 'ended', f'has ended {link.find_end()}')
+                continue
+            except ObcError as error:
+                self._give_up(link, str(error))
+                continue
+            if link is self.link and (reason := self._find_silence(link)):
+                self._replace(link, 'silent', reason)
+
+    def _give_up(self, link: StepLink, reason: str) -> None:
+        with self._lock:
+            if link is not self.link:
+                return
+            self.link, self.refusal = None, reason
+        link.close()
+        self._on_news(f'the problem is refused: {reason}')
+
+    def _begin(self, link: StepLink, packet: Packet) -> None:
+        link.look(packet)
+        if link.ready is None or link is not self.link:
+            return
+        if self._lost:
+            self._lost, self._pause = False, START_PAUSE
+            self._on_news('the solver process has been replaced')
+        self._on_ready(link.ready)
+
+    def _take(self, link: StepLink, packet: Packet) -> None:
+        number = packet.plain.get('id', 0)
+        with self._lock:
+            if link is not self.link:
+                return
+            while self._waiting and self._waiting[0][0] <= number:
+                self._waiting.popleft()
+        self.counts['answered'] += 1
+        self._on_reply(packet)
+
+    def _find_silence(self, link: StepLink) -> str:
+        """Return why a process is taken as stopped; empty: it is not."""
+        now = time.monotonic()
+        if link.is_broken:
+            return 'takes no more requests'
+        if link.ready is None:
+            late = now - self._since > START_TIME
+            return f'was not prepared within {START_TIME:g} s' if late else ''
+        with self._lock:
+            is_late = bool(self._waiting) and now > self._waiting[0][1]
+        return 'has not answered in time' if is_late else ''
+
+    def _replace(self, link: StepLink, kind: str, reason: str) -> None:
+        """Start another process for the problem of `link`."""
+        self.counts[kind] += 1
+        was_ready = link.ready is not None
+        self._lost = True
+        self._on_news(f'the solver process {reason}; another one is started')
+        end = time.monotonic() + (0.0 if was_ready else self._pause)
+        if not was_ready:
+            self._pause = min(2.0 * self._pause, LONGEST_PAUSE)
+        while self._is_wanted and link is self.link and time.monotonic() < end:
+            time.sleep(TICK)
+        if not self._is_wanted or link is not self.link:
+            return
+        new = StepLink(link.module, link.problem)
+        with self._lock:
+            is_current = link is self.link
+            if is_current:
+                self.link, self._since = new, time.monotonic()
+                self._waiting.clear()
+        (link if is_current else new).close()

@@ -1,0 +1,104 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""mpc_node with its solver over DDS: limits that the regulator exceeds are kept."""
+
+import subprocess
+import sys
+
+from lifecycle_msgs.srv import GetState
+import numpy as np
+from obc_ros.core.receding.formulation import state_receding_problem
+from obc_ros.core.systems.registry import get_system
+from obc_ros.msg import Command, LqrDesign, State
+import pytest
+from rclpy.qos import DurabilityPolicy, QoSProfile
+
+pytestmark = [pytest.mark.slow, pytest.mark.nodes]
+LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+INF = float('inf')
+SPEED, TILT = 0.4, 0.2
+BOUNDS = [-INF, INF, -INF, INF, -TILT, TILT, -SPEED, SPEED, -INF, INF, -INF, INF]
+LIMITS = {'system': 'aircraft', 'x_bounds': BOUNDS, 'u_limits': [-6.0, 6.0, 20.0, 60.0],
+          'horizon': 0.4}
+X0 = [1.0, 0.5, 0.0, 0.0, 0.0, 0.0]
+LONG = 90.0   # [s] reached only by a failing test
+# Keeps a core busy for 50 ms of every 100 ms.
+BURSTS = """
+import time
+while True:
+    end = time.monotonic() + 0.05
+    while time.monotonic() < end:
+        pass
+    time.sleep(0.05)
+"""
+
+
+def fly(spawn, probe, x0=X0, **parameters):
+    """Start plant and node; return the states, the commands and the node."""
+    states = probe.listen(State, 'state', QoSProfile(depth=1000))
+    commands = probe.listen(Command, 'command', QoSProfile(depth=1000))
+    spawn('plant_simulator', {
+        'system': 'aircraft', 'x0': x0, 'publish_rate': 50.0, 'lockstep': True})
+    return states, commands, spawn('mpc_node', {**LIMITS, **parameters})
+
+
+def settles(states):
+    """Return whether the last state is at the set point."""
+    return bool(states) and np.abs(states[-1].x).max() < 0.02
+
+
+def test_the_regulator_alone_exceeds_the_limits():
+    problem = state_receding_problem(get_system('aircraft'), horizon=20, period=0.02)
+    x, fastest = np.array(X0), 0.0
+    for _ in range(200):
+        x = problem.model(x, -problem.K @ x).full().ravel()
+        fastest = max(fastest, np.abs(x[3]))
+    assert fastest > 1.3 * SPEED
+
+
+@pytest.mark.parametrize('bursts', [0, 2], ids=['quiet', 'beside bursts of load'])
+def test_limits_are_kept_on_the_way_to_the_set_point(spawn, probe, bursts):
+    others = [subprocess.Popen([sys.executable, '-c', BURSTS]) for _ in range(bursts)]
+    try:
+        states, commands, _ = fly(spawn, probe)
+        probe.wait_for(lambda: settles(states), LONG, 'the set point')
+    finally:
+        for other in others:
+            other.kill()
+            other.wait()
+    x, u = np.array([each.x for each in states]), np.array([each.u for each in commands])
+    # A late plan leaves the feedback along the one before it, which keeps the bounds nearly.
+    slack = 0.02
+    assert np.abs(x[:, 3]).max() <= SPEED * (1.0 + slack)
+    assert np.abs(x[:, 2]).max() <= TILT * (1.0 + slack)
+    assert np.abs(u[:, 0]).max() <= 6.0
+    assert (u[:, 1] >= 20.0).all() and (u[:, 1] <= 60.0).all()
+
+
+def test_a_start_from_which_no_plan_keeps_the_limits_is_refused(spawn, probe):
+    states, commands, node = fly(spawn, probe, x0=[1.0, 0.5, 0.0, 3.0 * SPEED, 0.0, 0.0])
+    node.wait_for_output('not activated: no plan from the present state keeps all limits', LONG)
+    assert probe.call(GetState, 'mpc_node/get_state').current_state.label == 'inactive'
+    assert states
+    assert not commands
+
+
+def test_an_obstacle_that_appears_is_passed(spawn, probe):
+    states, _, node = fly(spawn, probe)
+    designs = probe.listen(LqrDesign, 'mpc_node/design', LATCHED)
+    node.wait_for_output('activated: the loop runs', LONG)
+    probe.wait_for(lambda: states and states[-1].x[0] < 0.9, LONG, 'to be on the way')
+    # A circle beside the set point, above it: the straight way leads through its edge.
+    obstacle = '0.01 - (px - 0.3)**2 - (py - 0.4)**2'
+    result = probe.set_parameters('/mpc_node', path_constraints=[obstacle])[0]
+    assert result.successful, result.reason
+    adopted = len(states)
+    probe.wait_for(lambda: settles(states), LONG, 'the set point')
+    after = np.array([each.x for each in states[adopted:]])
+    assert np.hypot(after[:, 0] - 0.3, after[:, 1] - 0.4).min() >= 0.1 * (1.0 - 0.02)
+    assert designs
+    # One on the set point is refused: the loop goes on as before.
+    result = probe.set_parameters('/mpc_node', path_constraints=['0.01 - px**2 - py**2'])[0]
+    assert not result.successful
+    assert 'path_constraints' in result.reason
+    assert settles(states)
