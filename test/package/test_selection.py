@@ -33,7 +33,7 @@ def test_no_other_files_are_left_out():
 
 def test_an_import_is_found_through_other_files():
     assert imports_ros(ROOT / 'test' / 'lqr_bench.py')
-    assert imports_ros(ROOT / 'obc_ros' / 'nodes' / 'lqr' / 'topics.py')
+    assert imports_ros(ROOT / 'obc_ros' / 'nodes' / 'control' / 'command_sinks.py')
     assert not imports_ros(ROOT / 'test' / 'conftest.py')   # it imports the probe in a function
     assert not imports_ros(ROOT / 'obc_ros' / 'workers' / 'pool.py')
 
