@@ -36,6 +36,8 @@ from obc_ros.ros.executor import run
 from obc_ros.workers.steps.step_link import StepLink
 from obc_ros.workers.steps.step_supervisor import StepSupervisor
 from obc_ros.workers.wire import pack, Packet
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
 from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 from rclpy.qos import QoSProfile
 
@@ -77,7 +79,9 @@ class MpcNode(ControllerNode):
 
     def _start_itself(self) -> None:
         self.trigger_configure()
-        self._attempts = self.create_timer(ATTEMPT, self._attempt)
+        # Simulated time may not run before the first command.
+        self._attempts = self.create_timer(
+            ATTEMPT, self._attempt, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def _attempt(self) -> None:
         """Activate the node once: as soon as a plan can be made, or is known to be impossible."""
