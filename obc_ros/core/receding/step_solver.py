@@ -107,20 +107,16 @@ class StepSolver:
         The problem.
     cache_dir : Path, optional
         Directory of compiled functions; default: `find_cache_directory`.
-    backend : str
-        Solver of quadratic programs in CasADi: 'hpipm', 'fatrop', 'osqp', 'qrqp' or 'daqp'.
     compiled : bool
         Whether functions are compiled if there is a compiler.
 
     """
 
     def __init__(self, problem: RecedingProblem, cache_dir: Path | None = None, *,
-                 backend: str = 'hpipm', compiled: bool = True) -> None:
-        if backend not in _OPTIONS:
-            raise StatementError(f"backend: '{backend}' is not one of {', '.join(_OPTIONS)}")
+                 compiled: bool = True) -> None:
         self.problem = problem
         self.words = 'not prepared'
-        self._directory, self._backend, self._compiled = cache_dir, backend, compiled
+        self._directory, self._compiled = cache_dir, compiled
         self._program = HorizonProgram(problem)
         self._penalty = self._choose_penalty()
         self._largest_penalty = self._penalty * 10.0**_RAISES
@@ -148,11 +144,9 @@ class StepSolver:
             self._linearize, self._rollout, self._multiply = (each.function for each in found)
             self.words = '; '.join(dict.fromkeys(each.words for each in found))
         self._hessian = program.full_hessian
-        options = _OPTIONS[self._backend]
-        sized = self._backend in ('hpipm', 'fatrop')
-        self._qp = ca.conic('qp', self._backend, {
+        self._qp = ca.conic('qp', 'hpipm', {
             'h': self._hessian.sparsity(), 'a': program.pattern[0]},
-            {**options, **(program.options if sized else {}), 'error_on_fail': False})
+            {**_OPTIONS, **program.options, 'error_on_fail': False})
         self._ready = True
         self.solve(self.problem.xe)
         return self.words
@@ -466,13 +460,7 @@ def _complement(values: Array, lower: Array, upper: Array, lam: Array) -> float:
     return float(np.abs(products).max(initial=0.0))
 
 
-_OPTIONS: dict[str, dict[str, Any]] = {
-    'hpipm': {'print_time': False, 'inf': 1e5, 'hpipm': {
+_OPTIONS: dict[str, Any] = {
+    'print_time': False, 'inf': 1e5, 'hpipm': {
         'iter_max': 60, 'mode': 'speed', 'res_g_max': 1e-8, 'res_b_max': 1e-8,
-        'res_d_max': 1e-8, 'res_m_max': 1e-8}},
-    'fatrop': {'print_time': False, 'structure_detection': 'manual',
-               'fatrop': {'print_level': 0, 'tol': 1e-9}},
-    'osqp': {'print_time': False, 'osqp': {'verbose': False, 'eps_abs': 1e-9, 'eps_rel': 1e-9}},
-    'qrqp': {'print_time': False, 'print_iter': False, 'print_header': False,
-             'print_info': False},
-    'daqp': {'print_time': False}}
+        'res_d_max': 1e-8, 'res_m_max': 1e-8}}

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 from obc_ros.core.numerics.arrays import Array
+from obc_ros.core.receding.first_plan import check_first_plan
 from obc_ros.core.receding.formulation import RecedingProblem, state_receding_problem
 from obc_ros.core.receding.plan import Plan
 from obc_ros.core.receding.step_solver import StepResult, StepSolver
@@ -135,8 +136,10 @@ class RecedingSteps:
     def _plan_first(self, x: Array) -> Packet:
         """Return a plan without excess from the state x (n,)."""
         found = self._solver.solve(x, stamp=0.0)
-        if found.plan is None or found.status != 'optimal' or found.slack:
-            raise DynamicsError(f'no plan from the present state keeps all limits: {found.words}')
+        report = check_first_plan(self._problem, found)
+        if found.plan is None or not report.accepted:
+            raise DynamicsError('no plan from the present state keeps all limits: '
+                                f'{"; ".join(report.reasons)}')
         self._last = None
         return Packet(_describe(found), {'x': found.plan.x, 'u': found.plan.u})
 
