@@ -148,6 +148,8 @@ class Source:
             case ast.Dict(keys=keys):
                 # what counts of a dictionary of choices
                 return [self.value(key) for key in keys if key is not None]
+            case ast.JoinedStr():
+                return _pattern(node)
         return ast.literal_eval(node)  # type: ignore[arg-type] # an expression
 
 

@@ -96,15 +96,16 @@ def _of_outputs(values: Mapping[str, Any]) -> Iterator[ParameterRow]:
             upper=1e5)
         yield ParameterRow(
             f'{signal.name}.noise', 0.0, 'standard deviation of a measurement', signal.unit,
-            lower=0.0, upper=1e9)
+            lower=0.0, upper=1e9, used_when=((f'measurement.{signal.name}.rate',),))
         yield ParameterRow(
-            f'{signal.name}.bias', 0.0, 'constant error of the measurements', signal.unit)
+            f'{signal.name}.bias', 0.0, 'constant error of the measurements', signal.unit,
+            used_when=((f'measurement.{signal.name}.rate',),))
         yield ParameterRow(
             f'{signal.name}.dropout', 0.0, 'probability with which a measurement is lost',
-            lower=0.0, upper=1.0)
+            lower=0.0, upper=1.0, used_when=((f'measurement.{signal.name}.rate',),))
         yield ParameterRow(
             f'{signal.name}.delay', 0.0, 'time from a measurement to its publication', 's',
-            lower=0.0, upper=10.0)
+            lower=0.0, upper=10.0, used_when=((f'measurement.{signal.name}.rate',),))
 
 
 def _system(values: Mapping[str, Any]) -> System:

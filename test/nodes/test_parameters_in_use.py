@@ -88,6 +88,8 @@ MPC: dict[str, tuple[Any, Values]] = {
     'horizon': (2.0, {}), 'x_bounds': ([-1.0, 1.0] * 6, {}),
     'path_constraints': (['px - 3'], {}), 'deadline': (0.01, {}), 'plan_rate': (1.0, {})}
 STATES = ('px', 'py', 'theta', 'vx', 'vy', 'omega')
+OUTPUTS = ('gps_x', 'gps_y', 'attitude', 'gyro')
+MEASURED = ('noise', 'bias', 'dropout', 'delay')
 PLANT: dict[str, tuple[Any, Values]] = {
     **{f'system_parameters.{name}': (value, {}) for name, value in (
         ('m', 5.0), ('J', 0.05), ('r', 0.3), ('g', 9.81), ('c', 0.1))},
@@ -100,7 +102,10 @@ PLANT: dict[str, tuple[Any, Values]] = {
     **{f'disturbance.constant.{name}': (0.1, {}) for name in STATES},
     **{f'disturbance.gust.{name}': (0.1, {}) for name in STATES},
     'disturbance.gust_start': (1.0, {'disturbance.gust.vx': 0.1}),
-    'disturbance.gust_duration': (2.0, {'disturbance.gust.vx': 0.1})}
+    'disturbance.gust_duration': (2.0, {'disturbance.gust.vx': 0.1}),
+    **{f'measurement.{name}.rate': (10.0, {}) for name in OUTPUTS},
+    **{f'measurement.{name}.{each}': (0.1, {f'measurement.{name}.rate': 10.0})
+       for name in OUTPUTS for each in MEASURED}}
 SERVER: dict[str, tuple[Any, Values]] = {
     'workers': (3, {}), 'time_limit': (5.0, {}), 'max_intervals': (100, {}),
     'cache_size': (3, {}), 'queue_length': (3, {}), 'hardware_id': ('h1', {}),
@@ -119,7 +124,8 @@ CONDITIONAL: dict[tuple[str, str], Values] = {
        for node in ('lqr_node', 'mpc_node') for name in ('Qx', 'Qu')},
     **{(node, 'on_stale'): {'state_timeout': 0.0} for node in ('lqr_node', 'mpc_node')},
     **{('plant_simulator', name): {} for name in (
-        'tolerance', 'seed', 'disturbance.gust_start', 'disturbance.gust_duration')},
+        'tolerance', 'seed', 'disturbance.gust_start', 'disturbance.gust_duration',
+        *(f'measurement.{output}.{each}' for output in OUTPUTS for each in MEASURED))},
     ('plant_simulator', 'command_timeout'): {'lockstep': True},
     **{('plant_simulator', name): {'markers': False} for name in ('marker_rate', 'trail_length')}}
 

@@ -103,6 +103,10 @@ class Sensors:
                               for names in groups.values())
         self.reset()
 
+    def __repr__(self) -> str:
+        """Return what the measurements depend on."""
+        return f'Sensors{self.settings}'
+
     def __len__(self) -> int:
         """Return the number of sensors."""
         return len(self._sensors)
