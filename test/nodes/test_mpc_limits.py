@@ -12,6 +12,7 @@ from obc_ros.core.systems.registry import get_system
 from obc_ros.msg import Command, LqrDesign, State
 import pytest
 from rclpy.qos import DurabilityPolicy, QoSProfile
+from std_srvs.srv import SetBool
 
 pytestmark = [pytest.mark.slow, pytest.mark.nodes]
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
@@ -40,6 +41,10 @@ def fly(spawn, probe, x0=X0, **parameters):
     spawn('plant_simulator', {
         'system': 'aircraft', 'x0': x0, 'publish_rate': 50.0, 'lockstep': True})
     return states, commands, spawn('mpc_node', {**LIMITS, **parameters})
+
+
+def pause(probe, wanted):
+    assert probe.call(SetBool, '/plant_simulator/pause', SetBool.Request(data=wanted)).success
 
 
 def settles(states):
@@ -84,14 +89,17 @@ def test_a_start_from_which_no_plan_keeps_the_limits_is_refused(spawn, probe):
 
 
 def test_an_obstacle_that_appears_is_passed(spawn, probe):
-    states, _, node = fly(spawn, probe)
+    states, _, node = fly(spawn, probe, state_timeout=0.0)
     designs = probe.listen(LqrDesign, 'mpc_node/design', LATCHED)
     node.wait_for_output('activated: the loop runs', LONG)
     probe.wait_for(lambda: states and states[-1].x[0] < 0.9, LONG, 'to be on the way')
     # A circle beside the set point, above it: the straight way leads through its edge.
     obstacle = '0.01 - (px - 0.3)**2 - (py - 0.4)**2'
+    # A busy machine may prepare the change for seconds: the aircraft waits in front of it.
+    pause(probe, True)
     result = probe.set_parameters('/mpc_node', path_constraints=[obstacle])[0]
     assert result.successful, result.reason
+    pause(probe, False)
     adopted = len(states)
     probe.wait_for(lambda: settles(states), LONG, 'the set point')
     after = np.array([each.x for each in states[adopted:]])
