@@ -51,8 +51,8 @@ class Pilot:
     Methods that wait raise what `Children.check` raises: the end of a node ends every wait.
     """
 
-    def __init__(self, children: Children, recorder: Recorder, journal: Recorder | None = None
-                 ) -> None:
+    def __init__(self, children: Children, recorder: Recorder, journal: Recorder | None = None,
+                 controller: str = 'lqr_node') -> None:
         self._children = children
         self._recorder = recorder
         self._journal = journal or recorder
@@ -64,13 +64,13 @@ class Pilot:
         self.states, self.commands, self.odometry = Samples(), Samples(), Samples()
         self.designs: list[LqrDesign] = []
         self.said: list[Log] = []
-        self._record()
+        self._record(controller)
 
-    def _record(self) -> None:
+    def _record(self, controller: str) -> None:
         node, recorder = self.node, self._recorder
         recorder.subscribe(node, 'state', State, self.states.append)
         recorder.subscribe(node, 'command', Command, self.commands.append)
-        recorder.subscribe(node, 'lqr_node/design', LqrDesign, self._on_design, qos=LATCHED)
+        recorder.subscribe(node, f'{controller}/design', LqrDesign, self._on_design, qos=LATCHED)
         recorder.subscribe(node, 'reference', Trajectory, qos=LATCHED)
         recorder.subscribe(node, 'odom', Odometry, self.odometry.append)
         journal = self._journal

@@ -7,6 +7,8 @@ aircraft: hover, a step with Qx = I, the weights of Example 2.5 set in flight, a
 gust, and a change that must be rejected.
 vehicle: a lane change that trajectory_server plans and lqr_node follows, then the slalom of
 Exercise 2.10.
+mpc: the aircraft with limits of its speed and tilt. lqr_node exceeds that of the speed, mpc_node
+keeps both.
 """
 
 import argparse
@@ -24,11 +26,15 @@ from obc_ros.cli.ros_graph import Graph, join_graph, keep_to_this_machine, LOOK
 from obc_ros.core.text.errors import ObcError, quote
 
 LAST_DOMAIN = 232  # the last one whose ports exist
+# For the hints: the controller, and the arguments of the launch file for the same loop.
+LOOPS = {'aircraft': ('lqr_node', 'scenario:=aircraft'),
+         'vehicle': ('lqr_node', 'scenario:=vehicle'),
+         'mpc': ('mpc_node', 'controller:=mpc scenario:=aircraft_limits')}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of `obc demo`."""
-    parser.add_argument('scenario', choices=('aircraft', 'vehicle'), help='plant')
+    parser.add_argument('scenario', choices=tuple(LOOPS), help='what is flown')
     parser.add_argument('--out', type=Path, default=Path('out'), metavar='DIR',
                         help='directory of figures and recordings (default: out)')
     results.add_format(parser)
@@ -38,19 +44,20 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run a demonstration; return the exit status."""
-    from obc_ros.cli.demo import aircraft, vehicle
-    scenario = {'aircraft': aircraft, 'vehicle': vehicle}[args.scenario]
+    from obc_ros.cli.demo import aircraft, flight_limits, vehicle
+    scenario = {'aircraft': aircraft, 'vehicle': vehicle, 'mpc': flight_limits}[args.scenario]
+    controller, arguments = LOOPS[args.scenario]
     with lock_folder(args.out), _own_domain() as domain:
         isolate(domain)
         obc = sys.argv[0] if Path(sys.argv[0]).name == 'obc' else 'obc'
         print(f'{args.scenario}: three nodes over DDS, domain {domain}, this machine only; '
               'while it runs, in another terminal:\n'
-              f'  ROS_DOMAIN_ID={domain} {obc} param get /lqr_node Qx', flush=True)
+              f'  ROS_DOMAIN_ID={domain} {obc} param get /{controller} Qx', flush=True)
         status = scenario.run(args.out, args.real_time, args.format)
     print('to start a loop and tune it by hand:\n'
-          f'  {obc} launch obc_ros loop.launch.py scenario:={args.scenario}    '
+          f'  {obc} launch obc_ros loop.launch.py {arguments}    '
           '# until Ctrl-C; in another terminal:\n'
-          f'  {obc} param get /lqr_node Qx')
+          f'  {obc} param get /{controller} Qx')
     return status
 
 

@@ -29,12 +29,13 @@ class Event:
 
 @dataclass(frozen=True)
 class Flight:
-    """One run of the loop: configuration file, duration [s] and events."""
+    """One run of the loop: configuration file, duration [s], events and controller."""
 
     name: str
     config: str
     duration: float
     events: Sequence[Event]
+    controller: str = 'lqr_node'
 
 
 def fly(flight: Flight, out: Path, real_time: bool,
@@ -50,12 +51,12 @@ def fly(flight: Flight, out: Path, real_time: bool,
         parameters = ['--params-file', str(config)]
         children.start('plant_simulator', *parameters, *pace)
         children.start('trajectory_server', *parameters)
-        with closing(Pilot(children, recorder, journal)) as pilot:
+        with closing(Pilot(children, recorder, journal, flight.controller)) as pilot:
             pilot.wait(lambda: bool(pilot.states.stamp), 'the first state')
             # The simulated time is paused until all nodes have discovered each other.
             pilot.pause(True)
-            children.start('lqr_node', *parameters, *timeless, *recorded)
-            pilot.wait(lambda: bool(pilot.designs) and pilot.hears('command'), 'lqr_node')
+            children.start(flight.controller, *parameters, *timeless, *recorded)
+            pilot.wait(lambda: bool(pilot.designs) and pilot.hears('command'), flight.controller)
             wall = time.monotonic()
             pilot.begin(real_time)
             progress = FlightProgress(pilot, flight, exact=not real_time)
