@@ -26,6 +26,7 @@ from obc_ros.core.lqr.weights import Weights
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.systems.equilibrium import find_equilibrium
 from obc_ros.core.systems.registry import get_system
+from obc_ros.core.systems.system import System
 
 SYSTEMS, RUNS = 200, 500
 LARGEST = 1e-9       # relative difference of the gains
@@ -98,7 +99,7 @@ def fly(seed: int, seconds: float, estimates: bool) -> tuple[Array, Array, float
     return np.array(states), np.array(errors), nees, delayed.monitor.judge().ratio
 
 
-def step(system, x: Array, u: Array, h: float) -> Array:  # type: ignore[no-untyped-def]
+def step(system: System, x: Array, u: Array, h: float) -> Array:
     """Return the state after a step of Runge and Kutta."""
     k1 = system.f(x, u)
     k2 = system.f(x + h / 2 * k1, u)

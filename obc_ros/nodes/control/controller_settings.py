@@ -139,6 +139,23 @@ def linearize_system(system: str, parameters: tuple[tuple[str, Value], ...], set
     return linearize_plant(choose_system(system, dict(parameters)), setpoint, setpoint_input)
 
 
+def fill_deviations(given: dict[str, Any], held: LinearizedPlant) -> None:
+    """
+    Set missing deviations of Bryson's rule to 1, so that `weights` can be set before them.
+
+    Parameters
+    ----------
+    given : dict
+        Parameters by name; x_max (n,) and u_max (m,) are changed, in their units.
+    held : LinearizedPlant
+        The plant.
+
+    """
+    if given['weights'] == 'bryson':
+        given['x_max'] = given['x_max'] or (1.0,) * held.system.n
+        given['u_max'] = given['u_max'] or (1.0,) * held.system.m
+
+
 def make_input_limits(settings: ControllerSettings, held: LinearizedPlant) -> InputLimits:
     """
     Return the limits of the inputs of a plant.

@@ -27,6 +27,7 @@ from obc_ros.msg import LqrWeights
 from obc_ros.nodes.control.command_sinks import Sink
 from obc_ros.nodes.control.controller_settings import (
     ControllerSettings,
+    fill_deviations,
     linearize_system,
     make_input_limits,
     make_key,
@@ -217,9 +218,7 @@ _DESIGN = (*_PLANT, *_WEIGHTS, 'integral', 'Qi', 'design', 'rate', 'sample_time'
 def _design(*values: Any) -> Design:
     given = dict(zip(_DESIGN, values, strict=True))
     held = linearize_system(*(given[name] for name in _PLANT))
-    if given['weights'] == 'bryson':  # It can be set before x_max and u_max.
-        given['x_max'] = given['x_max'] or (1.0,) * held.system.n
-        given['u_max'] = given['u_max'] or (1.0,) * held.system.m
+    fill_deviations(given, held)
     return design(held, {name: given[name] for name in _WEIGHTS}, given['integral'], given['Qi'],
                   _sampling(given['design'] == 'sampled', given['rate'], given['sample_time'],
                             given['delay']))

@@ -21,6 +21,7 @@ from obc_ros.core.text.errors import StatementError
 from obc_ros.nodes.control.command_sinks import Sink
 from obc_ros.nodes.control.controller_settings import (
     ControllerSettings,
+    fill_deviations,
     linearize_system,
     make_input_limits,
     make_key,
@@ -188,8 +189,6 @@ _DESIGN = (*_PLANT, *_WEIGHTS, 'rate')
 def _design(*values: Any) -> Design:
     given = dict(zip(_DESIGN, values, strict=True))
     held = linearize_system(*(given[name] for name in _PLANT))
-    if given['weights'] == 'bryson':   # It can be set before x_max and u_max.
-        given['x_max'] = given['x_max'] or (1.0,) * held.system.n
-        given['u_max'] = given['u_max'] or (1.0,) * held.system.m
+    fill_deviations(given, held)
     weights = {**{name: given[name] for name in _WEIGHTS}, 'cross': (), 'stability': 0.0}
     return design(held, weights, (), (), Sampling(1.0 / given['rate'], 0.0, True))
