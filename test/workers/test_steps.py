@@ -89,6 +89,26 @@ def test_of_the_waiting_requests_the_newest_is_answered():
     assert not alive(link.pid)
 
 
+def test_a_process_that_the_system_refuses_is_tried_again(monkeypatch):
+    with supervised() as watched:
+        assert watched.ready.wait(DEADLINE)
+        watched.ready.clear()
+        first, start, failures = watched.steps.link, StepLink.__init__, []
+
+        def fail_twice(link, *given):
+            if len(failures) < 2:
+                failures.append(link)
+                raise BlockingIOError(11, 'Resource temporarily unavailable')
+            start(link, *given)
+
+        monkeypatch.setattr(StepLink, '__init__', fail_twice)
+        os.kill(first.pid, signal.SIGKILL)
+        assert watched.ready.wait(DEADLINE)
+        wait_for(watched.answers)
+        assert len(failures) == 2
+        assert sum('cannot be started' in each for each in watched.news) == 2
+
+
 def test_a_plan_is_a_motion_of_the_linear_model():
     link = StepLink('stand_in_steps', make_problem())
     try:

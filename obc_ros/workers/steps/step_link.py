@@ -46,6 +46,8 @@ class StepLink:
     ------
     ObcError
         On Windows, where a process cannot inherit a socket.
+    OSError
+        If the system starts no process, or it ends at once.
 
     """
 
@@ -66,9 +68,11 @@ class StepLink:
                      str(theirs.fileno()), module, str(os.getpid())],
                     pass_fds=[theirs.fileno()], stdin=subprocess.DEVNULL,
                     stdout=subprocess.DEVNULL, env={**os.environ, **ENVIRONMENT})
+            undo.callback(self._process.wait)
+            undo.callback(self._process.kill)
+            self._channel = Channel(ours)
+            self._channel.send(problem.plain, problem.arrays, timeout=1.0)
             undo.pop_all()
-        self._channel = Channel(ours)
-        self._channel.send(problem.plain, problem.arrays, timeout=1.0)
 
     @property
     def pid(self) -> int:

@@ -170,20 +170,36 @@ class StepSupervisor:
     def _replace(self, link: StepLink, kind: str, reason: str) -> None:
         """Start another process for the problem of `link`."""
         self.counts[kind] += 1
-        was_ready = link.ready is not None
         self._lost = True
         self._on_news(f'the solver process {reason}; another one is started')
-        end = time.monotonic() + (0.0 if was_ready else self._pause)
-        if not was_ready:
-            self._pause = min(2.0 * self._pause, LONGEST_PAUSE)
-        while self._is_wanted and link is self.link and time.monotonic() < end:
-            time.sleep(TICK)
-        if not self._is_wanted or link is not self.link:
+        new = self._start_again(link, at_once=link.ready is not None)
+        if new is None:
             return
-        new = StepLink(link.module, link.problem)
         with self._lock:
             is_current = link is self.link
             if is_current:
                 self.link, self._since = new, time.monotonic()
                 self._waiting.clear()
         (link if is_current else new).close()
+
+    def _start_again(self, link: StepLink, at_once: bool) -> StepLink | None:
+        """Return a process for the problem of `link`; None: it is not wanted any more."""
+        while self._is_wanted and link is self.link:
+            if not (at_once or self._has_paused(link)):
+                return None
+            at_once = False
+            try:
+                return StepLink(link.module, link.problem)
+            except OSError as error:
+                self._on_news(f'the solver process cannot be started: {error}; it is tried again')
+        return None
+
+    def _has_paused(self, link: StepLink) -> bool:
+        """Pause before another start; return False if it is not wanted any more."""
+        end = time.monotonic() + self._pause
+        self._pause = min(2.0 * self._pause, LONGEST_PAUSE)
+        while time.monotonic() < end:
+            if not self._is_wanted or link is not self.link:
+                return False
+            time.sleep(TICK)
+        return True
