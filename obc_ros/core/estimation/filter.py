@@ -108,11 +108,11 @@ class KalmanFilter:
         x, P, left = belief.x, belief.P, time
         n, count = len(x), 0
         while left > 0.0:
-            A = self.system.jacobians(x, u)[0]
+            xdot, A = self.system.linearize(x, u)
             h = min(left, LARGEST_STEP, 1.0 / max(norm(A), 1e-12))
             flow = np.zeros((2 * n + 1, 2 * n + 1))
             flow[:n, :n], flow[:n, n:-1], flow[n:-1, n:-1] = A, self.Qw, -A.T
-            flow[:n, -1] = self.system.f(x, u)
+            flow[:n, -1] = xdot
             count += 1
             if not np.isfinite(flow).all() or count > _MOST_STEPS:
                 raise DynamicsError('the estimate cannot be predicted '

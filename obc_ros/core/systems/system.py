@@ -157,7 +157,8 @@ class System:
     @cached_property
     def _jacobians(self) -> ca.Function:
         fx, fu = ca.jacobian(self.xdot, self.x), ca.jacobian(self.xdot, self.u)
-        return ca.Function('jacobians', [self.x, self.u, self.p], [ca.densify(fx), ca.densify(fu)])
+        return ca.Function('jacobians', [self.x, self.u, self.p], [
+            ca.densify(each) for each in (fx, fu, self.xdot)])
 
     @cached_property
     def _h(self) -> ca.Function:
@@ -176,8 +177,13 @@ class System:
 
     def jacobians(self, x: Array, u: Array) -> tuple[Array, Array]:
         """Return (df/dx, df/du), shapes (n, n) and (n, m), at state x and input u."""
-        fx, fu = self._jacobians(x, u, self.p_value)
+        fx, fu, _ = self._jacobians(x, u, self.p_value)
         return fx.full(), fu.full()
+
+    def linearize(self, x: Array, u: Array) -> tuple[Array, Array]:
+        """Return dx/dt, shape (n,), and df/dx, shape (n, n), at state x and input u."""
+        fx, _, xdot = self._jacobians(x, u, self.p_value)
+        return xdot.full().ravel(), fx.full()
 
     def measure(self, x: Array, u: Array) -> tuple[Array, Array]:
         """Return y = h(x, u), shape (q,), and dh/dx, shape (q, n), at state x and input u."""
