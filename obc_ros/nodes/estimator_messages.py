@@ -37,9 +37,9 @@ def estimate_message(mean: delayed_filter.Estimate, delayed: DelayedFilter, fram
     message.band = [consistency.lower, consistency.upper]
     message.age = 1e-9 * (mean.stamp - (delayed.newest or mean.stamp))
     if delayed.last is not None:
-        message.names = list(delayed.last_names)
-        message.innovation = flatten_doubles(delayed.last.normalized)
-        message.nis = delayed.last.nis
+        names, update = delayed.last
+        message.names, message.nis = list(names), update.nis
+        message.innovation = flatten_doubles(update.normalized)
     return message
 
 

@@ -12,6 +12,8 @@ present. After ``measurement_timeout`` without a measurement none is published, 
 controller acts as for a lost state.
 """
 
+from functools import partial
+from itertools import islice
 import sys
 from typing import Any
 
@@ -27,6 +29,7 @@ from obc_ros.nodes.estimator_settings import (
     judge_estimator_settings,
     Settings,
 )
+from obc_ros.ros.callback_guards import guard_callbacks
 from obc_ros.ros.conversions import OdometryMap, read_nanoseconds
 from obc_ros.ros.executor import run
 from obc_ros.ros.hardware_id import identify
@@ -60,11 +63,25 @@ class EstimatorNode(Node):  # type: ignore[misc] # rclpy's classes are untyped
         self._odom = self.create_publisher(
             Odometry, 'odom', BACKLOG) if self._map.complete else None
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
-        self.create_subscription(Measurement, 'measurement', self._on_measurement, BACKLOG)
-        self.create_subscription(Command, 'command', self._on_command, BACKLOG)
+        self._sources = [
+            (self.create_subscription(kind, topic, take, BACKLOG), take)
+            for kind, topic, take in ((Measurement, 'measurement', self._on_measurement),
+                                      (Command, 'command', self._on_command))]
         if settings.rate:
-            self.create_timer(1.0 / settings.rate, self._publish)
+            guard_callbacks(self, self.create_timer(1.0 / settings.rate, self._on_time),
+                            'estimates')
         self.create_timer(1.0, self._diagnose, clock=Clock(clock_type=ClockType.STEADY_TIME))
+
+    def _on_time(self) -> None:
+        """Publish the estimate from all messages that have arrived."""
+        # The executor takes one message of each subscription a turn: with slow turns messages
+        # would queue up, and be late.
+        for source, take in self._sources:
+            with (handle := source.handle):
+                waiting = iter(partial(handle.take_message, source.msg_type, False), None)
+                for message, _ in islice(waiting, BACKLOG):
+                    take(message)
+        self._publish()
 
     def _on_measurement(self, message: Measurement) -> None:
         stamp = read_nanoseconds(message.header.stamp)

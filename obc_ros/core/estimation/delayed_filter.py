@@ -7,12 +7,17 @@ Inputs and measurements are kept in the order of their stamps, each with the est
 late one is put in its place and what follows is filtered again, so that the result is that of
 the same measurements in order. What is older than the longest lag is dropped. Everything is
 counted.
+
+Nothing is filtered on arrival, but once before the next result is read. Filtering on arrival
+would repeat what follows for each late measurement: the later they come, the longer each takes,
+and an estimator that has fallen behind never catches up.
 """
 
-from bisect import bisect_right
+from bisect import bisect_left, bisect_right
 from collections import Counter, deque
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from itertools import takewhile
 import math
 
 import numpy as np
@@ -33,7 +38,8 @@ class _Event:
 
     stamp: int
     u: Array | None = None
-    at: tuple[int, ...] = ()
+    sensor: tuple[int, ...] = ()   # its group of outputs
+    at: tuple[int, ...] = ()       # those with a finite value
     y: Array | None = None
     after: Belief = NOTHING
     input_after: Array = field(default_factory=lambda: np.zeros(0))
@@ -90,18 +96,6 @@ class DelayedFilter:
     longest_gap : float
         [s] After a longer time without measurements the filter restarts.
 
-    Attributes
-    ----------
-    counts : Counter
-        'used', 'late' (filtered again), 'out of order' (older than another of its sensor),
-        'too late', 'repeated', 'missing', 'not finite' (entries), 'malformed', 'outliers',
-        'restarts', 'faults'.
-    monitor : InnovationMonitor
-    last : Update or None
-        What the newest measurement did.
-    last_names : tuple of str
-        Its outputs.
-
     """
 
     def __init__(self, kalman: KalmanFilter, x0: Array, P0: Array, u0: Array,
@@ -110,14 +104,38 @@ class DelayedFilter:
         self._u = np.array(u0)
         self._lag, self._gap = (round(each * NANOSECONDS) for each in (longest_lag, longest_gap))
         self._events: list[_Event] = []
+        self._filtered = 0   # how many of them, from the first on
         self._newest: int | None = None
         self._sensors: dict[tuple[int, ...], _Sensor] = {}
         self._names = {name: i for i, name in enumerate(kalman.system.output_names)}
-        self.counts: Counter[str] = Counter()
-        self.monitor = InnovationMonitor()
-        self.last: Update | None = None
-        self.last_names: tuple[str, ...] = ()
+        self._counts: Counter[str] = Counter()
+        self._monitor = InnovationMonitor()
+        self._last: tuple[tuple[str, ...], Update] | None = None
         self._too_late = 0
+
+    @property
+    def counts(self) -> Counter[str]:
+        """
+        Return how many measurements there were of each kind.
+
+        'used', 'late' (filtered again), 'out of order' (older than another of its sensor),
+        'too late', 'repeated', 'missing', 'not finite' (entries), 'malformed', 'outliers',
+        'restarts', 'faults'.
+        """
+        self._catch_up()
+        return self._counts
+
+    @property
+    def monitor(self) -> InnovationMonitor:
+        """Return the statistics of the innovations."""
+        self._catch_up()
+        return self._monitor
+
+    @property
+    def last(self) -> tuple[tuple[str, ...], Update] | None:
+        """Return the outputs of the newest measurement, and what it did; None: there was none."""
+        self._catch_up()
+        return self._last
 
     @property
     def newest(self) -> int | None:
@@ -127,6 +145,7 @@ class DelayedFilter:
     @property
     def u(self) -> Array:
         """Return the newest input, shape (m,)."""
+        self._catch_up()
         return self._events[-1].input_after if self._events else self._u
 
     @property
@@ -137,7 +156,8 @@ class DelayedFilter:
 
     def adopt(self, kalman: KalmanFilter, x0: Array, P0: Array) -> None:
         """Use another filter from the newest measurement on; x0, P0 as for the class."""
-        self._kalman, self.monitor = kalman, InnovationMonitor()
+        self._catch_up()
+        self._kalman, self._monitor = kalman, InnovationMonitor()
         self._x0, self._P0 = np.array(x0), np.array(P0)
 
     def command(self, stamp: int, u: Array) -> None:
@@ -152,17 +172,18 @@ class DelayedFilter:
         """
         given = np.asarray(u, dtype=float)
         if given.shape != self._u.shape or not np.isfinite(given).all():
-            self.counts['malformed'] += 1
+            self._counts['malformed'] += 1
             raise StatementError(f'a command of {given.size} numbers was dropped: wanted '
                                  f'{self._u.size} finite numbers')
         system = self._kalman.system
         given = np.clip(given, system.u_min, system.u_max)
         if not self._events or stamp > (self._newest or 0) + self._gap:
             self._u = given
+            self._catch_up()
             if self._events:   # the next measurement restarts the filter with this input
                 self._events[-1].input_after = given
         elif stamp < self._events[0].stamp:
-            self.counts['too late'] += 1
+            self._counts['too late'] += 1
         else:
             self._insert(_Event(stamp, u=given))
 
@@ -192,21 +213,19 @@ class DelayedFilter:
         """
         at, values = self._read(names, y)
         finite = np.isfinite(values)
-        self.counts['not finite'] += int((~finite).sum())
+        self._counts['not finite'] += int((~finite).sum())
         sensor = self._sensors.setdefault(tuple(at), _Sensor())
         if not finite.any():
             return False
         if self._is_late(stamp, tuple(at), sensor):
             return False
-        event = _Event(stamp, at=tuple(i for i, fine in zip(at, finite, strict=True) if fine),
-                       y=values[finite])
         if self._newest is None or stamp - self._newest > self._gap:
+            self._catch_up()
             self._restart(stamp)
-        self._insert(event)
+        self._insert(_Event(
+            stamp, sensor=tuple(at), y=values[finite],
+            at=tuple(i for i, fine in zip(at, finite, strict=True) if fine)))
         self._newest = max(stamp, self._newest or stamp)
-        if event.update is not None:
-            self.last_names = tuple(self._kalman.system.output_names[i] for i in event.at)
-            self._follow(stamp, event.update, sensor)
         self._forget()
         return True
 
@@ -222,6 +241,7 @@ class DelayedFilter:
             If the estimate cannot be predicted to the instant.
 
         """
+        self._catch_up()
         if not self._events:
             raise StatementError('there was no measurement')
         stamp = max(stamp, self._newest or stamp)
@@ -244,7 +264,7 @@ class DelayedFilter:
         elif len(set(names)) < len(names):
             reason = 'a name stands twice'
         if reason:
-            self.counts['malformed'] += 1
+            self._counts['malformed'] += 1
             raise StatementError(f'a measurement was dropped: {reason}')
         return [self._names[name] for name in names], values
 
@@ -252,53 +272,68 @@ class DelayedFilter:
         """Count how late a measurement is; return whether it cannot be used."""
         if self._newest is not None and stamp < max(self._newest - self._lag,
                                                     self._events[0].stamp):
-            self.counts['too late'] += 1
+            self._counts['too late'] += 1
             self._too_late += 1
             if self._too_late >= MOST_REJECTED:   # the clock was set back
-                self._events, self._newest, self._too_late = [], None, 0
-                self.counts['restarts'] += 1
+                self._events, self._filtered, self._newest, self._too_late = [], 0, None, 0
+                self._counts['restarts'] += 1
             return True
         self._too_late = 0
-        if any(event.stamp == stamp and set(event.at) & set(at) for event in self._events):
-            self.counts['repeated'] += 1
+        first = bisect_left(self._events, stamp, key=lambda event: event.stamp)
+        same = takewhile(lambda event: event.stamp == stamp, self._events[first:])
+        if any(set(event.at) & set(at) for event in same):
+            self._counts['repeated'] += 1
             return True
         if sensor.newest is None or stamp > sensor.newest:
             if sensor.newest is not None:
                 interval = stamp - sensor.newest
                 if len(sensor.intervals) >= 3:
                     period = sorted(sensor.intervals)[len(sensor.intervals) // 2]
-                    self.counts['missing'] += max(0, round(interval / period) - 1)
+                    self._counts['missing'] += max(0, round(interval / period) - 1)
                 sensor.intervals.append(interval)
             sensor.newest = stamp
         else:
-            self.counts['out of order'] += 1
-            self.counts['missing'] -= self.counts['missing'] > 0  # it was counted as missing
-        self.counts['late'] += self._newest is not None and stamp < self._newest
+            self._counts['out of order'] += 1
+            self._counts['missing'] -= self._counts['missing'] > 0  # it was counted as missing
+        self._counts['late'] += self._newest is not None and stamp < self._newest
         return False
 
     def _restart(self, stamp: int) -> None:
         """Begin anew at a stamp; after the first time with the last mean."""
         mean, u = self._x0, self._u
         if self._events:
-            self.counts['restarts'] += 1
+            self._counts['restarts'] += 1
             mean, u = self._events[-1].after.x, self._events[-1].input_after
-        self._events = [_Event(stamp, after=Belief(mean, self._P0), input_after=u,
-                               is_counted=True)]
+        self._begin(stamp, mean, u)
+
+    def _begin(self, stamp: int, mean: Array, u: Array) -> None:
+        """Forget what was filtered, and begin at a stamp with a mean and an input."""
+        start = _Event(stamp, after=Belief(mean, self._P0), input_after=u)
+        self._events, self._filtered = [start, *self._events[self._filtered:]], 1
         self._sensors = {at: _Sensor() for at in self._sensors}
-        self.monitor = InnovationMonitor()
+        self._monitor = InnovationMonitor()
 
     def _insert(self, event: _Event) -> None:
-        """Put an event in its place and filter from there on."""
+        """Put an event in its place; what follows has to be filtered again."""
         index = bisect_right(self._events, event.stamp, key=lambda each: each.stamp)
         self._events.insert(index, event)
-        try:
-            for k in range(index, len(self._events)):
-                self._filter(self._events[k - 1], self._events[k])
-        except (DynamicsError, np.linalg.LinAlgError):
-            # The estimate has left the range of numbers: the mean is lost too.
-            self.counts['faults'] += 1
-            self._events = []
-            self._restart(event.stamp)
+        self._filtered = min(self._filtered, index)
+
+    def _catch_up(self) -> None:
+        """Filter what has not been filtered."""
+        while self._filtered < len(self._events):
+            before, event = self._events[self._filtered - 1], self._events[self._filtered]
+            self._filtered += 1
+            try:
+                self._filter(before, event)
+            except (DynamicsError, np.linalg.LinAlgError):
+                # The estimate has left the range of numbers: the mean is lost too.
+                self._counts['faults'] += 1
+                self._begin(event.stamp, self._x0,
+                            before.input_after if event.u is None else event.u)
+                continue
+            if event.update is not None and not event.is_counted:
+                self._count(event, event.update)
 
     def _filter(self, before: _Event, event: _Event) -> None:
         belief = self._kalman.predict(before.after, before.input_after,
@@ -307,27 +342,32 @@ class DelayedFilter:
         if event.y is not None:
             event.update = self._kalman.update(belief, event.input_after, event.at, event.y)
             belief = event.update.belief
-            if not event.is_counted:
-                event.is_counted = True
-                self.counts['outliers' if event.update.is_outlier else 'used'] += 1
-                self.monitor.add(event.update.nis, len(event.at))
         if not (np.isfinite(belief.x).all() and np.isfinite(belief.P).all()):
             raise DynamicsError('the estimate exceeds the range of double precision')
         event.after = belief
 
-    def _follow(self, stamp: int, update: Update, sensor: _Sensor) -> None:
-        """Keep the newest update; restart after a row of outliers of one sensor."""
-        self.last = update
+    def _count(self, event: _Event, update: Update) -> None:
+        """Count a new measurement; restart after a row of outliers of one sensor."""
+        event.is_counted = True
+        self._counts['outliers' if update.is_outlier else 'used'] += 1
+        self._monitor.add(update.nis, len(event.at))
+        self._last = tuple(self._kalman.system.output_names[i] for i in event.at), update
+        sensor = self._sensors[event.sensor]
         sensor.rejected = sensor.rejected + 1 if update.is_outlier else 0
         if sensor.rejected >= MOST_REJECTED:
-            self._restart(max(stamp, self._newest or 0))
+            self._counts['restarts'] += 1
+            self._begin(event.stamp, event.after.x, event.input_after)
 
     def _forget(self) -> None:
         """Remove events that no accepted measurement can precede, but one."""
         oldest = (self._newest or 0) - self._lag
+        if (self._filtered < len(self._events)
+                and self._events[self._filtered].stamp <= oldest):   # nobody reads the results
+            self._catch_up()
         first = bisect_right(self._events, oldest, key=lambda each: each.stamp) - 1
         if first > 0:
             del self._events[:first]
+            self._filtered -= first
 
 
 def spread_deviations(name: str, values: Sequence[float], names: Sequence[str]) -> Array:

@@ -51,6 +51,47 @@ def test_order_of_arrival_does_not_matter(seed):
     assert late.counts['used'] == 60
 
 
+def test_results_in_between_do_not_matter():
+    given = list(events())
+    often = make()
+    for kind, stamp, names, values in [given[0], *given[2:5], given[1], *given[5:]]:
+        if kind == 'u':
+            often.command(stamp, values)
+        else:
+            often.measure(stamp, names, values)
+        often.estimate(stamp)
+    found, wanted = often.estimate(700 * MS), feed(make(), given)
+    assert found.x == pytest.approx(wanted.x, rel=1e-11)
+    assert pytest.approx(wanted.P, rel=1e-11) == found.P
+    assert often.counts['used'] == 60
+
+
+def test_late_measurements_are_filtered_once(monkeypatch):
+    """An estimator that has fallen behind must not have more to do for each measurement."""
+    calls, predict = [], KalmanFilter.predict
+    monkeypatch.setattr(KalmanFilter, 'predict',
+                        lambda *given: calls.append(None) or predict(*given))
+    delayed = make()
+    delayed.measure(0, NAMES, [0.0, 0.0])
+    for k in range(1, 41):
+        delayed.command(10 * k * MS, [0.0])
+    for k in range(1, 41):
+        delayed.measure(10 * k * MS - MS, NAMES, [0.0, 0.0])
+    delayed.estimate(400 * MS)
+    assert len(calls) == 82   # 41 measurements, 40 inputs, and the prediction to the instant
+    assert delayed.counts['used'] == 41
+
+
+def test_a_measurement_that_nobody_reads_is_filtered_before_it_is_forgotten():
+    delayed, other = make(longest_lag=0.05), make(longest_lag=0.05)
+    for k in range(100):
+        for each in (delayed, other):
+            each.measure(k * 10 * MS, NAMES, [0.01 * k, 1.0])
+        other.estimate(k * 10 * MS)
+    assert (delayed.estimate(990 * MS).x == other.estimate(990 * MS).x).all()
+    assert delayed.counts['used'] == 100
+
+
 def test_the_filter_is_that_of_predictions_and_updates():
     found = feed(make(), events())
     kalman = make()._kalman
