@@ -8,7 +8,7 @@ record is that of its test with the number of the call.
 """
 
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from functools import wraps
 import json
 import os
@@ -16,18 +16,17 @@ from pathlib import Path
 import time
 from typing import Any
 
+from _running_test import find_running_test
 import numpy as np
 from obc_ros.core.lqr import lqr as regulators
 from obc_ros.core.solver import solve as solver
 from obc_ros.core.solver.diagnosis import explanation as explaining
 from obc_ros.core.text.errors import ObcError
-import pytest
 
 MOST = 20  # largest number of calls of one test: a property test has hundreds of examples
 
 _records: dict[str, dict[str, Any]] = {}
 _calls: Counter[str] = Counter()
-_test = ''
 
 
 def answer(found: Any) -> dict[str, Any]:
@@ -67,9 +66,10 @@ def recorded(function: Callable[..., Any], record: Callable[[Any], dict[str, Any
             known |= {'verdict': 'refused', 'message': str(error)}
             raise
         finally:
-            _calls[_test] += 1
-            if _test and _calls[_test] <= MOST:
-                _records[f'{_test}#{_calls[_test]}'] = {
+            test = find_running_test()
+            _calls[test] += 1
+            if test and _calls[test] <= MOST:
+                _records[f'{test}#{_calls[test]}'] = {
                     **known, 'time': time.process_time() - begun}
 
     return call
@@ -79,17 +79,6 @@ solver.solve = recorded(solver.solve, answer)
 explaining.explain = recorded(explaining.explain, reason)
 regulators.lqr = recorded(regulators.lqr, regulator)
 regulators.dlqr = recorded(regulators.dlqr, regulator)
-
-
-@pytest.hookimpl(wrapper=True)
-def pytest_runtest_call(item: pytest.Item) -> Iterator[None]:
-    """Set the test whose calls are recorded."""
-    global _test
-    _test = item.nodeid
-    try:
-        return (yield)
-    finally:
-        _test = ''
 
 
 def pytest_sessionfinish() -> None:

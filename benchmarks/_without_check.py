@@ -15,13 +15,12 @@ import os
 from pathlib import Path
 from typing import Any
 
+from _running_test import find_running_test
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.solver.diagnosis import explanation
 from obc_ros.core.solver.proofs import contradictions
-import pytest
 
 _given: dict[str, set[str]] = {}
-_test = ''
 
 
 def name_proof(proof: Callable[..., Any]) -> str:
@@ -30,8 +29,8 @@ def name_proof(proof: Callable[..., Any]) -> str:
 
 
 def _note(name: str) -> None:
-    if _test:
-        _given.setdefault(_test, set()).add(name)
+    if test := find_running_test():
+        _given.setdefault(test, set()).add(name)
 
 
 def _noting_check(check: explanation.Check) -> explanation.Check:
@@ -69,17 +68,6 @@ def _install(without: str) -> None:
     contradictions.CONTRADICTIONS = () if without == 'contradiction' else tuple(
         _noting_proof(proof) for proof in contradictions.CONTRADICTIONS
         if name_proof(proof) != without)
-
-
-@pytest.hookimpl(wrapper=True)
-def pytest_runtest_call(item: pytest.Item) -> Iterator[None]:
-    """Set the test whose reasons are noted."""
-    global _test
-    _test = item.nodeid
-    try:
-        return (yield)
-    finally:
-        _test = ''
 
 
 def pytest_sessionstart() -> None:
