@@ -4,7 +4,8 @@
 A plugin of pytest for `refusals`: leaves out one check of the explanation or one proof.
 
 ``pytest -p _without_check`` reads its name from the variable OBC_ROS_WITHOUT, '' for none, and
-writes the names of those that gave a reason in each test to the file in OBC_ROS_GIVEN.
+writes to the file in OBC_ROS_GIVEN the names of those that gave a reason in each test, and the
+tests that failed.
 """
 
 from collections.abc import Callable, Iterator
@@ -19,8 +20,10 @@ from _running_test import find_running_test
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.solver.diagnosis import explanation
 from obc_ros.core.solver.proofs import contradictions
+import pytest
 
 _given: dict[str, set[str]] = {}
+_failed: list[str] = []
 
 
 def name_proof(proof: Callable[..., Any]) -> str:
@@ -75,7 +78,13 @@ def pytest_sessionstart() -> None:
     _install(os.environ['OBC_ROS_WITHOUT'])
 
 
+def pytest_runtest_logreport(report: pytest.TestReport) -> None:
+    """Keep the name of a test that fails."""
+    if report.failed:
+        _failed.append(report.nodeid.partition('::')[2])
+
+
 def pytest_sessionfinish() -> None:
     """Write what was noted."""
     Path(os.environ['OBC_ROS_GIVEN']).write_text(json.dumps(
-        {test: sorted(names) for test, names in _given.items()}), encoding='utf-8')
+        [{test: sorted(names) for test, names in _given.items()}, _failed]), encoding='utf-8')
