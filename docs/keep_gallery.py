@@ -31,6 +31,7 @@ DERIVATIONS = ROOT / 'docs' / 'derivations.md'
 OUT = ROOT / 'out' / 'gallery'
 SOURCES = ('obc_ros', 'msg', 'srv', 'action')
 WIDTH = 118  # of a line of Markdown
+BOOK = ' of R. M. Murray, Optimization-Based Control, chapter 2'
 COLOURS = 128  # of a figure; the files are a third of those in full colour
 SERVER = 'In a first terminal, start the server with `ros2 run obc_ros trajectory_server`.'
 NODES = 'Each `ros2 run` needs a terminal of its own.'
@@ -75,7 +76,7 @@ def sections(record: Record, commit: str) -> Iterator[str]:
     """Yield the parts of the page of an entry."""
     name = f'{record["label"]}: {strip_markup(record["title"])}'
     yield f'# {name}'
-    yield paragraph(f'{record["source"]} of R. M. Murray, Optimization-Based Control, chapter 2.')
+    yield paragraph(record['source'] + (f'{BOOK}.' if record['in_book'] else '.'))
     yield from map(paragraph, record['statement'])
     for figure in record['figures']:
         yield f'![Figure of {name}]({figure})'

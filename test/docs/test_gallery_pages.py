@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""The committed pages of the gallery: one for each entry, in the order of the book."""
+"""The committed pages of the gallery: one for each entry, the book's in its order."""
 
 from pathlib import Path
 import re

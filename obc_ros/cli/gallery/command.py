@@ -1,7 +1,7 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-`obc gallery`: examples, theorems and exercises of chapter 2, computed by running nodes.
+`obc gallery`: examples, theorems and exercises of chapter 2 and beyond, by running nodes.
 
 Exercise sheets and slides need no ROS 2.
 

@@ -93,21 +93,23 @@ class EntryResult:
 @dataclass(frozen=True)
 class GalleryEntry:
     """
-    An example, a theorem or an exercise of the chapter.
+    An example, a theorem or an exercise.
 
     Attributes
     ----------
     name : str
-        As on the command line: '2.5', 'theorem-2.1', 'exercise-2.4'.
+        As on the command line: '2.5', 'theorem-2.1', 'exercise-2.4', 'estimation-1'.
     title : str
     source : str
-        Place in the book.
+        Place in the book, or a publication.
     statement : tuple of str
         Paragraphs, in the markup of `page`.
     run : callable
         Takes a `Desk` and returns the `EntryResult`.
     erratum : str
         What the book prints and what is correct; empty if the book is correct.
+    in_book : bool
+        Whether the entry is of chapter 2 of the book.
 
     """
 
@@ -117,3 +119,4 @@ class GalleryEntry:
     statement: tuple[str, ...]
     run: Callable[[Desk], EntryResult]
     erratum: str = ''
+    in_book: bool = True

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from obc_ros.cli.flight_client import Pilot
+from obc_ros.cli.flight_client import Pilot, Samples
 from obc_ros.cli.gallery.ros2_commands import publish, run_node, set_parameter, write_argument
 from obc_ros.cli.processes import Children
 from obc_ros.cli.recording import Recorder
@@ -127,19 +127,41 @@ class NodeLoop:
 
     def _recorded(self, begin: int, answered: int, end: int) -> Run | None:
         """Return the last run; None if messages of it are missing."""
-        states, commands = self._pilot.states, self._pilot.commands
-        begin += states.stamp[begin:].index(0)
-        # A repeated state counts once; a command from before the reset may arrive late.
-        ticks, first = np.unique(states.stamp[begin:], return_index=True)
-        place = {stamp: answered + k for k, stamp in enumerate(commands.stamp[answered:])}
-        count = np.searchsorted(ticks, end, 'right')
-        steps = np.diff(ticks[:count + 1])
-        if not steps.size or np.ptp(steps) > 1 or not place.keys() >= {*ticks[:count].tolist()}:
-            return None
-        x = [deserialize_message(states.data[begin + k], State).x for k in first[:count]]
-        u = [deserialize_message(commands.data[place[tick]], Command).u
-             for tick in ticks[:count].tolist()]
-        return Run(ticks[:count] * 1e-9, np.array(x), np.array(u))
+        return read_run(self._pilot.states, self._pilot.commands, end, begin, answered)
+
+
+def read_run(states: Samples, commands: Samples, end: int, begin: int = 0, answered: int = 0
+             ) -> Run | None:
+    """
+    Return the states of a run and the commands computed from them.
+
+    Parameters
+    ----------
+    states, commands : Samples
+        As recorded.
+    end : int
+        Stamp of the last state [ns].
+    begin, answered : int
+        Numbers of states and commands of earlier runs.
+
+    Returns
+    -------
+    Run or None
+        From the stamp 0 on; None if messages are missing.
+
+    """
+    begin += states.stamp[begin:].index(0)
+    # A repeated state counts once; a command from before the reset may arrive late.
+    ticks, first = np.unique(states.stamp[begin:], return_index=True)
+    place = {stamp: answered + k for k, stamp in enumerate(commands.stamp[answered:])}
+    count = np.searchsorted(ticks, end, 'right')
+    steps = np.diff(ticks[:count + 1])
+    if not steps.size or np.ptp(steps) > 1 or not place.keys() >= {*ticks[:count].tolist()}:
+        return None
+    x = [deserialize_message(states.data[begin + k], State).x for k in first[:count]]
+    u = [deserialize_message(commands.data[place[tick]], Command).u
+         for tick in ticks[:count].tolist()]
+    return Run(ticks[:count] * 1e-9, np.array(x), np.array(u))
 
 
 @contextmanager
@@ -151,8 +173,8 @@ def run_loop(folder: Path, plant: Mapping[str, Any], regulator: Mapping[str, Any
     note(DESIGN)
     plant, regulator = {**PACE, **plant}, {**PATIENT, **regulator}
     with Children(folder / 'log') as children, Recorder(folder) as recorder:
-        children.start('plant_simulator', *_arguments(plant))
-        children.start('lqr_node', *_arguments(regulator))
+        children.start('plant_simulator', *list_arguments(plant))
+        children.start('lqr_node', *list_arguments(regulator))
         with closing(Pilot(children, recorder)) as pilot:
             pilot.wait(lambda: bool(pilot.designs) and pilot.hears('command')
                        and bool(pilot.states.stamp), 'the loop', 60.0)
@@ -160,7 +182,8 @@ def run_loop(folder: Path, plant: Mapping[str, Any], regulator: Mapping[str, Any
             yield NodeLoop(pilot, recorder, note)
 
 
-def _arguments(parameters: Mapping[str, Any]) -> list[str]:
+def list_arguments(parameters: Mapping[str, Any]) -> list[str]:
+    """Return parameters as arguments of a node."""
     return [word for name,
             value in parameters.items() for word in ('-p', write_argument(name, value))]
 

@@ -25,7 +25,7 @@ ERRORS = ('The error is the difference divided by the reference, or by 1 if the 
 _PARTS = re.compile(r'(\$[^$]*\$|`[^`]*`)')
 _TOKEN = re.compile(r'([_^])(\{[^}]*\}|.)|(&\w+;)|([A-Za-z]+)|([\u0370-\u03ff])|(.)', re.DOTALL)
 _UPRIGHT = ('arg', 'asin', 'atan', 'cos', 'cosh', 'diag', 'exp', 'for', 'if', 'ln', 'max', 'min',
-            'rank', 'sgn', 'sin', 'sinh', 'tan')
+            'rank', 'sat', 'sgn', 'sin', 'sinh', 'tan')
 
 _STYLE = """
 :root { --ink: #1b1f24; --soft: #57606a; --line: #d0d7de; --back: #f6f8fa; --good: #1a7f37;
@@ -75,8 +75,9 @@ def render_page(records: Sequence[Record]) -> str:
     held = sum(record['holds'] for record in records)
     head = (
         '<h1>Gallery of obc_ros</h1>\n<p>Examples, theorems and exercises of chapter 2 of R. M. '
-        'Murray, <i>Optimization-Based Control</i> (draft v2.1a, 2010). The ROS 2 nodes of '
-        'obc_ros compute each result over DDS. It is compared with a reference that is computed '
+        'Murray, <i>Optimization-Based Control</i> (draft v2.1a, 2010), and examples of '
+        'estimation. The ROS 2 nodes of obc_ros and their library '
+        'compute each result. It is compared with a reference that is computed '
         f'without them. {numbers} numbers are compared. All of them are within their tolerances '
         f'in {held} of {len(records)} entries.</p>')
     return (

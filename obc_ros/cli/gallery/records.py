@@ -74,7 +74,8 @@ def work(entry: GalleryEntry, desk: Desk, out: Path, formats: Sequence[str] = FO
     record: dict[str, Any] = {
         'name': entry.name, 'label': label(entry.name), 'title': entry.title,
         'source': entry.source, 'statement': list(entry.statement), 'erratum': entry.erratum,
-        'finding': '', 'notes': [], 'rows': [], 'figures': [], 'message': '', 'holds': False}
+        'in_book': entry.in_book, 'finding': '', 'notes': [], 'rows': [], 'figures': [],
+        'message': '', 'holds': False}
     try:
         with matplotlib.rc_context(STYLE):
             answer = entry.run(desk)
@@ -95,9 +96,9 @@ def work(entry: GalleryEntry, desk: Desk, out: Path, formats: Sequence[str] = FO
 
 
 def label(name: str) -> str:
-    """Return the name of an entry as in the book."""
+    """Return the name of an entry as in the book, or as a heading."""
     kind, _, number = name.rpartition('-')
-    return f'{(kind or "example").capitalize()} {number}'
+    return f'{(kind or "example").capitalize().replace("-", " ")} {number}'
 
 
 def write_record(out: Path, records: Sequence[dict[str, Any]], order: Sequence[str]) -> None:

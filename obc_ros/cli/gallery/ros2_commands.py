@@ -11,15 +11,18 @@ import numpy as np
 import yaml
 
 
-def write_service_call(name: str, kind: Any, request: Any) -> str:
-    """Return the command that sends a request to the trajectory server."""
+def write_service_call(name: str, kind: Any, request: Any, node: str = 'trajectory_server'
+                       ) -> str:
+    """Return the command that sends a request to a node."""
     text = _quoted(_flow(drop_defaults(request)))
-    return (f'ros2 service call /trajectory_server/{name} obc_ros/srv/{kind.__name__} {text}')
+    return f'ros2 service call /{node}/{name} obc_ros/srv/{kind.__name__} {text}'
 
 
-def run_node(node: str, parameters: Mapping[str, Any]) -> str:
-    """Return the command that starts a node."""
-    given = ' '.join(f'-p {_argument(name, value)}' for name, value in parameters.items())
+def run_node(node: str, parameters: Mapping[str, Any], renamed: Mapping[str, str] | None = None
+             ) -> str:
+    """Return the command that starts a node, with other names for topics."""
+    given = ' '.join([*(f'-p {_argument(name, value)}' for name, value in parameters.items()),
+                      *(f'-r {topic}:={name}' for topic, name in (renamed or {}).items())])
     return f'ros2 run obc_ros {node} --ros-args {given}'
 
 
@@ -69,6 +72,8 @@ def _argument(name: str, value: Any) -> str:
 
 def _value(value: Any) -> Any:
     if isinstance(value, (bool, int, str)):
+        return value
+    if isinstance(value, list) and value and isinstance(value[0], str):
         return value
     numbers = np.asarray(value, dtype=float)
     return numbers.ravel().tolist() if numbers.ndim else float(numbers)

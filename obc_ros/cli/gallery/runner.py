@@ -183,12 +183,16 @@ class Desk:
             _check(each.success, each)
         return [read_design(each.design) for each in responses]
 
+    def name_folder(self, name: str) -> Path:
+        """Return the folder of a recording of this entry."""
+        return self._folder / f'{self._entry}-{name}'
+
     def loop(self, name: str, plant: ReportedValues,
              regulator: ReportedValues) -> AbstractContextManager[NodeLoop]:
         """Return a loop of `plant_simulator` and `lqr_node` with these parameters."""
         if any('plant_simulator' in each for each in self.commands):
             self.note('# Ctrl-C in the terminals of the two nodes; then')
-        return run_loop(self._folder / f'{self._entry}-{name}', plant, regulator, self.note)
+        return run_loop(self.name_folder(name), plant, regulator, self.note)
 
 
 def solve_request(statement: ReportedValues, method: str = '') -> Any:
