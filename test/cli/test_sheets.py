@@ -239,6 +239,23 @@ def test_a_gain_solves_the_riccati_equation(name, values, plant, Q, R):
         assert evaluate('2.8-c-damping', **values) == pytest.approx(damping)
 
 
+@pytest.mark.parametrize('a, q, r', [(0.7, 1.3, 0.4), (-1.5, 0.3, 2.0)])
+def test_the_scalar_filter_solves_the_riccati_equation_of_the_dual(a, q, r):
+    P = solve_continuous_are([[a]], [[1.0]], [[q]], [[r]]).item()
+    for name, wanted in (('variance', P), ('gain', P / r), ('pole', a - P / r)):
+        found = evaluate(f'estimation-1-{name}', a=a, q=q, r=r).item()
+        assert found == pytest.approx(wanted, abs=1e-9)
+
+
+@pytest.mark.parametrize('w', [0.4, 2.0])
+def test_the_filter_of_the_double_integrator_solves_the_riccati_equation_of_the_dual(w):
+    A, C = chain()[0], np.array([[1.0, 0.0]])
+    P = solve_continuous_are(A.T, C.T, np.diag([0.0, w**4]), [[1.0]])
+    assert evaluate('estimation-2-gain', w=w) == pytest.approx(C @ P, abs=1e-9)
+    pole = np.linalg.eigvals(A - P @ C.T @ C)[0]
+    assert evaluate('estimation-2-damping').item() == pytest.approx(-pole.real / abs(pole))
+
+
 @pytest.mark.parametrize('a, b', [(0.7, 1.3), (2.0, 0.5)])
 def test_the_gain_of_exercise_2_9_moves_the_pole_to_its_mirror_image(a, b):
     P, k = (evaluate(f'2.9-a-{name}', a=a, b=b).item() for name in ('riccati', 'gain'))

@@ -9,6 +9,7 @@ import textwrap
 from typing import Any
 
 from obc_ros.cli.console.tables import print_table
+from obc_ros.cli.teaching.estimation_questions import ESTIMATION_QUESTIONS
 from obc_ros.cli.teaching.question import SheetQuestion
 from obc_ros.cli.teaching.regulator_questions import REGULATOR_QUESTIONS
 from obc_ros.cli.teaching.trajectory_questions import TRAJECTORY_QUESTIONS
@@ -21,11 +22,13 @@ from obc_ros.core.text.errors import (
 )
 from obc_ros.core.text.yaml_files import read_yaml
 
-QUESTIONS: tuple[SheetQuestion, ...] = (*TRAJECTORY_QUESTIONS, *REGULATOR_QUESTIONS)
+QUESTIONS: tuple[SheetQuestion, ...] = (
+    *TRAJECTORY_QUESTIONS, *REGULATOR_QUESTIONS, *ESTIMATION_QUESTIONS)
 COMMENT_WIDTH = 97   # characters
 COLOURS = {'right': 'green', 'wrong': 'red', 'unreadable': 'red'}
 HEAD = """\
-Exercises of chapter 2 of R. M. Murray, Optimization-Based Control (draft v2.1a).
+Exercises of chapter 2 of R. M. Murray, Optimization-Based Control (draft v2.1a), and of
+estimation.
 Write each answer after the colon; leave it empty to skip a question. Then:
     obc gallery --check {name}
 Numbers: three digits, or a formula such as sqrt(3)/2. Formulas: + - * / **, sin cos tan exp log

@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""The entries in the order of the chapter."""
+"""The entries in the order of the chapter, and those beyond it."""
 
 from obc_ros.cli.gallery.chapter import (
     detectability,
@@ -22,6 +22,7 @@ from obc_ros.cli.gallery.entries import (
     two_wheeled,
     vehicle,
 )
+from obc_ros.cli.gallery.next_chapters import scalar_filter, tracking_filter
 
 ENTRIES = (
     optimization.EXAMPLE_2_1, terminal_constraints.SECTION_2_2, principle.THEOREM_2_1,
@@ -30,4 +31,5 @@ ENTRIES = (
     weight_choices.SECTION_2_5, figure_2_3.FIGURE_2_3, aircraft.WEIGHTS_2_5,
     least_time.EXAMPLE_2_6, optimization.EXERCISE_2_1, shortest.EXERCISE_2_2,
     shortest.EXERCISE_2_3, flat.EXERCISE_2_4, flat.EXERCISE_2_5, two_wheeled.EXERCISE_2_6,
-    linear.EXERCISE_2_7, linear.EXERCISE_2_8, scalar.EXERCISE_2_9, vehicle.EXERCISE_2_10)
+    linear.EXERCISE_2_7, linear.EXERCISE_2_8, scalar.EXERCISE_2_9, vehicle.EXERCISE_2_10,
+    scalar_filter.ESTIMATION_1, tracking_filter.ESTIMATION_2)

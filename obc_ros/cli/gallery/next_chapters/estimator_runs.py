@@ -1,0 +1,137 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""Runs of plant_simulator with estimator_node, for entries of the gallery."""
+
+from collections.abc import Mapping
+from contextlib import closing
+from dataclasses import dataclass
+import time
+from typing import Any
+
+import numpy as np
+from obc_ros.cli.flight_client import Pilot, Samples
+from obc_ros.cli.gallery.loop import list_arguments, UnansweredError
+from obc_ros.cli.gallery.ros2_commands import run_node
+from obc_ros.cli.gallery.runner import Desk
+from obc_ros.cli.processes import Children
+from obc_ros.cli.recording import Recorder
+from obc_ros.core.numerics.arrays import Array
+from obc_ros.msg import Estimate, Measurement, State
+from rclpy.serialization import deserialize_message
+from std_srvs.srv import Trigger
+
+RENAMED = {'state': 'true_state'}  # of the plant; estimator_node publishes the estimate as state
+ECHO = 'ros2 topic echo --once /estimator_node/estimate obc_ros/msg/Estimate'
+SPEED = 2.0      # other than 1: the stamps are simulated time from 0
+AGAIN = 0.5      # [s] after which a paused plant is asked for another state
+LONGEST = 60.0   # [s] that the nodes may take to begin, and for a run
+
+
+@dataclass(frozen=True, eq=False)
+class EstimatedRun:
+    """
+    Estimates after each measurement.
+
+    Attributes
+    ----------
+    t : ndarray, shape (N,)
+        Times of the measurements [s].
+    y : ndarray, shape (N, q)
+        Measurements.
+    x : ndarray, shape (N, n)
+        Estimates.
+    P : ndarray, shape (N, n, n)
+        Covariances of their errors.
+    true : ndarray, shape (N, n)
+        States of the plant.
+
+    """
+
+    t: Array
+    y: Array
+    x: Array
+    P: Array
+    true: Array
+
+
+def run_estimator(desk: Desk, name: str, plant: Mapping[str, Any], estimator: Mapping[str, Any],
+                  count: int) -> EstimatedRun:
+    """
+    Return what the nodes estimate, from the first estimate that is heard on.
+
+    Parameters
+    ----------
+    desk : Desk
+        Keeps the commands.
+    name : str
+        Of the recording.
+    plant, estimator : mapping
+        Parameters of the nodes. The estimator has the rate 0: one estimate after each
+        measurement.
+    count : int
+        Number of estimates.
+
+    Returns
+    -------
+    EstimatedRun
+
+    Raises
+    ------
+    UnansweredError
+        If a message is lost.
+
+    """
+    plant = {**plant, 'speed': SPEED}
+    desk.note(run_node('plant_simulator', plant, RENAMED))
+    desk.note(run_node('estimator_node', estimator))
+    desk.note(ECHO)
+    folder = desk.name_folder(name)
+    heard = {kind: Samples() for kind in (Measurement, Estimate, State)}
+    topics = {Measurement: 'measurement', Estimate: 'estimator_node/estimate',
+              State: RENAMED['state']}
+    with Children(folder / 'log') as children, Recorder(folder) as recorder:
+        # It is paused after its first states: the nodes begin together.
+        children.start('plant_simulator', *list_arguments(
+            {**plant, 'pause_at': 1.0 / plant['publish_rate']}),
+            '-r', f'state:={RENAMED["state"]}')
+        children.start('estimator_node', *list_arguments(estimator))
+        with closing(Pilot(children, recorder, controller='estimator_node')) as pilot:
+            for kind, samples in heard.items():
+                recorder.subscribe(pilot.node, topics[kind], kind, samples.append)
+            _begin(pilot, heard[Estimate])
+            pilot.pause(False)
+            pilot.wait(lambda: len(heard[Estimate].stamp) >= count, f'{count} estimates', LONGEST)
+            pilot.pause(True)
+    return _read(heard, count)
+
+
+def _begin(pilot: Pilot, estimates: Samples) -> None:
+    """Advance the paused plant until there is an estimate."""
+    stepper = pilot.node.create_client(Trigger, 'plant_simulator/step')
+    pilot.wait(stepper.service_is_ready, 'the plant', LONGEST)
+    due = 0.0
+
+    def is_estimated() -> bool:
+        nonlocal due
+        if not estimates.stamp and time.monotonic() > due:
+            stepper.call_async(Trigger.Request())
+            due = time.monotonic() + AGAIN
+        return bool(estimates.stamp)
+
+    pilot.wait(is_estimated, 'the first estimate', LONGEST)
+
+
+def _read(heard: Mapping[Any, Samples], count: int) -> EstimatedRun:
+    """Return the messages of each stamp side by side."""
+    by_stamp = {kind: {stamp: deserialize_message(data, kind) for stamp, data in zip(
+        samples.stamp, samples.data, strict=True)} for kind, samples in heard.items()}
+    stamps = heard[Estimate].stamp[:count]
+    if any(stamp not in by_stamp[kind] for kind in heard for stamp in stamps):
+        raise UnansweredError('measurements or states of the run were lost in transit')
+    estimates = [by_stamp[Estimate][stamp] for stamp in stamps]
+    x = np.array([each.x for each in estimates])
+    n = x.shape[1]
+    return EstimatedRun(
+        1e-9 * np.array(stamps), np.array([by_stamp[Measurement][stamp].y for stamp in stamps]),
+        x, np.array([each.covariance for each in estimates]).reshape(-1, n, n),
+        np.array([by_stamp[State][stamp].x for stamp in stamps]))

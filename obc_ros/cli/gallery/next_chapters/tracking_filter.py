@@ -1,0 +1,156 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""The Kalman filter of a double integrator with its position measured; the alpha-beta filter."""
+
+from math import sqrt
+from typing import Any
+
+from matplotlib.figure import Figure
+import numpy as np
+from obc_ros.cli.gallery.drawing import create_panels, label_axes
+from obc_ros.cli.gallery.entry import ComparedRow, EntryResult, GalleryEntry
+from obc_ros.cli.gallery.next_chapters.estimator_runs import EstimatedRun, run_estimator
+from obc_ros.cli.gallery.next_chapters.exact_filters import (
+    run_filter,
+    sample_noise,
+    solve_tracking_filter,
+)
+from obc_ros.cli.gallery.runner import Desk
+from obc_ros.core.estimation.kalman_gain import dlqe, KalmanDesign, lqe
+from obc_ros.core.library.figures.style import EXACT_LINE, get_line, LINE_COLOURS, THIN
+from obc_ros.core.numerics.arrays import Array
+from scipy.linalg import solve_discrete_are
+
+A, C = np.array([[0.0, 1.0], [0.0, 0.0]]), np.array([[1.0, 0.0]])
+RATIOS = (1e-2, 0.1, 1.0, 4.0, 16.0, 100.0)        # q/r [1/s^4]
+INDICES = (0.01, 0.1, 0.3, 1.0, 3.0, 10.0)         # of tracking
+# The run: a body at 1 m/s, its position measured at 20 Hz.
+Q, DEVIATION, RATE, COUNT = 0.01, 0.2, 20.0, 200
+
+
+def build_covariance(omega: float) -> Array:
+    """Return P of the filter in continuous time with r = 1 and (q/r)^(1/4) = omega."""
+    return np.array([[sqrt(2.0) * omega, omega**2], [omega**2, sqrt(2.0) * omega**3]])
+
+
+def estimation_2(desk: Desk) -> EntryResult:
+    """Compare filters of the double integrator with closed forms."""
+    filters = [lqe(A, C, np.diag([0.0, q]), [[1.0]]) for q in RATIOS]
+    omega = np.array(RATIOS)**0.25
+    duals = desk.design_all([{'A': A.T, 'B': C.T, 'Qx': [0.0, q], 'Qu': [1.0]} for q in RATIOS])
+    trackers = [_design_tracker(index) for index in INDICES]
+    kalata = np.array([solve_tracking_filter(index) for index in INDICES])
+    Rv = np.array([[DEVIATION**2]])
+    run = run_estimator(desk, 'double_integrator', {
+        'system': 'double_integrator', 'x0': [0.0, 1.0], 'publish_rate': RATE,
+        'measurement.x1.rate': RATE, 'measurement.x1.noise': DEVIATION}, {
+        'system': 'double_integrator', 'outputs': ['x1'], 'Qw': [0.0, Q],
+        'Rv': [DEVIATION**2, 1.0], 'x0_deviation': [1.0], 'gate': 1.0, 'rate': 0.0,
+        'sample_time': 1.0 / RATE}, COUNT)
+    again = run_filter(A, C, np.diag([0.0, Q]), Rv, run.t, run.y, run.x[0], run.P[0])
+    Ad, Qd = sample_noise(A, np.diag([0.0, Q]), 1.0 / RATE)
+    before = solve_discrete_are(Ad.T, C.T, Qd, Rv)
+    after = np.linalg.inv(np.linalg.inv(before) + C.T @ C / DEVIATION**2)
+    rows = [
+        ComparedRow('gain $L$ of `lqe` for six $q/r$', [each.L.ravel() for each in filters],
+                    np.column_stack([sqrt(2.0) * omega, omega**2]), '$[√2 ω, ω^2]$'),
+        ComparedRow('covariance $P$', [each.P for each in filters],
+                    [build_covariance(each) for each in omega],
+                    '$r[[√2 ω, ω^2], [ω^2, √2 ω^3]]$'),
+        ComparedRow('natural frequency of the filter [rad/s]',
+                    [abs(each.E[0]) for each in filters], omega, '$ω = (q/r)^{1/4}$'),
+        ComparedRow('damping ratio $ζ$', [-each.E[0].real / abs(each.E[0]) for each in filters],
+                    np.full(len(RATIOS), 1 / sqrt(2)), '$1/√2$'),
+        ComparedRow('bandwidth of the filter [rad/s]', [each.bandwidth[0] for each in filters],
+                    omega * sqrt(1 + sqrt(2)), '$ω √(1 + √2)$'),
+        ComparedRow('$K$ of the regulator for $(A^T, C^T, Q_w, R_v)$',
+                    [each.K.ravel() for each in duals],
+                    np.column_stack([sqrt(2.0) * omega, omega**2]), '$L^T$, duality'),
+        ComparedRow('$α, β$ of `dlqe` for six tracking indices',
+                    [each.M.ravel() for each in trackers], kalata, 'Kalata 1984'),
+        ComparedRow(f'`estimator_node`: covariance after {COUNT} measurements', run.P[-1],
+                    after, 'SciPy, `solve_discrete_are`'),
+        ComparedRow('`estimator_node`: covariance after each measurement', run.P, again[1],
+                    'information form'),
+        ComparedRow('`estimator_node`: position and velocity', run.x, again[0],
+                    'recursion with the same measurements')]
+    return EntryResult(rows, _draw(filters, trackers, run), (
+        'Above: the poles of the filter are on two rays: the damping is the same for every $q/r$, '
+        'and the gain depends on $ω$ only. This is the dual of Example 2.4. Below, left: with an '
+        'acceleration that is constant in each period $h$, of the deviation $σ_w$, and '
+        'measurements of the deviation $σ_v$, the gain of the sampled filter is $(α, β/h)$ and '
+        'depends on the tracking index $σ_w h^2/σ_v$. Right: a body at a constant velocity of 1 '
+        'm/s, whose position is measured 20 times a second; the velocity is not measured.',))
+
+
+def _design_tracker(index: float) -> KalmanDesign:
+    """Return the filter with h = 1, the deviation 1 of a measurement, and this tracking index."""
+    push = index * np.array([[0.5], [1.0]])
+    return dlqe([[1.0, 1.0], [0.0, 1.0]], C, push @ push.T, [[1.0]])
+
+
+def _draw(filters: list[KalmanDesign], trackers: list[KalmanDesign], run: EstimatedRun) -> Figure:
+    figure, ((gains, plane), (tracking, time)) = create_panels(2, 2, 3.4)
+    grid = np.logspace(-2.3, 2.3, 100)
+    omega = grid**0.25
+    for index, (text, exact) in enumerate((
+            (r'$L_1 = \sqrt{2}\,\omega$', sqrt(2) * omega), (r'$L_2 = \omega^2$', omega**2))):
+        gains.loglog(grid, exact, **EXACT_LINE)
+        gains.loglog(RATIOS, [each.L[index, 0] for each in filters], 'os'[index],
+                     color=LINE_COLOURS[index], label=text)
+    gains.plot([], [], label='closed form', **EXACT_LINE)
+    label_axes(gains, 'gain', '$q/r$ [s$^{-4}$]', '$L_1$ [s$^{-1}$], $L_2$ [s$^{-2}$]',
+               legend='upper left')
+    ray = np.array([-2.6, 0.0])
+    for sign in (1, -1):
+        plane.plot(ray, sign * ray, **EXACT_LINE)
+    for q, each in zip(RATIOS, filters, strict=True):
+        plane.plot(each.E.real, each.E.imag, 'o', color=LINE_COLOURS[0])
+        top = each.E[np.argmax(each.E.imag)]
+        if q >= 1:
+            plane.annotate(f'$q/r = {q:g}$', (top.real, top.imag), (7, 2),
+                           textcoords='offset points')
+    plane.axhline(0, **THIN)
+    plane.axvline(0, color='black', linewidth=1)
+    plane.set(xlim=(-2.7, 1.4), ylim=(-2.7, 2.7))
+    label_axes(plane, r'poles $\omega\,(-1 \pm i)/\sqrt{2}$', 'real part [s$^{-1}$]',
+               'imaginary part [s$^{-1}$]')
+    _draw_tracking(tracking, trackers)
+    _draw_run(time, run)
+    return figure
+
+
+def _draw_tracking(axes: Any, trackers: list[KalmanDesign]) -> None:
+    """Draw the gains of the alpha-beta filter over the tracking index."""
+    grid = np.logspace(-2.3, 1.3, 100)
+    exact = np.array([solve_tracking_filter(float(each)) for each in grid])
+    for index, letter in enumerate(('alpha', 'beta')):
+        axes.semilogx(grid, exact[:, index], **EXACT_LINE)
+        axes.semilogx(INDICES, [each.M[index, 0] for each in trackers], 'os'[index],
+                      color=LINE_COLOURS[index], label=rf'$\{letter}$')
+    axes.plot([], [], label='Kalata', **EXACT_LINE)
+    label_axes(axes, 'sampled: alpha-beta filter', r'tracking index $\sigma_w h^2/\sigma_v$',
+               r'$\alpha$, $\beta$', legend='upper left')
+
+
+def _draw_run(axes: Any, run: EstimatedRun) -> None:
+    """Draw the estimated velocity with its 95 % band."""
+    t, v = run.t - run.t[0], run.x[:, 1]
+    half = 1.96 * np.sqrt(run.P[:, 1, 1])
+    axes.fill_between(t, v - half, v + half, color=LINE_COLOURS[0], alpha=0.25, linewidth=0,
+                      label='95 % band')
+    axes.plot(t, v, label='estimate', **get_line(0))
+    axes.plot(t, run.true[:, 1], label='velocity', **get_line(1))
+    axes.set(xlim=(0, t[-1]), ylim=(0, 2))
+    label_axes(axes, 'run: velocity from positions', 'time $t$ [s]', '$x_2$ [m/s]',
+               legend='lower right')
+
+
+ESTIMATION_2 = GalleryEntry(
+    'estimation-2', 'A double integrator with its position measured',
+    'P. R. Kalata, The tracking index, IEEE Trans. Aerospace and Electronic Systems 20, 1984', (
+        "$x_1' = x_2$, $x_2' = w$, $y = x_1 + v$ with white noise of the intensities $q$ and $r$. "
+        'With $ω = (q/r)^{1/4}$ the Riccati equation has the solution '
+        '$P = r[[√2 ω, ω^2], [ω^2, √2 ω^3]]$, and the filter has the gain $L = [√2 ω, ω^2]$, the '
+        'poles $ω(-1 ± i)/√2$ and the damping ratio $1/√2$.',),
+    estimation_2, in_book=False)
