@@ -62,49 +62,94 @@ class HorizonProgram:
     @cached_property
     def linearize(self) -> ca.Function:
         """
-        Return the function (E, V, shifts, lam, mu) to matrix, numbers, Hessian of the Lagrangian.
+        Return the function that states the program about an iterate, and judges the iterate.
 
-        E (n, N+1), V (m, N), shifts (n, N+1), multipliers of the model lam (n, N) and of the soft
-        rows mu (r, N). The numbers are, column-major: the right sides of
-        the model (n, N) and of the soft rows (r, N), the values of these (r, N), both at the end,
-        and the gaps of the model (n, N).
+        Inputs: E (n, N+1), V (m, N), shifts (n, N+1), e0 (n, 1); the multipliers in the Hessian,
+        of the model lam (n, N) and of the soft rows mu (r, N); the penalty sigma; the multipliers
+        of the program before, lam_a and lam_x.
+
+        Outputs: the program by the names of CasADi, with its start x0; with the program before and
+        the linearization of the iterate the gradient of the Lagrangian, the part of the cost in it
+        and the products of the multipliers with the distances from their limits; the gaps of the
+        model (n, N); the cost with its penalty.
         """
-        N, n, m, _, _ = self.sizes
-        soft = self.problem.soft
-        e, v, shift = soft.e, soft.v, soft.shift
-        F = self.problem.model(e, v)
-        (A, B), (C, D) = ([ca.densify(ca.jacobian(f, at)) for at in (e, v)]
-                          for f in (F, soft.rows))
-        lam, mu = ca.SX.sym('lam', n), ca.SX.sym('mu', len(soft.names))
-        z = ca.vertcat(e, v)
-        curved = ca.densify(ca.hessian(lam.T @ F + mu.T @ soft.rows, z)[0])
-        stage = ca.Function('stage', [e, v, shift, lam, mu], [
-            A, B, C, D, A @ e + B @ v - F, C @ e + D @ v - soft.rows, soft.rows, F,
-            curved + ca.DM(2.0 * self.hessian)])
-        rows = soft.rows[list(soft.of_states)] if soft.of_states else ca.SX(0, 1)
-        slope = ca.densify(ca.jacobian(rows, e))
-        end = ca.Function('end', [e, shift], [slope, slope @ e - rows, rows])
-        E, V, S = ca.MX.sym('E', n, N + 1), ca.MX.sym('V', m, N), ca.MX.sym('S', n, N + 1)
-        L, M = ca.MX.sym('L', n, N), ca.MX.sym('M', len(soft.names), N)
-        found = stage.map(N)(E[:, :N], V, S[:, :N], L, M)
-        last = end(E[:, N], S[:, N])
+        N, n, m, r, last = self.sizes
         sparsity, places = self.pattern
-        flat = ca.vertcat(*(ca.vec(each) for each in (*found[:4], last[0])), 1.0, -1.0)
-        numbers = ca.vertcat(*(ca.vec(each) for each in (
-            *found[4:7], last[1], last[2], E[:, 1:] - found[7])))
-        H = ca.vertcat(ca.vec(found[8]), ca.DM(2.0 * self.problem.P).reshape((-1, 1)))
-        return ca.Function('linearize', [E, V, S, L, M], [
-            ca.MX(sparsity, flat[places.tolist()]), numbers,
-            ca.MX(self.full_hessian.sparsity(), H)])
+        given = {name: ca.MX.sym(name, *shape) for name, shape in (
+            ('E', (n, N + 1)), ('V', (m, N)), ('shifts', (n, N + 1)), ('e0', (n, 1)),
+            ('lam', (n, N)), ('mu', (r, N)), ('sigma', (1, 1)), ('lam_a', (sparsity.size1(), 1)),
+            ('lam_x', (sparsity.size2(), 1)))}
+        E, V, S, e0, lam, mu, sigma, lam_a, lam_x = given.values()
+        A, B, C, D, low, high, excess, gaps, H, bend, steep = self._stage.map(N)(
+            E[:, :N], V, S[:, :N], lam, mu, E[:, 1:])
+        slope, low_last, high_last, excess_last, steep_last = self._end(E[:, N], S[:, N])
+        pieces = ca.vertcat(*map(ca.vec, (A, B, C, D, slope)), 1.0, -1.0)
+        a, none = ca.MX(sparsity, pieces[places.tolist()]), ca.DM.zeros(last, 1)
+        z = ca.vertcat(ca.vec(ca.vertcat(E[:, :N], V, excess)), excess_last, E[:, N], excess_last)
+        cost = ca.vertcat(ca.vec(steep), none, steep_last, none)
+        penalty = sigma * ca.DM(self.penalized)
+        lower, upper = self._insert_rows(low, low_last), self._insert_rows(high, high_last)
+        lowest, highest = (ca.vertcat(e0, np.where(np.isfinite(each), each, 0.0)[n:])
+                           for each in self.box)
+        found = {
+            'h': ca.MX(self.hessian_pattern, ca.vertcat(
+                ca.vec(H), ca.DM(2.0 * self.problem.P).reshape((-1, 1)))),
+            'g': penalty - ca.vertcat(ca.vec(bend), ca.DM.zeros(2 * last + n, 1)), 'a': a,
+            'lba': lower + ca.DM(np.where(self.one_sided > 0, -np.inf, 0.0)),
+            'uba': upper + ca.DM(np.where(self.one_sided < 0, np.inf, 0.0)), 'x0': z,
+            'slope': cost + penalty + a.T @ lam_a + lam_x, 'steep': cost,
+            'products': ca.vertcat(_multiply_distances(a @ z, lower, upper, lam_a),
+                                   _multiply_distances(z, lowest, highest, lam_x)),
+            'gaps': gaps, 'value': 0.5 * ca.dot(z, cost) + ca.dot(z, penalty)}
+        return ca.Function('linearize', {**given, **found}, list(given), list(found))
 
     @cached_property
-    def multiply(self) -> ca.Function:
-        """Return the function (A, z, lam, H) to W z, A' lam, H z and A z; W: of the cost."""
-        A = ca.MX.sym('A', self.pattern[0])
-        z, lam = ca.MX.sym('z', A.size2()), ca.MX.sym('lam', A.size1())
-        H = ca.MX.sym('H', self.full_hessian.sparsity())
-        return ca.Function('multiply', [A, z, lam, H], [ca.vertcat(
-            ca.MX(self.full_hessian) @ z, A.T @ lam, H @ z, A @ z)])
+    def _stage(self) -> ca.Function:
+        """Return the parts of `linearize` that belong to a stage, which ends at the last input."""
+        _, n, m, r, _ = self.sizes
+        up, down = (each.tolist() for each in self.sides[:2])
+        soft = self.problem.soft
+        e, v, shift, after = soft.e, soft.v, soft.shift, ca.SX.sym('after', n)
+        lam, mu = ca.SX.sym('lam', n), ca.SX.sym('mu', r)
+        F, z, W = self.problem.model(e, v), ca.vertcat(e, v), ca.DM(2.0 * self.hessian)
+        (A, B), (C, D) = ([ca.densify(ca.jacobian(f, at)) for at in (e, v)]
+                          for f in (F, soft.rows))
+        curved = ca.densify(ca.hessian(lam.T @ F + mu.T @ soft.rows, z)[0])
+        moved, rest = A @ e + B @ v - F, C @ e + D @ v - soft.rows
+        no_up, no_down, no_excess = (ca.SX.zeros(k, 1) for k in (len(up), len(down), r))
+        return ca.Function('stage', [e, v, shift, lam, mu, after], [
+            A, B, C, D,
+            ca.densify(ca.vertcat(moved, no_up, _move(rest, soft.lower, down))),
+            ca.densify(ca.vertcat(moved, _move(rest, soft.upper, up), no_down)),
+            _exceed(soft.rows, soft.lower, soft.upper), ca.densify(after - F), curved + W,
+            ca.densify(ca.vertcat(curved @ z, no_excess)),
+            ca.densify(ca.vertcat(W @ z, no_excess))])
+
+    @cached_property
+    def _end(self) -> ca.Function:
+        """Return the parts of `linearize` that belong to the end of the horizon."""
+        up, down = (each.tolist() for each in self.sides[2:])
+        e, shift, rows, lower, upper = self._last_rows
+        slope = ca.densify(ca.jacobian(rows, e))
+        rest = slope @ e - rows
+        return ca.Function('end', [e, shift], [
+            slope, ca.densify(ca.vertcat(ca.SX.zeros(len(up), 1), _move(rest, lower, down))),
+            ca.densify(ca.vertcat(_move(rest, upper, up), ca.SX.zeros(len(down), 1))),
+            _exceed(rows, lower, upper), ca.densify(ca.DM(2.0 * self.problem.P) @ e)])
+
+    @property
+    def _last_rows(self) -> tuple[ca.SX, ca.SX, ca.SX, Array, Array]:
+        """Return e, shift and the soft rows at the end of the horizon with their limits."""
+        soft = self.problem.soft
+        kept = list(soft.of_states)
+        return (soft.e, soft.shift, soft.rows[kept] if kept else ca.SX(0, 1), soft.lower[kept],
+                soft.upper[kept])
+
+    def _insert_rows(self, stages: ca.MX, end: ca.MX) -> ca.MX:
+        """Return rows (k, N) and those at the end, with the rows of the additional inputs."""
+        N, n, _, _, last = self.sizes
+        rows, place = ca.vec(stages), (N - 1) * stages.size1() + n
+        return ca.vertcat(rows[:place], ca.DM.zeros(last, 1), rows[place:], end)
 
     @cached_property
     def multiplier_rows(self) -> tuple[RowPlaces, RowPlaces, RowPlaces]:
@@ -117,30 +162,63 @@ class HorizonProgram:
         soft[-1] += last
         return starts + np.arange(n), soft, np.concatenate([up, down])
 
-    def split(self, numbers: Array) -> list[Array]:
-        """Return the parts of the numbers of `linearize`: (N, n), (N, r), (N, r), ..., (N, n)."""
-        N, n, _, r, last = self.sizes
-        shapes = (N, n), (N, r), (N, r), (last,), (last,), (N, n)
-        ends = np.cumsum([math.prod(shape) for shape in shapes])
-        return [part.reshape(shape) for part, shape in zip(
-            np.split(numbers, ends[:-1]), shapes, strict=True)]
-
     @cached_property
-    def rollout(self) -> ca.Function:
+    def follow(self) -> ca.Function:
         """
-        Return the function (e0, V, E) to the motion (n, N + 1) and the inputs (m, N) applied.
+        Return the function that applies inputs to the model.
 
-        They are v_k - K (e_k - E_k), within the bounds.
+        Inputs: e0 (n, 1), V (m, N), E (n, N+1), shifts (n, N+1). Outputs: the motion
+        moved (n, N+1), the inputs applied (m, N), which are v_k - K (e_k - E_k) within the bounds,
+        the cost, and the excesses of the soft rows (r, N) and at the end.
         """
         N, n, m, _, _ = self.sizes
+        soft = self.problem.soft
+        e, v, ref, S = soft.e, ca.SX.sym('v', m), ca.SX.sym('ref', n), ca.MX.sym('S', n, N + 1)
         lower, upper = self.problem.input_box
-        e, v, ref = ca.SX.sym('e', n), ca.SX.sym('v', m), ca.SX.sym('ref', n)
         applied = ca.fmin(ca.fmax(v - ca.DM(self.problem.K) @ (e - ref), ca.DM(lower)),
                           ca.DM(upper))
-        step = ca.Function('step', [e, v, ref], [self.problem.model(e, applied), applied])
-        e0, V, E = ca.MX.sym('e0', n), ca.MX.sym('V', m, N), ca.MX.sym('E', n, N)
-        moved, inputs = step.mapaccum(N)(e0, V, E)
-        return ca.Function('rollout', [e0, V, E], [ca.horzcat(e0, moved), inputs])
+        z = ca.vertcat(e, applied)
+        excess = ca.substitute(_exceed(soft.rows, soft.lower, soft.upper), soft.v, applied)
+        step = ca.Function('step', [e, v, ref, soft.shift], [
+            self.problem.model(e, applied), applied, z.T @ ca.DM(self.hessian) @ z, excess])
+        _, _, rows, low, high = self._last_rows
+        end = ca.Function('end', [e, soft.shift], [
+            e.T @ ca.DM(self.problem.P) @ e, _exceed(rows, low, high)])
+        e0, V, E = ca.MX.sym('e0', n), ca.MX.sym('V', m, N), ca.MX.sym('E', n, N + 1)
+        moved, inputs, costs, excesses = step.mapaccum(N)(e0, V, E[:, :N], S[:, :N])
+        last = end(moved[:, N - 1], S[:, N])
+        given = {'e0': e0, 'V': V, 'E': E, 'shifts': S}
+        found = {'moved': ca.horzcat(e0, moved), 'applied': inputs,
+                 'cost': ca.sum2(costs) + last[0], 'excess': excesses, 'excess_last': last[1]}
+        return ca.Function('follow', {**given, **found}, list(given), list(found))
+
+    @cached_property
+    def penalized(self) -> Array:
+        """Return 1 for each unknown that is an excess with a penalty, 0 for the others."""
+        N, n, m, r, last = self.sizes
+        stage = np.concatenate([np.zeros(n + m), np.ones(r)])
+        return np.concatenate([np.tile(stage, N), np.zeros(last + n), np.ones(last)])
+
+    @cached_property
+    def box(self) -> tuple[Array, Array]:
+        """Return the bounds of the unknowns; those of e_0 are to be set."""
+        N, n, m, r, last = self.sizes
+        ends = (-np.inf, 0.0), (np.inf, np.inf)   # of an error, and of an excess
+        return tuple(np.concatenate([
+            np.tile(np.concatenate([np.full(n, free), bound, np.full(r, excess)]), N),
+            np.full(last + n, free), np.full(last, excess)])
+            for bound, (free, excess) in zip(
+                self.problem.input_box, ends, strict=True))  # type: ignore[return-value]
+
+    @cached_property
+    def one_sided(self) -> Array:
+        """Return 1 for each row with an upper limit alone, -1 with a lower one, 0 with both."""
+        N, n, _, _, last = self.sizes
+        up, down, up_last, down_last = map(len, self.sides)
+        stage = np.concatenate([np.zeros(n), np.ones(up), -np.ones(down)])
+        return np.concatenate([np.insert(np.tile(stage, N), (N - 1) * len(stage) + n,
+                                         np.zeros(last)),
+                               np.ones(up_last), -np.ones(down_last)])
 
     @cached_property
     def hessian(self) -> Array:
@@ -151,12 +229,12 @@ class HorizonProgram:
         return np.block([[weights.Qx, cross], [cross.T, weights.Qu]])
 
     @cached_property
-    def full_hessian(self) -> ca.DM:
-        """Return the Hessian of the program."""
+    def hessian_pattern(self) -> ca.Sparsity:
+        """Return the sparsity of the Hessian of the program."""
         N, n, m, r, last = self.sizes
-        block = ca.diagcat(ca.densify(ca.DM(2.0 * self.hessian)), ca.DM(r, r))
-        return ca.diagcat(*[block] * N, ca.DM(last, last),
-                          ca.densify(ca.DM(2.0 * self.problem.P)), ca.DM(last, last))
+        block = ca.diagcat(ca.Sparsity.dense(n + m, n + m), ca.Sparsity(r, r))
+        return ca.diagcat(*[block] * N, ca.Sparsity(last, last), ca.Sparsity.dense(n, n),
+                          ca.Sparsity(last, last))
 
     @cached_property
     def pattern(self) -> tuple[ca.Sparsity, RowPlaces]:
@@ -219,3 +297,24 @@ class HorizonProgram:
         sparsity = ca.Sparsity.triplet(row, column + n + last, lines[order].tolist(),
                                        places[order].tolist())
         return sparsity, entries[order]
+
+
+def _exceed(rows: ca.SX, lower: Array, upper: Array) -> ca.SX:
+    """Return by how much rows (k, 1) are outside of their limits; NaN if they are not numbers."""
+    found = ca.SX.zeros(len(lower), 1)
+    for i, (low, high) in enumerate(zip(lower.tolist(), upper.tolist(), strict=True)):
+        for side in ([low - rows[i]] if math.isfinite(low) else []) + (
+                [rows[i] - high] if math.isfinite(high) else []):
+            found[i] += 0.5 * (side + ca.fabs(side))   # fmax would hide a NaN
+    return found
+
+
+def _move(rows: ca.SX, limits: Array, chosen: list[int]) -> ca.SX:
+    """Return chosen rows with their limits added, (k, 1)."""
+    return ca.vertcat(ca.SX(0, 1), *(rows[i] + limits[i] for i in chosen))
+
+
+def _multiply_distances(values: ca.MX, lower: ca.MX, upper: ca.MX, lam: ca.MX) -> ca.MX:
+    """Return the products of multipliers with the distances from the limits they belong to."""
+    return 0.5 * ((lam + ca.fabs(lam)) * (upper - values)
+                  + (ca.fabs(lam) - lam) * (values - lower))

@@ -125,3 +125,12 @@ def test_a_state_that_is_not_finite_is_refused() -> None:
     """NaN never reaches the solver."""
     with pytest.raises(StatementError, match='2 finite numbers'):
         StepSolver(integrator(), compiled=False).solve(np.array([np.nan, 0.0]))
+
+
+def test_a_limit_without_a_finite_value_is_told() -> None:
+    """It is neither kept nor exceeded, so that there is no plan."""
+    problem = integrator(path_constraints=[{'expr': 'log(p + 1)', 'upper': 1.0}])
+    solver = StepSolver(problem, compiled=False)
+    result = solver.solve(np.array([-2.0, 0.0]))
+    assert result.plan is None and result.status == 'diverged' and 'limits' in result.words
+    assert solver.solve(np.array([0.5, 0.0])).status == 'optimal', 'the solver recovers'

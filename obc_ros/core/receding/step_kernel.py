@@ -1,0 +1,194 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+The numbers of a step: its iterate, the program about it, and what the program answers.
+
+All functions work on one memory, so that a number is neither copied nor converted between them.
+"""
+
+from dataclasses import dataclass
+import math
+from pathlib import Path
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from obc_ros.core.numerics.arrays import Array
+from obc_ros.core.receding.buffered_function import BufferedFunction
+from obc_ros.core.receding.compiled_functions import compile_function
+from obc_ros.core.receding.horizon_program import HorizonProgram
+
+
+@dataclass(frozen=True, eq=False)
+class HorizonMotion:
+    """
+    A motion of the model with admissible inputs.
+
+    Attributes
+    ----------
+    E, V : ndarray, shape (N + 1, n) and (N, m)
+        Errors about the set point, and inputs less those of the set point.
+    cost : float
+        Without the penalty.
+    excess : float
+        Sum of the excesses.
+    worst : ndarray, shape (r,)
+        The largest excess of each soft row.
+
+    """
+
+    E: Array
+    V: Array
+    cost: float
+    excess: float
+    worst: Array
+
+    def find_value(self, penalty: float) -> float:
+        """Return the cost with the penalty."""
+        return self.cost + penalty * self.excess
+
+
+class StepKernel:
+    """
+    The functions of a problem and their memory.
+
+    Parameters
+    ----------
+    program : HorizonProgram
+        The program.
+    directory : Path or None
+        Directory of compiled functions; None: the default one.
+    compiled : bool
+        Whether functions are compiled if there is a compiler.
+
+    Attributes
+    ----------
+    words : str
+        A sentence on the compilation.
+    E, V : ndarray, shape (N + 1, n) and (N, m)
+        The iterate, to be written before `linearize` and `follow`.
+    lam, mu : ndarray, shape (N, n) and (N, r)
+        The multipliers in the Hessian.
+
+    """
+
+    def __init__(self, program: HorizonProgram, directory: Path | None, compiled: bool) -> None:
+        self._program = program
+        functions = [program.linearize, program.follow]
+        self.words = 'interpreted: as asked'
+        if compiled:
+            found = [compile_function(each, directory) for each in functions]
+            functions = [each.function for each in found]
+            self.words = '; '.join(dict.fromkeys(each.words for each in found))
+        pattern = {'h': program.hessian_pattern, 'a': program.pattern[0]}
+        solver = ca.conic('qp', 'hpipm', pattern, {**_OPTIONS, **program.options})
+        memory: dict[str, Array] = {}
+        self._linearize, self._follow, self._solve = (
+            BufferedFunction(each, memory) for each in (*functions, solver))
+        self._memory = memory
+        self._name_arrays()
+
+    def _name_arrays(self) -> None:
+        """Name the parts of the memory by their shapes."""
+        memory = self._memory
+        N, n, m, r, last = self._program.sizes
+        shapes = {'E': (N + 1, n), 'V': (N, m), 'lam': (N, n), 'mu': (N, r), 'excess': (N, r),
+                  'moved': (N + 1, n), 'applied': (N, m), 'shifts': (N + 1, n)}
+        (self.E, self.V, self.lam, self.mu, self._excess, self._moved, self._applied,
+         self._shifts) = (memory[name].reshape(shape) for name, shape in shapes.items())
+        stages = memory['x'][:N * (n + m + r)].reshape(N, n + m + r)
+        self._found = stages[:, :n], memory['x'][len(memory['x']) - n - last:][:n], \
+            stages[:, n:n + m]
+        one_sided, box = self._program.one_sided, self._program.box
+        self._soft = one_sided != 0.0
+        memory['lbx'][:], memory['ubx'][:] = box
+        # The least and the largest multiplier: 0 if the limit is infinite.
+        self._signs = (np.where(one_sided > 0.0, 0.0, -np.inf),
+                       np.where(one_sided < 0.0, 0.0, np.inf))
+        self._box_signs = tuple(np.where(np.isinf(each), 0.0, sign) for each, sign in zip(
+            box, (-np.inf, np.inf), strict=True))
+        self._box_signs[0][:n], self._box_signs[1][:n] = -np.inf, np.inf   # e_0 is given
+
+    def begin(self, e0: Array, shifts: Array) -> None:
+        """Take the error at the start, shape (n,), and the moves of the set point (N + 1, n)."""
+        memory, n = self._memory, len(e0)
+        self._shifts[:] = shifts
+        memory['e0'][:] = memory['lbx'][:n] = memory['ubx'][:n] = e0
+        memory['lam_a'][:] = memory['lam_x'][:] = 0.0
+
+    def follow(self) -> HorizonMotion | None:
+        """Return the motion with the inputs V about E; None if it is not finite."""
+        self._follow.run()
+        memory = self._memory
+        end = memory['excess_last']
+        cost = float(memory['cost'][0])
+        excess = float(self._excess.sum() + end.sum())
+        if not (math.isfinite(cost) and math.isfinite(excess) and np.isfinite(self._moved).all()):
+            return None
+        worst = self._excess.max(axis=0, initial=0.0)
+        of = list(self._program.problem.soft.of_states)
+        worst[of] = np.maximum(worst[of], end)
+        return HorizonMotion(self._moved.copy(), self._applied.copy(), cost, excess, worst)
+
+    def linearize(self, penalty: float) -> None:
+        """State the program about the iterate, with a penalty of the excesses."""
+        self._memory['sigma'][0] = penalty
+        self._linearize.run()
+
+    def solve(self) -> bool:
+        """Solve the program; return whether its answer is finite, which is the next iterate."""
+        memory = self._memory
+        if not all(np.isfinite(memory[name]).all() for name in ('h', 'g', 'a', 'gaps', 'x0')):
+            return False
+        self._solve.run()
+        lam_a, lam_x = memory['lam_a'], memory['lam_x']
+        # The solver takes infinite limits as finite ones, with multipliers.
+        np.clip(lam_a, *self._signs, out=lam_a)
+        np.clip(lam_x, *self._box_signs, out=lam_x)
+        if not all(np.isfinite(memory[name]).all() for name in ('x', 'lam_a', 'lam_x')):
+            lam_a[:] = lam_x[:] = 0.0
+            return False
+        self.E[:-1], self.E[-1], self.V[:] = self._found
+        return True
+
+    def take_multipliers(self) -> None:
+        """Take the multipliers of the program for the Hessian of the next one."""
+        model, soft, which = self._program.multiplier_rows
+        lam_a = self._memory['lam_a']
+        self.lam[:] = lam_a[model]
+        self.mu[:] = 0.0
+        for column, row in enumerate(which):
+            self.mu[:, row] += lam_a[soft[:, column]]
+
+    @property
+    def multiplier(self) -> float:
+        """Return the largest multiplier of a softened limit."""
+        return float(np.abs(self._memory['lam_a'][self._soft]).max(initial=0.0))
+
+    def measure_residual(self) -> float:
+        """
+        Return the relative residual of the optimality conditions of the iterate.
+
+        With its own linearization and the multipliers of the program before: the gradient of the
+        Lagrangian, and the products of multipliers and distances from limits, each over 1 + the
+        largest term of its sum; the gaps of the model and the distance from the bounds.
+        """
+        memory = self._memory
+        size = 1.0 + max(_find_largest(memory['steep']), _find_largest(memory['lam_a']))
+        z = memory['x0']
+        outside = float(np.maximum(memory['lbx'] - z, z - memory['ubx']).max())
+        value = 1.0 + abs(float(memory['value'][0]))
+        return float(np.max([   # NaN if one is
+            _find_largest(memory['slope']) / size, _find_largest(memory['products']) / value,
+            _find_largest(memory['gaps']) / (1.0 + _find_largest(memory['E'])), outside]))
+
+
+def _find_largest(values: Array) -> float:
+    """Return the largest absolute value; NaN if one is."""
+    return float(np.abs(values).max(initial=0.0))
+
+
+_OPTIONS: dict[str, Any] = {
+    'print_time': False, 'inf': 1e5, 'error_on_fail': False, 'inputs_check': False, 'hpipm': {
+        'iter_max': 60, 'mode': 'speed', 'res_g_max': 1e-8, 'res_b_max': 1e-8,
+        'res_d_max': 1e-8, 'res_m_max': 1e-8}}
