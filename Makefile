@@ -48,7 +48,7 @@ setup: $(VENV)/.obc_ros ## everything into the environment, from pinned packages
 
 develop: setup $(VENV)/.develop ## the set-up, colcon and the commit hooks
 
-demo: setup ## the set-up, then the loop in flight (SYSTEM=aircraft|vehicle|mpc)
+demo: setup ## the set-up, then the loop in flight (SYSTEM=aircraft|vehicle|mpc|lqg)
 	$(BIN)/obc demo $(SYSTEM) $(ARGS)
 
 view: setup ## the set-up, then the loop and its live page in a browser (SYSTEM=aircraft|vehicle)

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A client of a closed loop: records its topics, calls its services, sets its parameters."""
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 import time
@@ -15,7 +15,7 @@ from obc_ros.cli.processes import APPEARS, Children
 from obc_ros.cli.recording import CLOCK, LATCHED, read_stamp, Recorder
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.text.errors import ObcError
-from obc_ros.msg import Command, LqrDesign, State, Trajectory
+from obc_ros.msg import Command, Estimate, LqrDesign, Measurement, State, Trajectory
 from obc_ros.ros.executor import limit_leaving
 from rcl_interfaces.msg import Log, Parameter, ParameterEvent
 from rcl_interfaces.srv import SetParametersAtomically
@@ -25,6 +25,8 @@ import rclpy.parameter
 from rclpy.serialization import deserialize_message
 from rosgraph_msgs.msg import Clock
 from std_srvs.srv import SetBool, Trigger
+
+SILENCE = 0.3  # [s] after which the pilot answers a state that waits for its command
 
 
 @dataclass
@@ -48,11 +50,28 @@ class Pilot:
 
     Topics that depend on the wall clock are recorded in `journal`, if it is given.
 
+    With `rest`, the controller hears `state` of estimator_node, and the states of the plant are
+    `true_state`. A plant in lockstep waits for a command at each state. If there is none, because
+    there is no estimate yet or it was lost, the pilot repeats the last command, at first `rest`
+    (m,).
+
     Methods that wait raise what `Children.check` raises: the end of a node ends every wait.
+
+    Attributes
+    ----------
+    states, heard : Samples
+        States of the plant, and those that the controller hears.
+    estimates, measurements : Samples
+        Empty without an estimator.
+    told : dict
+        Values of the newest diagnostics by name, for each status by what follows the node's name.
+    stood_in : int
+        Number of states that the pilot has answered.
+
     """
 
     def __init__(self, children: Children, recorder: Recorder, journal: Recorder | None = None,
-                 controller: str = 'lqr_node') -> None:
+                 controller: str = 'lqr_node', rest: Sequence[float] = ()) -> None:
         self._children = children
         self._recorder = recorder
         self._journal = journal or recorder
@@ -62,20 +81,28 @@ class Pilot:
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self.node)
         self.states, self.commands, self.odometry = Samples(), Samples(), Samples()
+        self.estimates, self.measurements = Samples(), Samples()
+        self.heard = Samples() if rest else self.states
+        self.stood_in, self._rest, self._waiting = 0, list(rest), (0, 0.0)
         self.designs: list[LqrDesign] = []
         self.said: list[Log] = []
+        self.told: dict[str, dict[str, str]] = {}
         self._record(controller)
+        if rest:
+            self._record_estimator()
+            self._stand_in = self.node.create_publisher(Command, 'command', 1)
+        else:
+            recorder.subscribe(self.node, 'odom', Odometry, self.odometry.append)
 
     def _record(self, controller: str) -> None:
         node, recorder = self.node, self._recorder
-        recorder.subscribe(node, 'state', State, self.states.append)
+        recorder.subscribe(node, 'state', State, self.heard.append)
         recorder.subscribe(node, 'command', Command, self.commands.append)
         recorder.subscribe(node, f'{controller}/design', LqrDesign, self._on_design, qos=LATCHED)
         recorder.subscribe(node, 'reference', Trajectory, qos=LATCHED)
-        recorder.subscribe(node, 'odom', Odometry, self.odometry.append)
         journal = self._journal
         journal.subscribe(node, '/clock', Clock, qos=CLOCK)
-        journal.subscribe(node, '/diagnostics', DiagnosticArray)
+        journal.subscribe(node, '/diagnostics', DiagnosticArray, self._on_diagnostics)
         journal.subscribe(node, '/parameter_events', ParameterEvent)
         journal.subscribe(node, '/rosout', Log, self._on_log, qos=LATCHED)
         recorder.now = journal.now = lambda: self.states.stamp[-1] if self.states.stamp else 0
@@ -83,11 +110,22 @@ class Pilot:
         self._paused = False
         self._pauser = node.create_client(SetBool, 'plant_simulator/pause')
 
+    def _record_estimator(self) -> None:
+        for topic, kind, samples in (('true_state', State, self.states),
+                                     ('measurement', Measurement, self.measurements),
+                                     ('estimator_node/estimate', Estimate, self.estimates)):
+            self._recorder.subscribe(self.node, topic, kind, samples.append)
+
     def _on_design(self, data: bytes, published: int) -> None:
         self.designs.append(deserialize_message(data, LqrDesign))
 
     def _on_log(self, data: bytes, published: int) -> None:
         self.said.append(deserialize_message(data, Log))
+
+    def _on_diagnostics(self, data: bytes, published: int) -> None:
+        for status in deserialize_message(data, DiagnosticArray).status:
+            self.told[status.name.rpartition(': ')[2]] = {
+                each.key: each.value for each in status.values}
 
     def close(self) -> None:
         """Destroy the node."""
@@ -164,7 +202,13 @@ class Pilot:
         self.pause(before)
 
     def begin(self, real_time: bool) -> None:
-        """Wait for the first command; the time runs in real time, and is paused in lockstep."""
+        """
+        Wait for the first command; the time runs in real time, and is paused in lockstep.
+
+        With an estimator in lockstep there is no command before the time runs.
+        """
+        if self._rest and not real_time:
+            return
         if real_time:
             self.pause(False)
         due, reset = 0.0, None
@@ -203,7 +247,22 @@ class Pilot:
             self._paused = True   # by the plant, at that time
         due = self.states.stamp[0] + round(moment * 1e9)
         self.wait(lambda: self._has_all(due), f'the command at t = {moment:g} s', timeout,
-                  progress)
+                  lambda: self._answer_silence() or progress())
+
+    def _answer_silence(self) -> None:
+        """Answer the state that the plant waits with, if it has waited for long."""
+        stamp, now = self.states.stamp[-1], time.monotonic()
+        if not self._rest or self.commands.stamp[-1:] >= [stamp]:
+            return
+        if stamp != self._waiting[0]:
+            self._waiting = stamp, now
+        elif now - self._waiting[1] > SILENCE:
+            u = (deserialize_message(self.commands.data[-1], Command).u if self.commands.data
+                 else self._rest)
+            command = Command(u=u)
+            command.header.stamp.sec, command.header.stamp.nanosec = divmod(stamp, 10**9)
+            self._stand_in.publish(command)
+            self.stood_in, self._waiting = self.stood_in + 1, (stamp, now)
 
     def _has_all(self, stamp: int) -> bool:
         """Return whether the messages of a state are recorded; some plants have no odometry."""
@@ -217,21 +276,21 @@ class Pilot:
                 *_arrays(self.commands, Command, 'u', start))
 
     def latencies(self) -> Array:
-        """Return the time [s] from each state to its first command, both as published."""
-        states = dict(zip(self.states.stamp, self.states.published, strict=True))
+        """Return the time [s] from each heard state to its first command, both as published."""
+        states = dict(zip(self.heard.stamp, self.heard.published, strict=True))
         commands = dict(zip(reversed(self.commands.stamp), reversed(self.commands.published),
                             strict=True))
         return np.array([(commands[stamp] - published) * 1e-9
                          for stamp, published in states.items() if stamp in commands])
 
     def missed(self) -> int:
-        """Return the number of states without a command, between the first and last commands."""
+        """Return the number of heard states without a command, from the first to the last one."""
         answered = set(self.commands.stamp)
         if not answered:
-            return len(self.states.stamp)
+            return len(self.heard.stamp)
         first, last = min(answered), max(answered)
         return sum(first <= stamp <= last and stamp not in answered
-                   for stamp in self.states.stamp)
+                   for stamp in self.heard.stamp)
 
 
 def _arrays(samples: Samples, kind: Any, name: str, start: int) -> tuple[Array, Array]:

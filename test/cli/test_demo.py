@@ -10,6 +10,7 @@ import subprocess
 from typing import Any
 
 import numpy as np
+from obc_ros.cli.demo.flight_estimates import judge_flight
 from obc_ros.cli.demo.report import measure_step
 from obc_ros.cli.obc import main
 from probes import Probe
@@ -25,7 +26,9 @@ PRINTED = {
                  'rejected: Qu[0] = -0.1: Qu must be positive definite'),
     'vehicle': ('maximum lateral error', 'slalom', 'state to command, p50'),
     'mpc': ('largest |vx|, of 0.4 m/s', 'largest |theta|, of 0.2 rad', 'deadlines missed',
-            'time of a plan, p50, p99, max')}
+            'time of a plan, p50, p99, max'),
+    'lqg': ('error of the estimate', 'errors in the 95 % band', 'measurements missing',
+            'measurements used', 'state to command, p50', 'held')}
 NODES = ('plant_simulator', 'lqr_node', 'trajectory_server')
 
 
@@ -73,6 +76,40 @@ def test_a_demo_writes_table_figures_and_complete_recording(scenario: str, fligh
         assert len(states) >= 400
         assert set(states[states.index(min(answered)):-1]) <= answered
         assert stamps[design]
+
+
+@pytest.mark.nodes
+def test_a_demo_with_an_estimator_records_what_it_hears(tmp_path: Path, domain: int) -> None:
+    """The loop holds, measurements are lost, and each estimate is recorded with its covariance."""
+    out = tmp_path / 'out'
+    demo = support.Process([support.find('obc'), 'demo', 'lqg', '--out', str(out)],
+                           tmp_path / 'log', domain)
+    try:
+        assert demo.wait(240.0) == 0, demo.output()
+    finally:
+        demo.end()
+    for words in PRINTED['lqg']:
+        assert words in demo.output()
+    assert int(re.search(r'measurements missing\W+(\d+)', demo.output())[1]) > 0
+    assert (out / 'estimates.png').stat().st_size > 20_000
+    with AnyReader([out / 'estimates']) as reader:
+        counts = {each.topic: each.msgcount for each in reader.connections}
+    assert counts['/true_state'] > counts['/estimator_node/estimate'] > 500
+    assert counts['/measurement'] > 500
+    with AnyReader([out / 'estimates_whole_state']) as reader:
+        assert not {'/true_state', '/measurement'} & {each.topic for each in reader.connections}
+
+
+def test_a_loop_that_leaves_its_set_point_does_not_hold() -> None:
+    """Only the last 3 s count, and the distance is that in the plane."""
+    t = np.linspace(0.0, 10.0, 1001)
+    x = np.zeros((t.size, 6))
+    x[t < 6.9, 0] = 100.0
+    x[:, 5] = 100.0
+    assert judge_flight(t, x)[0]
+    x[t > 9.5, :2] = 0.4
+    held, words = judge_flight(t, x)
+    assert not held and '0.57 m' in words
 
 
 @pytest.mark.nodes

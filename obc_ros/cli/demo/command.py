@@ -1,7 +1,7 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-`obc demo`: a closed loop of three node processes over DDS, recorded and plotted.
+`obc demo`: a closed loop of node processes over DDS, recorded and plotted.
 
 aircraft: hover, a step with Qx = I, the weights of Example 2.5 set in flight, a second step, a
 gust, and a change that must be rejected.
@@ -9,6 +9,7 @@ vehicle: a lane change that trajectory_server plans and lqr_node follows, then t
 Exercise 2.10.
 mpc: the aircraft with limits of its speed and tilt. lqr_node exceeds that of the speed, mpc_node
 keeps both.
+lqg: the aircraft with sensors that are late and lost. estimator_node provides the state.
 """
 
 import argparse
@@ -26,10 +27,12 @@ from obc_ros.cli.ros_graph import Graph, join_graph, keep_to_this_machine, LOOK
 from obc_ros.core.text.errors import ObcError, quote
 
 LAST_DOMAIN = 232  # the last one whose ports exist
-# For the hints: the controller, and the arguments of the launch file for the same loop.
-LOOPS = {'aircraft': ('lqr_node', 'scenario:=aircraft'),
-         'vehicle': ('lqr_node', 'scenario:=vehicle'),
-         'mpc': ('mpc_node', 'controller:=mpc scenario:=aircraft_limits')}
+# For the hints: number of nodes, the controller, and the arguments of the launch file for the same
+# loop.
+LOOPS = {'aircraft': ('three', 'lqr_node', 'scenario:=aircraft'),
+         'vehicle': ('three', 'lqr_node', 'scenario:=vehicle'),
+         'mpc': ('three', 'mpc_node', 'controller:=mpc scenario:=aircraft_limits'),
+         'lqg': ('four', 'lqr_node', 'scenario:=aircraft estimator:=true')}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -44,13 +47,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run a demonstration; return the exit status."""
-    from obc_ros.cli.demo import aircraft, flight_limits, vehicle
-    scenario = {'aircraft': aircraft, 'vehicle': vehicle, 'mpc': flight_limits}[args.scenario]
-    controller, arguments = LOOPS[args.scenario]
+    from obc_ros.cli.demo import aircraft, flight_estimates, flight_limits, vehicle
+    scenario = {'aircraft': aircraft, 'vehicle': vehicle, 'mpc': flight_limits,
+                'lqg': flight_estimates}[args.scenario]
+    count, controller, arguments = LOOPS[args.scenario]
     with lock_folder(args.out), _own_domain() as domain:
         isolate(domain)
         obc = sys.argv[0] if Path(sys.argv[0]).name == 'obc' else 'obc'
-        print(f'{args.scenario}: three nodes over DDS, domain {domain}, this machine only; '
+        print(f'{args.scenario}: {count} nodes over DDS, domain {domain}, this machine only; '
               'while it runs, in another terminal:\n'
               f'  ROS_DOMAIN_ID={domain} {obc} param get /{controller} Qx', flush=True)
         status = scenario.run(args.out, args.real_time, args.format)

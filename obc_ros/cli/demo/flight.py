@@ -29,34 +29,62 @@ class Event:
 
 @dataclass(frozen=True)
 class Flight:
-    """One run of the loop: configuration file, duration [s], events and controller."""
+    """
+    One run of the loop.
+
+    Attributes
+    ----------
+    name : str
+        Of the recording.
+    config : str
+        File of config/ with the parameters of the nodes.
+    duration : float
+        [s]
+    events : sequence of Event
+    controller : str
+        Name of its node.
+    plant : tuple of str
+        ROS arguments of the plant in addition.
+    sensors : str
+        File of config/sensors/: estimator_node provides the state. Empty: the plant does.
+    rest : tuple of float
+        With sensors: input until the first estimate, shape (m,).
+
+    """
 
     name: str
     config: str
     duration: float
     events: Sequence[Event]
     controller: str = 'lqr_node'
+    plant: tuple[str, ...] = ()
+    sensors: str = ''
+    rest: tuple[float, ...] = ()
 
 
 def fly(flight: Flight, out: Path, real_time: bool,
         conclude: Callable[[Pilot, float], int]) -> int:
     """Run and record one flight; return the exit status. `conclude(pilot, wall)` reports it."""
-    config = share_directory('obc_ros') / 'config' / flight.config
     pace = ['-p', 'speed:=1.0', '-p', 'lockstep:=false'] if real_time else []
+    hidden = ['-r', 'state:=true_state', '-r', 'odom:=true_odom'] if flight.sensors else []
     # In lockstep two flights are identical bit for bit: nothing depends on the wall clock.
-    timeless = ['-p', 'use_sim_time:=true'] + ([] if real_time else ['-p', 'state_timeout:=0.0'])
+    simulated = ['-p', 'use_sim_time:=true']
+    timeless = simulated + ([] if real_time else ['-p', 'state_timeout:=0.0'])
     recorded = ['-p', f'qos_overrides./command.publisher.depth:={BACKLOG}']
     with (Children(out / 'log') as children, Recorder(out / 'log' / flight.name) as journal,
           Recorder(out / flight.name, ordered=not real_time) as recorder):
-        parameters = ['--params-file', str(config)]
-        children.start('plant_simulator', *parameters, *pace)
+        parameters = _find_parameters(flight)
+        children.start('plant_simulator', *parameters, *pace, *hidden, *flight.plant)
         children.start('trajectory_server', *parameters)
-        with closing(Pilot(children, recorder, journal, flight.controller)) as pilot:
+        with closing(Pilot(children, recorder, journal, flight.controller, flight.rest)) as pilot:
             pilot.wait(lambda: bool(pilot.states.stamp), 'the first state')
             # The simulated time is paused until all nodes have discovered each other.
             pilot.pause(True)
+            if flight.sensors:
+                children.start('estimator_node', *parameters, *simulated)
             children.start(flight.controller, *parameters, *timeless, *recorded)
-            pilot.wait(lambda: bool(pilot.designs) and pilot.hears('command'), flight.controller)
+            pilot.wait(lambda: bool(pilot.designs) and pilot.hears('command')
+                       and pilot.hears('state'), flight.controller)
             wall = time.monotonic()
             pilot.begin(real_time)
             progress = FlightProgress(pilot, flight, exact=not real_time)
@@ -67,6 +95,14 @@ def fly(flight: Flight, out: Path, real_time: bool,
             progress.done()
             status = conclude(pilot, time.monotonic() - wall)
     return 1 if recorder.fault else status
+
+
+def _find_parameters(flight: Flight) -> list[str]:
+    """Return the ROS arguments with the parameter files of a flight."""
+    config = share_directory('obc_ros') / 'config'
+    files = [config / flight.config, *([config / 'sensors' / flight.sensors]
+                                       if flight.sensors else ())]
+    return [word for file in files for word in ('--params-file', str(file))]
 
 
 class FlightProgress:

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
-from diagnostic_msgs.msg import DiagnosticArray
 import matplotlib as mpl
 from matplotlib.figure import Figure
 import numpy as np
@@ -46,11 +45,10 @@ def run(out: Path, real_time: bool, formats: Sequence[str]) -> int:
     """Fly with both controllers, print what the limits became, and plot it."""
     flown: dict[str, Flown] = {}
     for controller in CONTROLLERS:
-        told: dict[str, str] = {}
         flight = Flight(f'limits_{controller}', CONFIG, DURATION, (
-            Event(0.0, 'fly 1 m back and 0.5 m down to the origin', partial(_listen, told)),),
+            Event(0.0, 'fly 1 m back and 0.5 m down to the origin', lambda pilot: ''),),
             controller)
-        if status := fly(flight, out, real_time, partial(_conclude, told, flown, controller)):
+        if status := fly(flight, out, real_time, partial(_conclude, flown, controller)):
             return status
     with mpl.rc_context(STYLE):
         drawn = save_figure(_draw(flown), out / 'limits', formats)
@@ -58,19 +56,8 @@ def run(out: Path, real_time: bool, formats: Sequence[str]) -> int:
     return 0
 
 
-def _listen(told: dict[str, str], pilot: Pilot) -> str:
-    """Keep what mpc_node tells of its plans."""
-    def take(message: DiagnosticArray) -> None:
-        for status in message.status:
-            if status.name.endswith(': plan'):
-                told.update({each.key: each.value for each in status.values})
-
-    pilot.node.create_subscription(DiagnosticArray, '/diagnostics', take, 10)
-    return ''
-
-
-def _conclude(told: dict[str, str], flown: dict[str, Flown], controller: str, pilot: Pilot,
-              wall: float) -> int:
+def _conclude(flown: dict[str, Flown], controller: str, pilot: Pilot, wall: float) -> int:
+    told = pilot.told.get('plan', {})
     found = flown[controller] = Flown(*pilot.history())
     unit = get_system('aircraft').units
     rows = [(f'largest |{name}|, of {limit:g} {unit[name]}', f'{found.find_largest(name):.6f}')

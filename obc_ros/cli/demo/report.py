@@ -44,7 +44,7 @@ def report_loop(pilot: Pilot, wall: float) -> list[tuple[str, str]]:
     late = pilot.latencies() * 1e3
     simulated = pilot.now
     return [
-        ('states, commands', f'{len(pilot.states.stamp)}, {len(pilot.commands.stamp)}'),
+        ('states, commands', f'{len(pilot.heard.stamp)}, {len(pilot.commands.stamp)}'),
         ('missed states', f'{pilot.missed()}'),
         ('state to command, p50 / p99',
          f'{np.percentile(late, 50):.2f} / {np.percentile(late, 99):.2f} ms'),
