@@ -106,7 +106,9 @@ def explore_starts(bench: Bench, pool: StartPool, first: Candidate, floor: float
     """
     with bench.trace.attempt('multistart') as attempt:
         found = _Multistart(bench, pool, first, floor).run(others, sound)
-        attempt.end(Verdict.REJECTED if found.best is first else Verdict.ACCEPTED, found.why,
+        vain = found.best is first
+        attempt.end(Verdict.REJECTED if vain else Verdict.ACCEPTED,
+                    f'no lower cost; {found.why}' if vain else found.why,
                     cost=found.best.solution.objective)
     return found
 

@@ -66,16 +66,20 @@ def explain_enough(effort: Effort, options: MultistartOptions) -> str:
     number, spent, hard = effort.starts, effort.spent, effort.before > options.hard
     weary = effort.total > options.weary and spent > options.weary_starts
     if spent > options.lavish if effort.certified else weary:
-        return f'the work for further starts is used up after {number}'
+        return f'{_count(number)} used up the work that further starts may take'
     if (effort.rough or effort.bent) and effort.certified and not (hard or effort.uneven) and (
             spent > max(options.rough_work, effort.before)):
-        return f'{number} starts took more work than the solution'
+        return f'{_count(number)} took more work than the solution'
     many = _are_many(effort, options)
     if many and spent > (options.share_hard if hard else options.share) * effort.total:
-        return f'{number} starts took their part of the work'
+        return f'{_count(number)} used up their part of the work'
     if many and effort.complete:
-        return f'{number} starts led to minima that are known'
+        return f'{_count(number)} led to known minima only'
     return ''
+
+
+def _count(number: int) -> str:
+    return f'{number} start{"" if number == 1 else "s"}'
 
 
 def _are_many(effort: Effort, options: MultistartOptions) -> bool:

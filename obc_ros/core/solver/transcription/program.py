@@ -37,11 +37,12 @@ from obc_ros.core.solver.transcription.local_minima import LocalMinima
 from obc_ros.core.solver.transcription.mesh import HELD, Layout, Mesh, Path, STEPPED
 from obc_ros.core.solver.transcription.tightening import TightenedLimits
 
+_ENOUGH = 'iterations used up, or it approaches a known minimum'
 # Why a solve ended, by the status of the interior-point method and of IPOPT.
 _ENDS = {
-    'stopped': 'iterations used up or a known minimum', 'too slow': 'converges too slowly',
+    'stopped': _ENOUGH, 'too slow': 'converges too slowly',
     'no step': 'no step improves the iterate',
-    'User_Requested_Stop': 'iterations used up or a known minimum',
+    'User_Requested_Stop': _ENOUGH,
     'Infeasible_Problem_Detected': 'locally infeasible'}
 
 
