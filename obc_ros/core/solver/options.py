@@ -148,7 +148,9 @@ class MultistartOptions:
         'starts', 'hypersensitive_long')
     least_bent: int = steer(8, 'minimum for bent problems', 'starts', 'cstr_kirk')
     few: int = steer(2, 'minima above which the minimum number is doubled', 'minima')
-    after: int = steer(3, 'starts after one that led to a better solution', 'starts', 'cart_pole')
+    after: int = steer(
+        3, 'starts after a better solution; rollouts after a new minimum, twice as many of a '
+        'bent problem', 'starts', 'cart_pole')
     many: int = steer(
         24, 'minimum for hard problems by steps and costs with wells', 'starts', 'f8_aircraft')
     many_work: int = steer(15_000, 'minimum for these', 'work', 'terminal_wells_plane')
@@ -158,8 +160,9 @@ class MultistartOptions:
     splits: int = steer(2, 'mesh halvings to confirm a lower cost', 'meshes', 'f8_aircraft')
     rivals: int = steer(3, 'other minima kept for neighbours', 'minima')
     rival: float = steer(0.3, 'excess of their costs', 'relative')
-    weary: int = steer(500_000, 'work in all after which nothing certified is enough', 'work')
-    weary_starts: int = steer(50_000, 'work of starts after which that holds', 'work')
+    weary: int = steer(
+        500_000, 'work in all from which on `share` is enough although nothing is certified',
+        'work')
     rough_work: int = steer(
         3000, 'work for starts of rough problems that are not hard, and for windows',
         'work', 'robot_arm')
@@ -220,7 +223,6 @@ class RolloutOptions:
     tried: int = steer(
         8, 'solved while none converged; at most twice as many', 'rollouts', 'dubins_point_inside')
     cheap: int = steer(2, 'cheap ones before those that end nearer to psi = 0', 'rollouts')
-    vain: int = steer(3, 'in a row without a new minimum; twice as many if it is bent', 'rollouts')
     glance: int = steer(32, 'of a brief search with terminal constraints', 'samples', 'robot_arm')
     kinds: int = steer(4, 'kinds of paths that are parents in one without', 'kinds', 'cstr_luus')
     children: int = steer(
@@ -311,11 +313,9 @@ class BoundaryOptions:
     graded: int = steer(3, 'maximum, each by 2', 'refinements')
     intervals: int = steer(24, 'of all phases together, about', 'intervals', 'detumble_mintime')
     fewest: int = steer(3, 'minimum of a phase', 'intervals', 'epidemic_weak_lockdown')
-    coarse: float = steer(1e-4, 'residual of the dynamics above which arcs are not detected')
     steady: float = steer(0.7, 'ratio of residuals below which the budget is extended')
     slowly: float = steer(
         0.1, 'ratio of residuals above which bangs are sought, or intervals are spread')
-    opened: float = steer(0.25, 'length of a free arc that is inserted', 'shorter neighbour')
     nearly: float = steer(
         0.1, 'rate at a junction that may be tangential', 'relative', 'clamped_beam')
 

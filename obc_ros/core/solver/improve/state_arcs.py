@@ -381,7 +381,7 @@ def _settled_on(bench: Bench, program: PhasedProgram, outcome: TranscriptionOutc
             return answer
         value = fitter.at(problem, answer.x, answer.u)
         erred = answer.certificate.residuals[Condition.DYNAMICS]
-        if erred > options.coarse:
+        if erred > answer.certificate.tolerances[Condition.COSTATE]:
             # At this discretisation error only the multipliers of bounds are trusted.
             touched = add_touching_arcs(problem, found.arcs, found, program.bounds, answer.t,
                                         value)
@@ -391,7 +391,7 @@ def _settled_on(bench: Bench, program: PhasedProgram, outcome: TranscriptionOutc
             else:
                 turn = turn.finer(found, erred, meter, options)
             continue
-        new = reread_arcs(problem, program, judge, found, answer, value, options)
+        new = reread_arcs(problem, program, judge, found, answer, value)
         if get_signature(new) == get_signature(found.arcs):
             new = add_exceeded_bounds(problem, new, program.bounds, answer.t, value,
                                       answer.certificate.tolerances[Condition.BOUNDS])
@@ -455,8 +455,7 @@ def solve_at_once(state: State) -> State | str:
 
 
 def reread_arcs(problem: Problem, program: PhasedProgram, integrator: CostateIntegrator,
-                found: Phased, answer: Solution, value: Array,
-                options: BoundaryOptions = DEFAULTS.boundary) -> list[Arc]:
+                found: Phased, answer: Solution, value: Array) -> list[Arc]:
     """
     Correct the arcs of a path on phases by its multipliers.
 
@@ -483,49 +482,7 @@ def reread_arcs(problem: Problem, program: PhasedProgram, integrator: CostateInt
                        jump=on.jump and abs(start - on.start) <= 1e-9 * times[-1]))
         start = float(end)
     held = hold_constraints(tidy_arcs(cut), found, bounds)
-    opened = _open_junctions(problem, program, held, found, answer, options.opened)
-    return add_touching_arcs(problem, opened, found, bounds, answer.t, value)
-
-
-def _open_junctions(problem: Problem, program: PhasedProgram, arcs: list[Arc], found: Phased,
-                    answer: Solution, part: float) -> list[Arc]:
-    """
-    Insert free arcs next to boundary arcs whose junction has an impulse of the wrong sign.
-
-    With inputs at their bounds before a boundary arc, such an impulse shows that they leave these
-    earlier, also if the free arc is too short to be detected. The same holds after it. `part`:
-    length of the free arc, as part of the shorter neighbour.
-    """
-    bounds, T = program.bounds, arcs[-1].end
-    none, scale = (0,) * bounds.count, np.abs(answer.x).max(axis=0)
-    largest = (np.abs(answer.lam) * scale).max()
-    new = list(arcs)
-    for before, after in pairwise(found.arcs):
-        pair = np.flatnonzero((np.diff(answer.t) == 0) & (
-            np.abs(answer.t[:-1] - after.start) <= 1e-9 * T))
-        place = next((k for k, arc in enumerate(new)
-                      if k and abs(arc.start - after.start) <= 1e-9 * T), 0)
-        changed = np.array(after.on or none) - np.array(before.on or none)
-        for row in np.flatnonzero((bounds.orders > 0) & (changed != 0)) if pair.size else ():
-            sign = (after.on or none)[row] or (before.on or none)[row]
-            side = place - 1 if after.on and after.on[row] else place
-            levels, deciding = np.array(new[side].levels), bounds.deciding[row]
-            slope = program.gradients[int(row)](
-                answer.x[pair[0]], problem.p_value).full()[:, 0]
-            jump = answer.lam[pair[0]] - answer.lam[pair[0] + 1]
-            impulse = sign * (jump @ slope) / (slope @ slope) * (np.abs(slope) @ scale)
-            if not place or np.isnan(levels[deciding]).any() or impulse > -_WEIGHS * largest:
-                continue
-            levels[deciding] = np.nan
-            length = part * min(arc.end - arc.start for arc in new[place - 1:place + 1])
-            time = after.start + (-length if side < place else length)
-            kept = new[side]
-            new[side:side + 1] = [
-                replace(kept, end=time, levels=kept.levels if side < place else tuple(levels)),
-                replace(kept, start=time, met=(), jump=False,
-                        levels=tuple(levels) if side < place else kept.levels)]
-            break
-    return new
+    return add_touching_arcs(problem, held, found, bounds, answer.t, value)
 
 
 def add_touching_arcs(problem: Problem, arcs: list[Arc], found: Phased, bounds: BoundRates,

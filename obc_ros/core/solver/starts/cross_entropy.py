@@ -141,7 +141,7 @@ def interleave_rollouts(bench: Bench, pool: StartPool, known: Known) -> Proposal
     rollouts = _promising(
         bench, known.best, seen, lambda: bench.work - aside > bench.options.multistart.hard
         or is_rough(bench, pool), known.bent)
-    patience = (2 if known.bent else 1) * bench.options.rollouts.vain
+    patience = (2 if known.bent else 1) * bench.options.multistart.after
     return Proposal(rest=_interleave(pool, pool.rest, label_paths(
         rollouts, 'cross-entropy rollout'), patience), wanted=bool(seen))
 

@@ -64,7 +64,7 @@ def explain_enough(effort: Effort, options: MultistartOptions) -> str:
 
     """
     number, spent, hard = effort.starts, effort.spent, effort.before > options.hard
-    weary = effort.total > options.weary and spent > options.weary_starts
+    weary = effort.total > options.weary and spent > options.share * effort.total
     if spent > options.lavish if effort.certified else weary:
         return f'{_count(number)} used up the work that further starts may take'
     if (effort.rough or effort.bent) and effort.certified and not (hard or effort.uneven) and (
