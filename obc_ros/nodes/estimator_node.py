@@ -3,9 +3,10 @@
 """
 Node estimator_node: estimates the state of a plant from measurements of its outputs.
 
-Subscribes to ``measurement`` (Measurement) and ``command`` (Command). Publishes ``state`` (State),
-``~/estimate`` (Estimate: covariance, innovation, consistency), ``odom`` (nav_msgs/Odometry) of a
-body in a plane, and ``/diagnostics``. Parameters: see `estimator_settings.Settings`.
+Subscribes to ``measurement`` (Measurement), ``command`` (Command), and, for suggestions,
+``lqr_node/design`` (LqrDesign). Publishes ``state`` (State), ``~/estimate`` (Estimate: covariance,
+innovation, consistency), ``odom`` (nav_msgs/Odometry) of a body in a plane, and ``/diagnostics``.
+Service: ``~/suggest_weights`` (SuggestNoise). Parameters: see `estimator_settings.Settings`.
 
 The filter is the extended Kalman filter of `core.estimation`. Estimates are predicted to the
 present. After ``measurement_timeout`` without a measurement none is published, so that the
@@ -22,24 +23,28 @@ from nav_msgs.msg import Odometry
 import numpy as np
 from obc_ros.core.estimation.delayed_filter import DelayedFilter
 from obc_ros.core.text.errors import ObcError, StatementError
-from obc_ros.msg import Command, Estimate, Measurement, State
+from obc_ros.msg import Command, Estimate, LqrDesign, Measurement, State
 from obc_ros.nodes.estimator_messages import estimate_message, estimator_status
 from obc_ros.nodes.estimator_settings import (
     EstimatorCandidate,
     judge_estimator_settings,
     Settings,
 )
+from obc_ros.nodes.noise_suggestions import fill_noise, suggest_noise
 from obc_ros.ros.callback_guards import guard_callbacks
 from obc_ros.ros.conversions import OdometryMap, read_nanoseconds
 from obc_ros.ros.executor import run
 from obc_ros.ros.hardware_id import identify
 from obc_ros.ros.parameters.node_parameters import Parameters
 from obc_ros.ros.throttled_log import ThrottledLog
+from obc_ros.srv import SuggestNoise
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile
 
 BACKLOG = 100
+LATCHED_DESIGN = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 AHEAD = 500_000_000             # [ns] a measurement with a later stamp is dropped
 OTHER_CLOCK = 3_600_000_000_000  # [ns] with a larger difference the stamps have another clock
 
@@ -67,6 +72,9 @@ class EstimatorNode(Node):  # type: ignore[misc] # rclpy's classes are untyped
             (self.create_subscription(kind, topic, take, BACKLOG), take)
             for kind, topic, take in ((Measurement, 'measurement', self._on_measurement),
                                       (Command, 'command', self._on_command))]
+        self._regulator: LqrDesign | None = None
+        self.create_subscription(LqrDesign, 'lqr_node/design', self._on_design, LATCHED_DESIGN)
+        self.create_service(SuggestNoise, '~/suggest_weights', self._on_suggest_weights)
         if settings.rate:
             guard_callbacks(self, self.create_timer(1.0 / settings.rate, self._on_time),
                             'estimates')
@@ -103,6 +111,17 @@ class EstimatorNode(Node):  # type: ignore[misc] # rclpy's classes are untyped
             self._filter.command(read_nanoseconds(message.header.stamp) + delay, message.u)
         except StatementError as error:
             self._warn_once(str(error))
+
+    def _on_design(self, message: LqrDesign) -> None:
+        self._regulator = message
+
+    def _on_suggest_weights(self, request: SuggestNoise.Request,
+                            response: SuggestNoise.Response) -> SuggestNoise.Response:
+        try:
+            fill_noise(response, suggest_noise(request, self._adopted, self._regulator))
+        except ObcError as error:
+            response.success, response.message = False, str(error)
+        return response
 
     def _present(self) -> int:
         """Return the instant of the next estimate [ns]."""

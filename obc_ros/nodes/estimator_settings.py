@@ -63,6 +63,17 @@ class Settings:
 
 
 @dataclass(frozen=True, eq=False)
+class MeasuredPlant:
+    """The linearization A, B, C at the set point with Qw and the Rv of the measured outputs."""
+
+    A: Array
+    B: Array
+    C: Array
+    Qw: Array
+    Rv: Array
+
+
+@dataclass(frozen=True, eq=False)
 class EstimatorCandidate:
     """
     The filter of a valid set of parameters.
@@ -72,6 +83,7 @@ class EstimatorCandidate:
     settings : Settings
     system : System
     kalman : KalmanFilter
+    plant : MeasuredPlant
     design : KalmanDesign
         The steady filter about the set point, by which the noise is judged.
     x0, P0, u0 : ndarray, shape (n,), (n, n), (m,)
@@ -84,6 +96,7 @@ class EstimatorCandidate:
     settings: Settings
     system: System
     kalman: KalmanFilter
+    plant: MeasuredPlant
     design: KalmanDesign
     x0: Array
     P0: Array
@@ -135,8 +148,8 @@ def judge_estimator_settings(settings: Settings) -> EstimatorCandidate:
     x0 = np.array(check_numbers('x0', settings.x0 or system.setpoint, system.state_names))
     setpoint = np.array(system.setpoint)
     u0 = compute_resting_input(system, setpoint)
-    A = system.jacobians(setpoint, u0)[0]
-    C = system.measure(setpoint, u0)[1][at]
-    design = sampled_lqe(A, C, Qw, Rv[np.ix_(at, at)], settings.sample_time, outputs=outputs)
+    plant = MeasuredPlant(*system.jacobians(setpoint, u0), system.measure(setpoint, u0)[1][at], Qw,
+                          Rv[np.ix_(at, at)])
+    design = sampled_lqe(plant.A, plant.C, Qw, plant.Rv, settings.sample_time, outputs=outputs)
     P0 = spread_deviations('x0_deviation', settings.x0_deviation, system.state_names)
-    return EstimatorCandidate(settings, system, kalman, design, x0, P0, u0, outputs)
+    return EstimatorCandidate(settings, system, kalman, plant, design, x0, P0, u0, outputs)

@@ -8,8 +8,10 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
 import numpy as np
-from obc_ros.msg import Estimate, Measurement, State
+from obc_ros.msg import Estimate, LqrDesign, Measurement, State
+from obc_ros.srv import SuggestNoise
 import pytest
+from rclpy.qos import DurabilityPolicy, QoSProfile
 
 SYSTEM = {'system': 'aircraft'}
 SIMULATED = {'use_sim_time': True}
@@ -123,3 +125,60 @@ def test_noise_is_judged_and_refused_with_the_reason(spawn, probe):
         assert result.successful == (not words) and words in result.reason
     found = probe.get_parameters('/estimator_node', 'Rv', 'outputs')
     assert found['Rv'] == pytest.approx(NOISE['Rv'])
+
+
+DOYLE = {'system': 'linear', 'system_parameters.A': [1.0, 1.0, 0.0, 1.0],
+         'system_parameters.B': [0.0, 1.0]}
+DOYLE_GAIN = [2.0 + math.sqrt(104.0)] * 2   # for Qx = 100 [1, 1]' [1, 1], Qu = 1
+PERIOD = 0.002
+DOYLE_FILTER = {**DOYLE, 'outputs': ['x1'], 'Qw': [100.0] * 4, 'Rv': [1.0 / PERIOD, 1.0],
+                'sample_time': PERIOD}
+
+
+def suggest(probe: Any, **request: Any) -> Any:
+    return probe.call(SuggestNoise, '/estimator_node/suggest_weights',
+                      SuggestNoise.Request(**request))
+
+
+def test_suggested_noise_recovers_the_margins_when_it_is_used(spawn, probe):
+    """Doyle 1978: the loop with this filter has nearly no margins."""
+    spawn('estimator_node', DOYLE_FILTER)
+    answer = suggest(probe, k=DOYLE_GAIN)
+    assert answer.success, answer.message
+    before, after, whole = answer.disk_margin
+    assert before < 0.05 * whole and 0.5 * whole <= after
+    assert 1.0 < answer.gain_margin[0] < 1.05 < answer.gain_margin[1]
+    assert all(len(getattr(answer, name)) == 3 for name in (
+        'gain_reduction_margin', 'phase_margin'))
+    assert answer.qw == pytest.approx([100.0, 100.0, 100.0, 100.0 + answer.added])
+    assert 'with qw' in answer.message
+    assert probe.get_parameters('/estimator_node', 'Qw')['Qw'] == pytest.approx([100.0] * 4)
+    assert probe.set_parameters('/estimator_node', Qw=list(answer.qw))[0].successful
+    again = suggest(probe, k=DOYLE_GAIN)
+    assert again.success and again.added == 0.0
+    assert again.disk_margin[0] == pytest.approx(after)
+
+
+def test_the_gain_of_a_suggestion_is_that_of_lqr_node(spawn, probe):
+    designs = probe.listen(
+        LqrDesign, 'lqr_node/design', QoSProfile(depth=1,
+                                                 durability=DurabilityPolicy.TRANSIENT_LOCAL))
+    spawn('estimator_node', DOYLE_FILTER)
+    assert 'no lqr_node/design has been received' in suggest(probe).message
+    spawn('lqr_node', {**DOYLE, 'Qx': [100.0] * 4, 'Qu': [1.0]})
+    probe.wait_for(lambda: designs, 60.0)
+    probe.wait_for(lambda: suggest(probe).success, 60.0)
+    given = suggest(probe, k=list(designs[-1].k))
+    assert suggest(probe).qw == given.qw
+
+
+@pytest.mark.parametrize(('request_', 'words'), [
+    ({'k': [1.0]}, 'k has 1 numbers: wanted 1 x 2'), ({'k': [0.0, 0.0]}, 'does not stabilise'),
+    ({'k': [math.nan, 1.0]}, 'K'), ({'k': DOYLE_GAIN, 'share': 2.0}, 'share = 2'),
+    ({'k': DOYLE_GAIN, 'share': math.nan}, 'share = nan'), ({'k': [1e308] * 2}, ''),
+    ({'k': DOYLE_GAIN, 'share': -1.0}, 'share = -1')], ids=str)
+def test_a_suggestion_is_refused_with_the_reason(spawn, probe, request_, words):
+    spawn('estimator_node', DOYLE_FILTER)
+    answer = suggest(probe, **request_)
+    assert not answer.success and answer.message and words in answer.message
+    assert not len(answer.qw)

@@ -136,8 +136,7 @@ def dlqe(A: ArrayLike, C: ArrayLike, Qw: ArrayLike, Rv: ArrayLike, *, period: fl
         As `lqe`.
 
     """
-    if not (np.isfinite(period) and period > 0.0):
-        raise StatementError(f'period = {period:g}: wanted a positive number of seconds')
+    check_period(period)
     A, C, Qw, Rv = _check(A, C, Qw, Rv, outputs, period)
     dual = _solve_dual(lambda: dlqr(A.T, C.T, Qw, Rv, period=period))
     P = dual.P
@@ -175,8 +174,7 @@ def sampled_lqe(A: ArrayLike, C: ArrayLike, Qw: ArrayLike, Rv: ArrayLike, period
         As `lqe`; also if the period cannot be used.
 
     """
-    if not (np.isfinite(period) and period > 0.0):
-        raise StatementError(f'period = {period:g}: wanted a positive number of seconds')
+    check_period(period)
     A, C, Qw, Rv = _check(A, C, Qw, Rv, outputs, 0.0)
     Ad, Qd = discretize_noise(A, Qw, period)
     return dlqe(Ad, C, Qd, Rv, period=period, outputs=outputs)
@@ -208,6 +206,12 @@ def discretize_noise(A: Array, Qw: Array, period: float) -> tuple[Array, Array]:
     none = np.zeros((len(A), 0))
     Ad, _, sampled = discretize_cost(A.T, none, Weights(Qw, np.zeros((0, 0))), period)
     return Ad.T, sampled.Qx
+
+
+def check_period(period: float) -> None:
+    """Raise StatementError if a sampling period [s] is not positive and finite."""
+    if not (np.isfinite(period) and period > 0.0):
+        raise StatementError(f'period = {period:g}: wanted a positive number of seconds')
 
 
 def _check(A: ArrayLike, C: ArrayLike, Qw: ArrayLike, Rv: ArrayLike, outputs: tuple[str, ...],

@@ -7,18 +7,22 @@ A regulator with the whole state has a phase margin of 60 degrees. With an estim
 nothing is guaranteed (Doyle 1978). The margins are therefore computed for the loop that is closed.
 With process noise q B B' added, the loop at the plant's input tends to that of the full state as q
 grows, if the plant is of minimum phase with as many outputs as inputs (Doyle and Stein 1979).
+The sampled loop in filter form, u_k = -K xe_k with the estimate after the measurement of the same
+sample, recovers in this way too (Maciejowski 1985).
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 import math
 
 import numpy as np
-from obc_ros.core.estimation.kalman_gain import KalmanDesign, lqe
+from obc_ros.core.estimation.kalman_gain import check_period, KalmanDesign, lqe, sampled_lqe
 from obc_ros.core.lqr.lqr import LqrDesign
 from obc_ros.core.lqr.margins import compute_margins, Figures
+from obc_ros.core.lqr.sampled import compute_spectral_radius, discretize_plant
 from obc_ros.core.numerics.arrays import Array
-from obc_ros.core.text.errors import StatementError
+from obc_ros.core.riccati.checks import check_matrix
+from obc_ros.core.text.errors import RefusedDesignError, StatementError
 
 LITTLE = 0.5   # of the disk margin of the full state: less is called lost
 POINTS = 10.0**np.arange(0.0, 13.0)   # q relative to the size of Qw, tried by the recovery
@@ -31,7 +35,8 @@ class OutputFeedback:
 
     Attributes
     ----------
-    regulator : LqrDesign
+    K : ndarray, shape (m, n)
+        Gain of the regulator.
     estimator : KalmanDesign
     figures : Figures
         Margins at the plant's inputs of the loop with the estimator.
@@ -40,7 +45,7 @@ class OutputFeedback:
 
     """
 
-    regulator: LqrDesign
+    K: Array
     estimator: KalmanDesign
     figures: Figures
     full_state: Figures
@@ -48,19 +53,29 @@ class OutputFeedback:
     @property
     def keeps_margins(self) -> bool:
         """Return whether no disk margin falls below half of that with the whole state."""
-        return bool((self.figures.disk_margin >= LITTLE * self.full_state.disk_margin).all())
+        return self.share >= LITTLE
 
-    def __str__(self) -> str:
-        """Return the margins in words."""
+    @property
+    def share(self) -> float:
+        """Return the smallest disk margin relative to that with the whole state."""
+        return float((self.figures.disk_margin / self.full_state.disk_margin).min())
+
+    @property
+    def words(self) -> str:
+        """Return the margins of the input with the smallest phase margin in words."""
         worst = int(np.argmin(self.figures.phase_margin))
         phase, before = (math.degrees(each.phase_margin[worst])
                          for each in (self.figures, self.full_state))
         low, high = (self.figures.gain_reduction_margin[worst], self.figures.gain_margin[worst])
-        words = (f'with the estimator the phase margin is {phase:.3g} degrees (whole state: '
-                 f'{before:.3g}); the loop is stable for gains times {low:.3g} to {high:.3g}')
+        return (f'the phase margin is {phase:.3g} degrees (whole state: {before:.3g}); the loop '
+                f'is stable for gains times {low:.3g} to {high:.3g}')
+
+    def __str__(self) -> str:
+        """Return the margins in words, and what to do if they are lost."""
         if self.keeps_margins:
-            return words
-        return f'the estimator loses the margins: {words}; try recover_loop_transfer'
+            return f'with the estimator {self.words}'
+        return (f'the estimator loses the margins: with the estimator {self.words}; try '
+                'recover_loop_transfer')
 
 
 def combine(regulator: LqrDesign, estimator: KalmanDesign) -> OutputFeedback:
@@ -94,8 +109,7 @@ def combine(regulator: LqrDesign, estimator: KalmanDesign) -> OutputFeedback:
     loop = np.block([[A, np.zeros((n, n))], [L @ C, A - B @ K - L @ C]])
     figures = compute_margins(loop, np.concatenate([B, np.zeros_like(B)]),
                               np.concatenate([np.zeros_like(K), K], axis=1), regulator.period)
-    return OutputFeedback(regulator, estimator, figures,
-                          compute_margins(A, B, K, regulator.period))
+    return OutputFeedback(K, estimator, figures, compute_margins(A, B, K, regulator.period))
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,15 +123,16 @@ class Recovery:
         The suggested intensity Qw + q B B'.
     q : float
         The added noise.
-    loop : OutputFeedback
-        With that noise.
+    before, loop : OutputFeedback
+        With the given noise, and with the suggested one.
     recovered : bool
-        Whether the margins are kept.
+        Whether the wanted share of the margins is reached.
 
     """
 
     Qw: Array
     q: float
+    before: OutputFeedback
     loop: OutputFeedback
     recovered: bool
 
@@ -152,20 +167,81 @@ def recover_loop_transfer(regulator: LqrDesign, C: Array, Qw: Array, Rv: Array, 
     """
     if regulator.period:
         raise StatementError('loop transfer recovery: wanted a regulator in continuous time')
-    A, B = regulator.A, regulator.B
-    Qw = np.asarray(Qw, dtype=float)
+    A, names = regulator.A, tuple(outputs)
+    return _find_noise(lambda noise: combine(regulator, lqe(A, C, noise, Rv, outputs=names)),
+                       np.asarray(Qw, dtype=float), regulator.B, share)
+
+
+def recover_sampled_loop(A: Array, B: Array, K: Array, C: Array, Qw: Array, Rv: Array,
+                         period: float, *, share: float = LITTLE, outputs: Sequence[str] = ()
+                         ) -> Recovery:
+    """
+    Return the least added process noise for which margins of u_k = -K xe_k are recovered.
+
+    Parameters
+    ----------
+    A, B, K : ndarray, shape (n, n), (n, m) and (m, n)
+        The plant in continuous time, and the gain of the regulator.
+    C, Qw, Rv, period : ndarray, shape (q, n), (n, n), (q, q), and float
+        Outputs, noise and sampling period [s], as for `sampled_lqe`.
+    share, outputs
+        As for `recover_loop_transfer`.
+
+    Returns
+    -------
+    Recovery
+        Of the loop in filter form.
+
+    Raises
+    ------
+    StatementError, RefusedDesignError
+        As `sampled_lqe` for the given noise; StatementError also if K has a wrong size or does
+        not stabilise the sampled plant.
+
+    """
+    check_period(period)
+    K = check_matrix('K', K, (B.shape[1], len(A)))
+    Ad, Bd = discretize_plant(A, B, period)
+    if compute_spectral_radius(Ad - Bd @ K) >= 1.0:
+        raise StatementError(f'K does not stabilise the plant that is sampled every {period:g} s; '
+                             'wanted the gain of the regulator in use')
+    names = tuple(outputs)
+    return _find_noise(
+        lambda noise: _close_filter_form(Ad, Bd, K, sampled_lqe(A, C, noise, Rv, period,
+                                                                outputs=names)),
+        np.asarray(Qw, dtype=float), B, share)
+
+
+def _close_filter_form(A: Array, B: Array, K: Array, estimator: KalmanDesign) -> OutputFeedback:
+    """Return the margins of u_k = -K xe_k for a sampled plant."""
+    n = len(A)
+    seen = estimator.M @ estimator.C
+    kept = np.eye(n) - seen
+    # The state is (x, estimate before the measurement), see `combine`.
+    loop = np.block([[A, np.zeros((n, n))], [(A - B @ K) @ seen, (A - B @ K) @ kept]])
+    figures = compute_margins(loop, np.concatenate([B, np.zeros_like(B)]),
+                              np.concatenate([K @ seen, K @ kept], axis=1), estimator.period)
+    return OutputFeedback(K, estimator, figures, compute_margins(A, B, K, estimator.period))
+
+
+def _find_noise(close: Callable[[Array], OutputFeedback], Qw: Array, B: Array, share: float
+                ) -> Recovery:
+    """Return the first loop of the grid that reaches a share, otherwise the best one."""
     pushed = B @ B.T
-    size = max(float(np.trace(Qw)), 1e-12) / float(np.trace(pushed))
+    size = max(float(np.trace(Qw)), 1e-12) / max(float(np.trace(pushed)), 1e-300)
     best: Recovery | None = None
     for q in (0.0, *(POINTS * size * 1e-2)):
         noise = Qw + q * pushed
-        loop = combine(regulator, lqe(A, C, noise, Rv, outputs=tuple(outputs)))
-        reached = float((loop.figures.disk_margin / loop.full_state.disk_margin).min())
-        found = Recovery(noise, float(q), loop, reached >= share)
-        if best is None or reached > float((
-                best.loop.figures.disk_margin / best.loop.full_state.disk_margin).min()):
+        try:
+            loop = close(noise)
+        except RefusedDesignError:
+            if best is None:
+                raise
+            break   # too much noise for a filter with verified stability
+        found = Recovery(noise, float(q), best.before if best else loop, loop, loop.share >= share)
+        if best is None or loop.share > best.loop.share:
             best = found
         if found.recovered:
             return found
     assert best is not None
-    return replace(best, recovered=False)
+    return best
