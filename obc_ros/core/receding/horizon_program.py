@@ -149,7 +149,9 @@ class HorizonProgram:
         """Return rows (k, N) and those at the end, with the rows of the additional inputs."""
         N, n, _, _, last = self.sizes
         rows, place = ca.vec(stages), (N - 1) * stages.size1() + n
-        return ca.vertcat(rows[:place], ca.DM.zeros(last, 1), rows[place:], end)
+        # A slice without rows of a 1 x 1 matrix would be 1 x 0.
+        before, after = ca.vertsplit(rows, [0, place, rows.numel()])
+        return ca.vertcat(before, ca.DM.zeros(last, 1), after, end)
 
     @cached_property
     def multiplier_rows(self) -> tuple[RowPlaces, RowPlaces, RowPlaces]:

@@ -56,6 +56,19 @@ def test_with_inactive_limits_the_input_is_that_of_the_regulator() -> None:
     np.testing.assert_allclose(result.plan.u[0], -problem.K @ [1.0, 0.5], atol=1e-6)
 
 
+@pytest.mark.parametrize('horizon', [1, 2, 8])
+def test_with_one_state_the_plan_of_any_length_is_the_saturated_regulator(horizon: int) -> None:
+    """With one state and a bounded input, sat(-K x) is optimal for every horizon."""
+    problem = state_receding_problem(
+        get_system('scalar'), horizon=horizon, period=0.1,
+        limits={'input_bounds': {'u': [-1, 1]}})
+    solver = StepSolver(problem, compiled=False)
+    for x in (-2.0, -0.3, 0.1, 0.7):
+        plan = solver.solve(np.array([x])).plan
+        assert plan is not None
+        np.testing.assert_allclose(plan.u[0], np.clip(-problem.K[0] * x, -1, 1), atol=1e-6)
+
+
 def test_limits_hold_and_the_plan_is_a_motion_of_the_model() -> None:
     """A limit that the regulator breaks is kept, and inputs are admissible exactly."""
     problem = flying(state_bounds={'theta': [-0.3, 0.3]},
