@@ -141,6 +141,38 @@ def _raise(priority: int) -> str:
             mine = max(1, priority - (thread == threading.get_native_id()))
             os.sched_setscheduler(thread, os.SCHED_FIFO, os.sched_param(mine))
     except OSError as error:
-        return (f'priority = {priority}: {error.strerror}; the priority is not set. Allow '
-                f"it by a line '@realtime - rtprio 99' in /etc/security/limits.conf")
+        return _explain(priority, error)
     return ''
+
+
+def _explain(priority: int, error: OSError) -> str:
+    return (f'priority = {priority}: {error.strerror}; the priority is not set. Allow '
+            f"it by a line '@realtime - rtprio 99' in /etc/security/limits.conf")
+
+
+def find_priority_refusal(priority: int) -> str:
+    """
+    Return why the system does not allow a real-time priority; empty: it allows it.
+
+    A thread that ends at once tries it: the process keeps its own priority.
+
+    Parameters
+    ----------
+    priority : int
+        As in `PRIORITY`, above 0.
+
+    """
+    if not hasattr(os, 'sched_setscheduler'):
+        return f'priority = {priority}: this system has no real-time priorities'
+    reasons = []
+
+    def attempt() -> None:
+        try:
+            os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
+        except OSError as error:
+            reasons.append(_explain(priority, error))
+
+    thread = threading.Thread(target=attempt)
+    thread.start()
+    thread.join()
+    return ''.join(reasons)

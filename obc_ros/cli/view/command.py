@@ -16,10 +16,13 @@ from obc_ros.cli.ros_graph import keep_to_this_machine
 from obc_ros.cli.share_folders import share_directory
 from obc_ros.core.text.errors import ObcError
 from obc_ros.ros.middleware import choose_profile
+from obc_ros.ros.subscription_thread import find_priority_refusal
 
 LOCAL = ('127.0.0.1', 'localhost', '::1')
 SCENARIOS = ('aircraft', 'vehicle', 'vehicle_lateral')
 WATCH = 0.2  # [s] between two looks at the nodes
+LOOP_PRIORITY = 50  # of plant_simulator and lqr_node, unless it is given
+HIGHEST = 99   # priority that Linux has
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -30,6 +33,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help='loop to start, if there is none to show (default: aircraft)')
     parser.add_argument('--namespace', metavar='NS',
                         help='show the loop that runs in this namespace; / for none')
+    parser.add_argument('--priority', type=_priority, metavar='N',
+                        help='real-time priority of plant_simulator and lqr_node of the loop that '
+                        'is started: a browser on the same processors then does not delay them; '
+                        f'0: ordinary (default: {LOOP_PRIORITY} where the system allows it)')
     parser.add_argument('--control', action='store_true',
                         help='let the page control a loop that obc view has not started')
     parser.add_argument('--host', default='127.0.0.1', metavar='ADDRESS',
@@ -37,6 +44,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         'that of this machine asks for a token')
     parser.add_argument('--port', type=int, default=8080, metavar='N', help='default: 8080')
     parser.add_argument('--no-browser', action='store_true', help='open no browser')
+
+
+def _priority(text: str) -> int:
+    if not text.isdecimal() or int(text) > HIGHEST:
+        raise argparse.ArgumentTypeError(f'{text}: give a whole number from 0 to {HIGHEST}')
+    return int(text)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -83,24 +96,63 @@ def open_source(args: argparse.Namespace, stack: ExitStack) -> tuple[Any, str, b
         namespace = args.namespace.strip('/')
         client = stack.enter_context(closing(LoopClient(namespace)))
         return client, f'loop in /{namespace}', args.control
-    stack.enter_context(start_loop_nodes(args.scenario))
+    stack.enter_context(start_loop_nodes(args.scenario, choose_priority(args.priority)))
     return stack.enter_context(closing(LoopClient())), args.scenario, True
 
 
+def choose_priority(wanted: int | None) -> int:
+    """
+    Return the priority of the nodes that `obc view` starts.
+
+    Parameters
+    ----------
+    wanted : int or None
+        As given; None: `LOOP_PRIORITY` where the system allows it, else 0.
+
+    Raises
+    ------
+    ObcError
+        If the system does not allow the priority that was given.
+
+    """
+    priority = LOOP_PRIORITY if wanted is None else wanted
+    refusal = find_priority_refusal(priority) if priority else ''
+    if not refusal:
+        return priority
+    if wanted is not None:
+        raise ObcError(f'--{refusal.replace(" = ", " ", 1)}')
+    print(f'obc view: {refusal}; a browser on this machine may delay the loop', flush=True)
+    return 0
+
+
 @contextmanager
-def start_loop_nodes(scenario: str) -> Iterator[None]:
-    """Start the three nodes on a domain of their own, in real time; they end with the page."""
+def start_loop_nodes(scenario: str, priority: int) -> Iterator[None]:
+    """
+    Start the three nodes on a domain of their own, in real time; they end with the page.
+
+    Parameters
+    ----------
+    scenario : str
+        File of config/.
+    priority : int
+        Of plant_simulator and lqr_node; 0: ordinary. trajectory_server is an ordinary process.
+
+    """
+    pace = ['-p', f'priority:={priority}']
     config = ['--params-file', str(share_directory('obc_ros') / 'config' / f'{scenario}.yaml')]
     with reserve_domain() as domain:
         isolate(domain)
         with Children(Path('out') / 'log') as children:
-            children.start('plant_simulator', *config, '-p', 'speed:=1.0', '-p', 'lockstep:=false')
-            children.start('lqr_node', *config, '-p', 'use_sim_time:=true')
+            children.start('plant_simulator', *config, *pace, '-p', 'speed:=1.0', '-p',
+                           'lockstep:=false')
+            children.start('lqr_node', *config, *pace, '-p', 'use_sim_time:=true')
             children.start('trajectory_server', *config)
             ended = threading.Event()
             watch = threading.Thread(target=_watch, args=(children, ended), daemon=True)
             watch.start()
-            print(f'{scenario}: three nodes, ROS_DOMAIN_ID={domain}, this machine only')
+            print(f'{scenario}: three nodes, ROS_DOMAIN_ID={domain}, this machine only; '
+                  + (f'plant_simulator and lqr_node with real-time priority {priority}'
+                     if priority else 'ordinary priority'), flush=True)
             try:
                 yield
             finally:

@@ -13,6 +13,7 @@ from std_srvs.srv import SetBool
 
 NODE = 'plant_simulator'
 SOON = 0.1  # [s] until a gust begins
+TOP_SPEED = 5.0  # times real time, of a plant with a real-time priority: others need time, too
 FIELDS = {'speed': 'speed [times real time]', 'input_delay': 'delay of the input [s]',
           'actuator_lag': 'lag of the actuators [s]'}
 
@@ -35,6 +36,7 @@ class PlantPanel:
     def __init__(self, client: LoopClient, may_control: Callable[[], bool],
                  now: Callable[[], float]) -> None:
         self._client, self._may_control, self._now = client, may_control, now
+        self._priority = 0
         with ui.row().classes('items-center'):
             ui.button('Pause', on_click=lambda: self._pause(True))
             ui.button('Continue', on_click=lambda: self._pause(False))
@@ -48,7 +50,8 @@ class PlantPanel:
         """Read the parameters of the plant, and show them."""
         plant = self._client.plant
         try:
-            names = [*FIELDS, *await self._client.list_parameters(NODE, 'system_parameters'),
+            names = [*FIELDS, 'priority',
+                     *await self._client.list_parameters(NODE, 'system_parameters'),
                      *await self._client.list_parameters(NODE, 'noise')]
             values = await self._client.get_parameters(NODE, names)
         except ObcError as error:
@@ -56,6 +59,7 @@ class PlantPanel:
             return
         if plant is None:
             return
+        self._priority = int(values.pop('priority', 0))
         self._gusts.clear()
         with self._gusts:
             on = ui.select([each.name for each in plant.states], label='gust on',
@@ -80,6 +84,10 @@ class PlantPanel:
     async def _set(self, name: str, value: Any, listed: bool) -> None:
         if not isinstance(value, int | float) or not math.isfinite(value):
             self._message.text = f'{name}: a number is wanted'
+        elif name == 'speed' and self._priority and not 0.0 < value <= TOP_SPEED:
+            self._message.text = (
+                f'speed: give a number above 0, up to {TOP_SPEED:g}: with a real-time priority a '
+                'faster plant leaves no time to other processes (obc view --priority 0 does)')
         elif self._may_control():
             await self._change({name: [float(value)] if listed else float(value)})
 

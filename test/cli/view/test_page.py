@@ -3,6 +3,7 @@
 """`obc view` in Debian's Chromium: a user tunes, plans, stops and watches a running loop."""
 
 from collections.abc import Iterator
+import os
 from pathlib import Path
 import re
 import shutil
@@ -12,7 +13,9 @@ from typing import Any
 import numpy as np
 from obc_ros.cli.examples import find_example
 from obc_ros.cli.processes import reserve_domain
+from obc_ros.cli.view.command import LOOP_PRIORITY
 from obc_ros.msg import LqrDesign, State, Trajectory
+from obc_ros.ros.subscription_thread import find_priority_refusal
 from obc_ros.srv import PlanMotion
 from probes import Probe
 import pytest
@@ -400,4 +403,34 @@ def test_a_page_without_control_is_read_only(site):
     page.get_by_role('button', name='read only').wait_for()
     for name in ('Apply', 'Stop', 'Start'):
         assert page.get_by_role('button', name=name).is_disabled()
+    page.context.close()
+
+
+def find_schedulers(parent: int) -> dict[str, tuple[int, int]]:
+    """Return policy and priority of the nodes that a process has started, by their names."""
+    pids = [int(pid) for file in Path(f'/proc/{parent}/task').glob('*/children')
+            for pid in file.read_text().split()]
+    names = {pid: re.search(r'obc_ros\.nodes\.(\w+)', Path(
+        f'/proc/{pid}/cmdline').read_text()) for pid in pids}
+    return {found[1]: (os.sched_getscheduler(pid), os.sched_getparam(pid).sched_priority)
+            for pid, found in names.items() if found}
+
+
+@pytest.mark.parametrize('words', [(), ('--priority', '0')])
+def test_the_loop_of_obc_view_has_a_priority_that_leaves_time_to_others(site, tmp_path, words):
+    """Where the system does not allow it, it is ordinary, and any speed may be set."""
+    address = serve(site.spawner, tmp_path, site.domain, *words)
+    process = site.spawner.processes[-1]
+    raised = not words and not find_priority_refusal(LOOP_PRIORITY)
+    page = site.open(address)
+    number(page, 'weight of px').wait_for()
+    expected = (os.SCHED_FIFO, LOOP_PRIORITY - 1) if raised else (os.SCHED_OTHER, 0)
+    support.wait_for(lambda: find_schedulers(process.pid) == {
+        'plant_simulator': expected, 'lqr_node': expected,
+        'trajectory_server': (os.SCHED_OTHER, 0)})
+    tab(page, 'Plant')
+    page.get_by_label('speed [times real time]').fill('6')
+    page.keyboard.press('Tab')
+    page.get_by_text('speed: give a number above 0, up to 5' if raised
+                     else 'set: speed = 6.0').wait_for()
     page.context.close()

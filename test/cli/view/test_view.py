@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 from obc_ros.cli.obc import main
+from obc_ros.cli.view import command
 from obc_ros.core import lqr, systems
 from obc_ros.core.lqr.weights import from_bryson
 from obc_ros.core.ocp.statement import build_problem
@@ -218,6 +219,30 @@ def test_the_command_says_why_there_is_no_page(capsys, words, why):
     assert main(['view', '--no-browser', *(['--port', '0'] if '--port' not in words else []),
                  *words]) == 1
     assert why in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(('wanted', 'refusal', 'priority', 'said'), [
+    (None, '', command.LOOP_PRIORITY, ''), (0, 'never asked', 0, ''), (30, '', 30, ''),
+    (None, 'priority = 50: not permitted', 0, 'priority = 50: not permitted')])
+def test_the_loop_has_a_real_time_priority_where_it_may(
+        monkeypatch, capsys, wanted, refusal, priority, said):
+    monkeypatch.setattr(command, 'find_priority_refusal', lambda asked: refusal)
+    assert command.choose_priority(wanted) == priority
+    assert said in capsys.readouterr().out
+
+
+def test_a_given_priority_that_is_not_allowed_is_an_error(monkeypatch):
+    monkeypatch.setattr(
+        command, 'find_priority_refusal', lambda asked: f'priority = {asked}: not permitted')
+    with pytest.raises(ObcError, match='--priority 30: not permitted'):
+        command.choose_priority(30)
+
+
+@pytest.mark.parametrize('text', ['-1', '100', 'x', '1.5', '', 'nan'])
+def test_a_priority_is_a_whole_number(capsys, text):
+    with pytest.raises(SystemExit):
+        main(['view', f'--priority={text}'])
+    assert 'a whole number from 0 to 99' in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(('x', 'u'), [([4.0, 0.0], [100.0]), ([0.25, 1e-4], [3.0])])
