@@ -107,11 +107,12 @@ class Candidate:
 
 
 class _Memo:
-    """The integrated costates of the last outcomes, and the last Hamiltonian loss."""
+    """The costates of the last outcomes, the last Hamiltonian loss, and which are accurate."""
 
     def __init__(self) -> None:
         self._courses: dict[TranscriptionOutcome, tuple[Problem, Extremal]] = {}
         self._judged: tuple[Problem, Extremal, Judgement] | None = None
+        self._checked: dict[TranscriptionOutcome, tuple[Problem, bool]] = {}
 
     def course(self, problem: Problem, outcome: TranscriptionOutcome) -> Extremal | None:
         kept, course = self._courses.get(outcome, (None, None))
@@ -129,6 +130,14 @@ class _Memo:
 
     def keep_judgement(self, problem: Problem, course: Extremal, verdict: Judgement) -> None:
         self._judged = problem, course, verdict
+
+    def accuracy(self, problem: Problem, outcome: TranscriptionOutcome) -> bool | None:
+        kept, accurate = self._checked.get(outcome, (None, None))
+        return accurate if kept is problem else None
+
+    def keep_accuracy(self, problem: Problem, outcome: TranscriptionOutcome,
+                      accurate: bool) -> None:
+        self._checked[outcome] = problem, accurate
 
 
 @dataclass(frozen=True, eq=False)
@@ -270,6 +279,8 @@ class Bench:
         """
         Return whether the discretisation error of a coarse outcome is small enough.
 
+        An outcome is checked once, so that the trace shows the check once.
+
         Parameters
         ----------
         outcome : TranscriptionOutcome
@@ -282,10 +293,15 @@ class Bench:
             large that its cost cannot be compared with other costs.
 
         """
-        options = self.options.coarse
         if not outcome.converged:
             return False
-        course = self.course(outcome)
+        if (accurate := self._memo.accuracy(self.problem, outcome)) is None:
+            accurate = self._check_accuracy(outcome)
+            self._memo.keep_accuracy(self.problem, outcome, accurate)
+        return accurate
+
+    def _check_accuracy(self, outcome: TranscriptionOutcome) -> bool:
+        options, course = self.options.coarse, self.course(outcome)
         error, loss = course.local.max(), self.judged(course).lost.sum()
         if error < options.error and loss < options.wild * max(abs(outcome.objective), 1.0):
             return True

@@ -37,7 +37,7 @@ from obc_ros.core.solver.transcription.local_minima import LocalMinima
 from obc_ros.core.solver.transcription.mesh import HELD, Layout, Mesh, Path, STEPPED
 from obc_ros.core.solver.transcription.tightening import TightenedLimits
 
-_ENOUGH = 'iterations used up, or it approaches a known minimum'
+_ENOUGH = 'iterations used up, or near a known minimum'
 # Why a solve ended, by the status of the interior-point method and of IPOPT.
 _ENDS = {
     'stopped': _ENOUGH, 'too slow': 'converges too slowly',
