@@ -256,6 +256,20 @@ def test_the_filter_of_the_double_integrator_solves_the_riccati_equation_of_the_
     assert evaluate('estimation-2-damping').item() == pytest.approx(-pole.real / abs(pole))
 
 
+@pytest.mark.parametrize('q, s', [(1.0, 3.0), (100.0, 10.0)])
+def test_the_margin_of_doyle_is_where_a_pole_vanishes(q, s):
+    A, ones = np.array([[1.0, 1.0], [0.0, 1.0]]), np.ones((2, 2))
+    B, C = np.array([[0.0], [1.0]]), np.array([[1.0, 0.0]])
+    K = B.T @ solve_continuous_are(A, B, q * ones, [[1.0]])
+    L = solve_continuous_are(A.T, C.T, s * ones, [[1.0]]) @ C.T
+    f, d = (evaluate('estimation-3-gain', q=each).item() for each in (q, s))
+    assert pytest.approx(f * np.ones((1, 2)), rel=1e-9) == K
+    assert pytest.approx(d * np.ones((2, 1)), rel=1e-9) == L
+    m = evaluate('estimation-3-margin', d=d, f=f).item()
+    loop = np.block([[A, -m * B @ K], [L @ C, A - B @ K - L @ C]])
+    assert abs(np.linalg.eigvals(loop)).min() < 1e-6
+
+
 @pytest.mark.parametrize('a, b', [(0.7, 1.3), (2.0, 0.5)])
 def test_the_gain_of_exercise_2_9_moves_the_pole_to_its_mirror_image(a, b):
     P, k = (evaluate(f'2.9-a-{name}', a=a, b=b).item() for name in ('riccati', 'gain'))

@@ -76,7 +76,7 @@ def render_page(records: Sequence[Record]) -> str:
     head = (
         '<h1>Gallery of obc_ros</h1>\n<p>Examples, theorems and exercises of chapter 2 of R. M. '
         'Murray, <i>Optimization-Based Control</i> (draft v2.1a, 2010), and examples of '
-        'estimation. The ROS 2 nodes of obc_ros and their library '
+        'estimation and of receding horizons. The ROS 2 nodes of obc_ros and their library '
         'compute each result. It is compared with a reference that is computed '
         f'without them. {numbers} numbers are compared. All of them are within their tolerances '
         f'in {held} of {len(records)} entries.</p>')

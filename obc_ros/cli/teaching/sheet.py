@@ -28,7 +28,7 @@ COMMENT_WIDTH = 97   # characters
 COLOURS = {'right': 'green', 'wrong': 'red', 'unreadable': 'red'}
 HEAD = """\
 Exercises of chapter 2 of R. M. Murray, Optimization-Based Control (draft v2.1a), and of
-estimation.
+estimation and receding horizons.
 Write each answer after the colon; leave it empty to skip a question. Then:
     obc gallery --check {name}
 Numbers: three digits, or a formula such as sqrt(3)/2. Formulas: + - * / **, sin cos tan exp log

@@ -22,7 +22,13 @@ from obc_ros.cli.gallery.entries import (
     two_wheeled,
     vehicle,
 )
-from obc_ros.cli.gallery.next_chapters import scalar_filter, tracking_filter
+from obc_ros.cli.gallery.next_chapters import (
+    double_integrator_horizon,
+    doyle,
+    scalar_filter,
+    scalar_horizon,
+    tracking_filter,
+)
 
 ENTRIES = (
     optimization.EXAMPLE_2_1, terminal_constraints.SECTION_2_2, principle.THEOREM_2_1,
@@ -32,4 +38,6 @@ ENTRIES = (
     least_time.EXAMPLE_2_6, optimization.EXERCISE_2_1, shortest.EXERCISE_2_2,
     shortest.EXERCISE_2_3, flat.EXERCISE_2_4, flat.EXERCISE_2_5, two_wheeled.EXERCISE_2_6,
     linear.EXERCISE_2_7, linear.EXERCISE_2_8, scalar.EXERCISE_2_9, vehicle.EXERCISE_2_10,
-    scalar_filter.ESTIMATION_1, tracking_filter.ESTIMATION_2)
+    scalar_filter.ESTIMATION_1, tracking_filter.ESTIMATION_2,
+    doyle.ESTIMATION_3, scalar_horizon.RECEDING_HORIZON_1,
+    double_integrator_horizon.RECEDING_HORIZON_2)

@@ -11,12 +11,13 @@ from typing import Any
 import numpy as np
 from obc_ros.cli.flight_client import Pilot, Samples
 from obc_ros.cli.gallery.loop import list_arguments, UnansweredError
-from obc_ros.cli.gallery.ros2_commands import run_node
+from obc_ros.cli.gallery.ros2_commands import run_node, write_service_call
 from obc_ros.cli.gallery.runner import Desk
 from obc_ros.cli.processes import Children
 from obc_ros.cli.recording import Recorder
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.msg import Estimate, Measurement, State
+from obc_ros.srv import SuggestNoise
 from rclpy.serialization import deserialize_message
 from std_srvs.srv import Trigger
 
@@ -103,6 +104,40 @@ def run_estimator(desk: Desk, name: str, plant: Mapping[str, Any], estimator: Ma
             pilot.wait(lambda: len(heard[Estimate].stamp) >= count, f'{count} estimates', LONGEST)
             pilot.pause(True)
     return _read(heard, count)
+
+
+def ask_estimator(desk: Desk, name: str, estimator: Mapping[str, Any],
+                  request: SuggestNoise.Request) -> SuggestNoise.Response:
+    """
+    Return the process noise that estimator_node suggests.
+
+    Parameters
+    ----------
+    desk : Desk
+        Keeps the commands.
+    name : str
+        Of the recording.
+    estimator : mapping
+        Parameters of the node.
+    request : SuggestNoise.Request
+        With the gain of the regulator.
+
+    Raises
+    ------
+    UnansweredError
+        If it has no suggestion.
+
+    """
+    desk.note(run_node('estimator_node', estimator))
+    desk.note(write_service_call('suggest_weights', SuggestNoise, request, 'estimator_node'))
+    folder = desk.name_folder(name)
+    with Children(folder / 'log') as children, Recorder(folder) as recorder:
+        children.start('estimator_node', *list_arguments(estimator))
+        with closing(Pilot(children, recorder, controller='estimator_node')) as pilot:
+            answer = pilot.call(SuggestNoise, 'estimator_node/suggest_weights', request, LONGEST)
+    if not answer.success:
+        raise UnansweredError(f'estimator_node: {answer.message}')
+    return answer
 
 
 def _begin(pilot: Pilot, estimates: Samples) -> None:
