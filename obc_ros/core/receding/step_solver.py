@@ -294,8 +294,10 @@ class _Search:
         if slack:
             words += '; exceeds ' + ', '.join(f'{name} by {value:.3g}'
                                               for name, value in slack.items())
-        plan = Plan(self.stamp, problem.period, at.E + self.shifts + problem.xe,
-                    at.V + problem.ue, at.cost, slack, residual,
+        # v + ue is rounded.
+        u = np.clip(at.V + problem.ue, problem.limits.u_lower, problem.limits.u_upper)
+        plan = Plan(self.stamp, problem.period, at.E + self.shifts + problem.xe, u, at.cost,
+                    slack, residual,
                     float(at.E[-1] @ problem.P @ at.E[-1]))
         return StepResult(plan, status, words, self.count, residual, slack, self.solver._penalty,
                           self.kernel.multiplier, time.monotonic() - begun)

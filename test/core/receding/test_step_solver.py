@@ -84,6 +84,15 @@ def test_limits_hold_and_the_plan_is_a_motion_of_the_model() -> None:
         np.testing.assert_allclose(plan.x[k + 1], problem.xe + e, atol=1e-9)
 
 
+def test_inputs_are_within_their_bounds_without_rounding() -> None:
+    """A bound b for which (b - ue) + ue is below b, the lowest input of the plan."""
+    ue = flying().ue[1]
+    low = next(b for b in np.linspace(5.0, 19.0, 1000) if (b - ue) + ue < b)
+    result = StepSolver(flying(input_bounds={'f2': [low, 60]}), compiled=False).solve(
+        np.array([0.0, 20.0, 0, 0, 0, 0]))
+    assert result.plan is not None and result.plan.u[:, 1].min() == low
+
+
 def test_a_start_outside_a_state_bound_is_told_by_name() -> None:
     """The excess at the start cannot be avoided; it is returned."""
     problem = integrator(state_bounds={'v': [-1, 1]})
