@@ -61,5 +61,6 @@ class LinearSteps:
             states.append(x)
         return Packet(
             {'stamp': request.plain.get('stamp', 0), 'status': 'solved', 'iterations': 1,
-             'residual': 0.0, 'cost': 0.0, 'slack': {}, 'seconds': 0.0, 'pid': os.getpid()},
+             'residual': 0.0, 'cost': 0.0, 'slack': {}, 'seconds': 0.0, 'pid': os.getpid(),
+             'words': 'the first plan is linear'},
             {'x': np.array(states) + self.xe, 'u': np.array(inputs) + self.ue})

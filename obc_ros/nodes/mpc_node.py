@@ -161,7 +161,7 @@ class MpcNode(ControllerNode):
             self._heard = list(x), now
 
     def _follow_first(self, plan: Packet, stamp: int) -> None:
-        """Let the certified first plan begin at a stamp [ns]."""
+        """Let the checked first plan begin at a stamp [ns]."""
         self._beginning = None
         control = self._adopted.control
         leg = make_leg(Packet({'stamp': stamp}, plan.arrays), self._period, control)
@@ -234,7 +234,7 @@ class MpcNode(ControllerNode):
         return ''
 
     def _plan_first(self) -> str:
-        """Return why there is no certified plan from the present state; empty: there is one."""
+        """Return why no first plan passes its checks; empty: one does."""
         if reason := self._find_obstacle():
             return reason
         while not self._first.empty():
@@ -247,11 +247,11 @@ class MpcNode(ControllerNode):
             return f'the first plan was not made within {FIRST:g} s'
         if 'refused' in reply.plain:
             return str(reply.plain['refused'])
-        self._beginning = reply
+        self._beginning, self._plans.first = reply, reply.plain['words']
         return ''
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Start the control loop if the first plan is certified."""
+        """Start the control loop if a first plan passes its checks."""
         if reason := self._plan_first():
             self._monitor.refused(f'activation: {reason}')
             self._log.warning('activate', f'not activated: {reason}')
@@ -260,6 +260,7 @@ class MpcNode(ControllerNode):
         self._asked = None
         with self._lock:
             self._legs = ()
+        self._log.info('first plan', self._plans.first)
         return super().on_activate(state)
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:

@@ -65,7 +65,8 @@ def test_the_regulator_alone_exceeds_the_limits():
 def test_limits_are_kept_on_the_way_to_the_set_point(spawn, probe, bursts):
     others = [subprocess.Popen([sys.executable, '-c', BURSTS]) for _ in range(bursts)]
     try:
-        states, commands, _ = fly(spawn, probe)
+        states, commands, node = fly(spawn, probe)
+        node.wait_for_output('ends outside of the set in which the regulator is proved', LONG)
         probe.wait_for(lambda: settles(states), LONG, 'the set point')
     finally:
         for other in others:

@@ -76,6 +76,8 @@ def test_plans_are_followed_and_published(spawn, probe):
     probe.wait_for(lambda: 'terminal set' in designs[-1].sentence, LONG)
     probe.wait_for(lambda: np.abs(loop.states[-1].x).max() < 1e-3, LONG, 'the set point')
     assert loop.is_active()
+    loop.node.wait_for_output('the first plan is linear', LONG)
+    probe.wait_for(lambda: loop.figure('first plan') == 'the first plan is linear', LONG)
 
 
 def test_activation_is_refused_with_the_reason_where_no_plan_begins(spawn, probe):

@@ -3,18 +3,21 @@
 """
 Checks of a first plan before a receding horizon becomes active.
 
-The plan is checked against the problem alone: its model, the bounds, the optimality conditions and
-its end. Nothing of the search is used but the multipliers in the residual.
+The plan is checked against the problem alone: its model, the bounds, the limits at each sample and
+its end. Only the residual of the optimality conditions is that of the step.
 """
 
 from dataclasses import dataclass
 
+import casadi as ca
 import numpy as np
+from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.receding.formulation import RecedingProblem
 from obc_ros.core.receding.step_solver import STEP_TOLERANCE, StepResult
 from obc_ros.core.receding.terminal_set import TerminalSet
 
-_GAP = 1e-8   # relative gap of the model that rounding may leave
+_GAP = 1e-8    # relative gap of the model that rounding may leave
+_KEPT = 1e-9   # excess that rounding may leave, relative to 1 + the size of the limit
 
 
 @dataclass(frozen=True)
@@ -30,24 +33,27 @@ class FirstPlanReport:
         Why not; empty if it may.
     words : str
         The result in a sentence.
-    ends_in_set : bool or None
-        Whether the plan ends in the terminal set; None without a set.
+    end : float or None
+        V(x_N) over the level of the terminal set: at most 1 if the plan ends in it; None without
+        a set.
 
     """
 
     accepted: bool
     reasons: tuple[str, ...]
     words: str
-    ends_in_set: bool | None
+    end: float | None
 
 
 def check_first_plan(problem: RecedingProblem, result: StepResult,
-                     terminal: TerminalSet | None = None) -> FirstPlanReport:
+                     terminal: TerminalSet | None = None, *, must_end_in_set: bool = True
+                     ) -> FirstPlanReport:
     """
     Check the first plan of a receding horizon.
 
     It is accepted if it is a motion of the model with admissible inputs that exceeds no limit,
-    optimal to the tolerance, and ends in the terminal set if there is one.
+    optimal to the tolerance, and ends in the terminal set if it must. From there the regulator is
+    proved to keep all limits, so that the plan and the regulator keep them for all time.
 
     Parameters
     ----------
@@ -57,6 +63,8 @@ def check_first_plan(problem: RecedingProblem, result: StepResult,
         The step that found the plan.
     terminal : TerminalSet, optional
         The set of `find_terminal_set`.
+    must_end_in_set : bool
+        Whether a plan that ends outside of the set is refused.
 
     Returns
     -------
@@ -77,17 +85,36 @@ def check_first_plan(problem: RecedingProblem, result: StepResult,
     low, high = problem.limits.u_lower, problem.limits.u_upper
     if not ((plan.u >= low).all() and (plan.u <= high).all()):
         reasons.append('an input is outside its bounds')
-    reasons += [f'{name} is exceeded by {value:.3g}' for name, value in plan.slack.items()]
+    reasons += _find_exceeded(problem, plan.stamp, E, V)
     if not plan.residual <= STEP_TOLERANCE:
         reasons.append(f'it is not optimal: {result.words} (residual {plan.residual:.2g})')
-    ends = None
-    if terminal is not None:
-        ends = terminal.contains(E[-1])
-        if not ends:
-            reasons.append(
-                f"it ends at e'P e = {plan.terminal_value:.3g}, outside the terminal set "
-                f'({terminal.level:.3g}): wanted a longer horizon or a start nearer by')
+    end = None if terminal is None else float(E[-1] @ terminal.P @ E[-1]) / terminal.level
+    if end is not None and must_end_in_set and not end <= 1.0:
+        reasons.append(f'it {_describe_end(end)}: wanted a longer horizon or a start nearer by')
     words = (f'refused: {"; ".join(reasons)}' if reasons else
              f'the first plan is a motion of the model within all limits, optimal to '
-             f'{plan.residual:.1e}' + (', and ends in the terminal set' if ends else ''))
-    return FirstPlanReport(not reasons, tuple(reasons), words, ends)
+             f'{plan.residual:.1e}' + ('' if end is None else f', and {_describe_end(end)}'))
+    return FirstPlanReport(not reasons, tuple(reasons), words, end)
+
+
+def _find_exceeded(problem: RecedingProblem, stamp: float, E: Array, V: Array) -> list[str]:
+    """Return the limits that errors (N + 1, n) and inputs (N, m) exceed, with the numbers."""
+    soft = problem.soft
+    rows = ca.Function('rows', [soft.e, soft.v, soft.shift], [soft.rows])
+    shifts = np.outer(stamp + problem.period * np.arange(len(E)), problem.drift)
+    values = rows.map(len(V))(E[:-1].T, V.T, shifts[:-1].T).full()
+    last = rows(E[-1], V[-1], shifts[-1]).full()
+    found = []
+    for i, (name, low, high) in enumerate(zip(soft.names, soft.lower, soft.upper, strict=True)):
+        at = np.append(values[i], last[i]) if i in soft.of_states else values[i]
+        over = float(np.maximum(low - at, at - high).max())
+        size = 1.0 + max(abs(each) for each in (low, high) if np.isfinite(each))
+        if not over <= _KEPT * size:
+            found.append(f'{name} is exceeded by {over:.3g}')
+    return found
+
+
+def _describe_end(end: float) -> str:
+    """Return where a plan ends, with V(x_N) over the level of the terminal set."""
+    return (f'ends {"inside" if end <= 1.0 else "outside"} of the set in which the regulator is '
+            f'proved to keep all limits, V(x_N)/level = {end:.3g}')

@@ -31,12 +31,15 @@ class PlanMonitor:
         The last plan.
     reason : str
         Why the last step has failed.
+    first : str
+        What was checked of the plan with which the node became active.
 
     """
 
     counts: Counter[str] = field(default_factory=Counter)
     last: Packet | None = None
     reason: str = ''
+    first: str = ''
     _taken: float = 0.0
     _times: deque[float] = field(default_factory=lambda: deque(maxlen=5_000))
     _before: Counter[str] = field(default_factory=Counter)
@@ -95,7 +98,8 @@ class PlanMonitor:
         elif self.last is None:
             words = 'no plan yet'
         return make_status(f'{name}: plan', level, words, {
-            **self._values(), 'exceeded': max(slack.values(), default=0.0),
+            **self._values(), 'first plan': self.first,
+            'exceeded': max(slack.values(), default=0.0),
             **{f'exceeded {what}': f'{value:.3g}' for what, value in slack.items()},
             **{f'deadlines {kind}': self.counts[kind] for kind in ('wanted', 'missed')},
             'steps failed': self.counts['failed'], 'last failure': self.reason,

@@ -99,8 +99,9 @@ class RecedingSteps:
         Parameters
         ----------
         request : Packet
-            ``kind`` 'first': a plan without excess from the state x, or a refusal. 'step': the
-            plan from the instant ``stamp`` [ns] on, a period after the state x at which u acts.
+            ``kind`` 'first': a plan without excess from the state x, with what was checked of it
+            in ``words``, or a refusal. 'step': the plan from the instant ``stamp`` [ns] on, a
+            period after the state x at which u acts.
 
         Raises
         ------
@@ -136,12 +137,13 @@ class RecedingSteps:
     def _plan_first(self, x: Array) -> Packet:
         """Return a plan without excess from the state x (n,)."""
         found = self._solver.solve(x, stamp=0.0)
-        report = check_first_plan(self._problem, found)
+        report = check_first_plan(self._problem, found, self._set, must_end_in_set=False)
         if found.plan is None or not report.accepted:
             raise DynamicsError('no plan from the present state keeps all limits: '
                                 f'{"; ".join(report.reasons)}')
         self._last = None
-        return Packet(_describe(found), {'x': found.plan.x, 'u': found.plan.u})
+        return Packet({**_describe(found), 'words': report.words},
+                      {'x': found.plan.x, 'u': found.plan.u})
 
 
 def _describe(found: StepResult) -> dict[str, Any]:

@@ -25,7 +25,7 @@ START = np.array([2.0, 0.0])
 def test_a_plan_that_ends_in_the_terminal_set_is_accepted() -> None:
     """All checks hold."""
     report = check_first_plan(PROBLEM, SOLVER.solve(START), find_terminal_set(PROBLEM))
-    assert report.accepted and report.ends_in_set and report.reasons == ()
+    assert report.accepted and report.reasons == () and 0.0 < report.end <= 1.0
 
 
 def test_each_defect_is_a_reason() -> None:
@@ -35,18 +35,33 @@ def test_each_defect_is_a_reason() -> None:
     x = result.plan.x.copy()
     x[5, 0] += 1e-3
     for change, words in (({'x': x}, 'model'), ({'u': result.plan.u - 1.5}, 'outside its bounds'),
-                          ({'residual': 1e-3}, 'not optimal'), ({'slack': {'v': 0.1}}, 'v is')):
+                          ({'residual': 1e-3}, 'not optimal')):
         report = check_first_plan(PROBLEM, replace(result, plan=replace(result.plan, **change)))
         assert not report.accepted and words in report.words
+
+
+def test_limits_are_computed_from_the_plan_itself() -> None:
+    """A plan whose step tells no excess is checked against narrower bounds."""
+    result = SOLVER.solve(START)
+    assert result.plan is not None and result.plan.slack == {}
+    narrow = restate_problem(build_problem({
+        **STATED, 'state_bounds': {'v': [-0.5, 0.8]},
+        'path_constraints': [{'expr': 'p*p', 'upper': 3.9}]}), horizon=200, period=0.02)
+    assert check_first_plan(narrow, result).reasons == (
+        'v is exceeded by 0.3', 'path_constraints[0] is exceeded by 0.1')
 
 
 def test_a_plan_that_ends_outside_the_terminal_set_is_refused() -> None:
     """Three periods are too few to get there."""
     short = replace(PROBLEM, horizon=3)
-    report = check_first_plan(short, StepSolver(short, compiled=False).solve(START),
-                              find_terminal_set(short))
-    assert not report.accepted and report.ends_in_set is False
-    assert 'outside the terminal set' in report.words
+    found, result = find_terminal_set(short), StepSolver(short, compiled=False).solve(START)
+    report = check_first_plan(short, result, found)
+    assert not report.accepted and report.end > 1.0
+    assert 'ends outside of the set' in report.words
+    report = check_first_plan(short, result, found, must_end_in_set=False)
+    assert report.accepted and 'ends outside of the set' in report.words
+    e = result.plan.x[-1]
+    assert report.end == pytest.approx(e @ found.P @ e / found.level)
 
 
 @pytest.mark.slow

@@ -1,0 +1,59 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""The steps of a receding horizon as the process answers them, without a process."""
+
+import numpy as np
+from obc_ros.core.text.errors import DynamicsError
+from obc_ros.workers.steps.receding_steps import prepare, RecedingSteps
+from obc_ros.workers.wire import Packet
+import pytest
+
+pytestmark = pytest.mark.slow   # it compiles the functions of the steps
+PERIOD = 20_000_000   # [ns]
+FAR = np.array([1.0, 0.5, 0.0, 0.0, 0.0, 0.0])
+STAMP = 1_700_000_000_000_000_000   # a clock of today
+
+
+@pytest.fixture(scope='module')
+def steps() -> RecedingSteps:
+    """Return the steps of the aircraft with a bound of its speed."""
+    none = np.full(6, np.inf)
+    upper = np.where(np.arange(6) == 3, 0.4, none)
+    return prepare(Packet(
+        {'system': 'aircraft', 'parameters': {}, 'setpoint': [], 'setpoint_input': [],
+         'period': 0.02, 'steps': 20, 'path_constraints': [], 'deadline': 10.0},
+        {'Qx': np.eye(6), 'Qu': np.eye(2), 'u_lower': np.array([-6.0, 20.0]),
+         'u_upper': np.array([6.0, 60.0]), 'x_lower': -upper, 'x_upper': upper}))
+
+
+def follow(steps: RecedingSteps, x: np.ndarray, u: np.ndarray, stamp: int) -> Packet:
+    """Return the plan of the instant a period after a stamp."""
+    return steps.answer(Packet({'kind': 'step', 'stamp': stamp + PERIOD}, {'x': x, 'u': u}))
+
+
+@pytest.mark.parametrize(('x', 'where', 'value'), [
+    (np.zeros(6), 'inside', 0.0), (FAR, 'outside', None)])
+def test_the_first_plan_tells_where_it_ends(steps: RecedingSteps, x: np.ndarray, where: str,
+                                            value: float | None) -> None:
+    """V(x_N) over the level, with the set that the process has published."""
+    reply = steps.answer(Packet({'kind': 'first'}, {'x': x}))
+    end, ready = reply.arrays['x'][-1], steps.ready
+    found = end @ ready.arrays['P'] @ end / ready.plain['level']
+    assert f'ends {where} of the set' in reply.plain['words']
+    told = float(reply.plain['words'].rsplit('= ', 1)[1])
+    assert told == pytest.approx(found, rel=5e-3, abs=1e-9)
+    assert value is None or told == pytest.approx(value, abs=1e-9)
+
+
+def test_a_step_without_a_first_plan_is_answered(steps: RecedingSteps) -> None:
+    """A process that replaces another one begins with a step."""
+    steps._last = None
+    reply = follow(steps, FAR, np.array([0.0, 39.2]), STAMP)
+    assert reply.plain['status'] == 'optimal'
+
+
+def test_a_first_plan_that_exceeds_a_limit_is_refused(steps: RecedingSteps) -> None:
+    """The limit is named with its excess."""
+    x = FAR + np.array([0.0, 0.0, 0.0, 0.9, 0.0, 0.0])
+    with pytest.raises(DynamicsError, match='vx is exceeded by 0.5'):
+        steps.answer(Packet({'kind': 'first'}, {'x': x}))
