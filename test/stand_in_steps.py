@@ -7,6 +7,7 @@ The plan is that of the sampled regulator. The terminal set is x'P x <= 1. A fir
 outside the bounds of the states.
 """
 
+import gc
 import os
 import time
 
@@ -62,5 +63,5 @@ class LinearSteps:
         return Packet(
             {'stamp': request.plain.get('stamp', 0), 'status': 'solved', 'iterations': 1,
              'residual': 0.0, 'cost': 0.0, 'slack': {}, 'seconds': 0.0, 'pid': os.getpid(),
-             'words': 'the first plan is linear'},
+             'words': 'the first plan is linear', 'frozen': gc.get_freeze_count()},
             {'x': np.array(states) + self.xe, 'u': np.array(inputs) + self.ue})

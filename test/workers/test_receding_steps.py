@@ -45,9 +45,20 @@ def test_the_first_plan_tells_where_it_ends(steps: RecedingSteps, x: np.ndarray,
     assert value is None or told == pytest.approx(value, abs=1e-9)
 
 
+def test_the_step_after_the_first_plan_continues_it(steps: RecedingSteps) -> None:
+    """From the state that the first plan reaches, its rest is nearly optimal, at any stamp."""
+    first = steps.answer(Packet({'kind': 'first'}, {'x': FAR}))
+    reply = follow(steps, FAR, first.arrays['u'][0], STAMP)
+    assert reply.plain['stamp'] == STAMP + PERIOD and reply.plain['status'] == 'optimal'
+    np.testing.assert_allclose(reply.arrays['x'][0], first.arrays['x'][1], atol=1e-9)
+    # Both minimise the same cost; their horizons end a period apart.
+    np.testing.assert_allclose(reply.arrays['u'][0], first.arrays['u'][1], atol=0.2)
+    assert steps._last is not None and steps._last.stamp == pytest.approx(0.02)
+
+
 def test_a_step_without_a_first_plan_is_answered(steps: RecedingSteps) -> None:
     """A process that replaces another one begins with a step."""
-    steps._last = None
+    steps._last = steps._origin = None
     reply = follow(steps, FAR, np.array([0.0, 39.2]), STAMP)
     assert reply.plain['status'] == 'optimal'
 

@@ -122,6 +122,16 @@ def test_a_plan_is_a_motion_of_the_linear_model():
     assert (np.diff(values) < 0.0).all(), 'the cost-to-go must fall along the regulator'
 
 
+def test_no_collection_visits_the_objects_of_the_start():
+    """CasADi, numpy and the problem are some 45 000 objects: a collection took a period."""
+    link = StepLink('stand_in_steps', make_problem())
+    try:
+        link.wait_until_ready(DEADLINE)
+        assert link.call({'kind': 'first'}, {'x': X}, DEADLINE).plain['frozen'] > 10_000
+    finally:
+        link.close()
+
+
 def test_a_refused_first_plan_says_why():
     link = StepLink('stand_in_steps', make_problem())
     try:

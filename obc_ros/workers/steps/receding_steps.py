@@ -18,7 +18,7 @@ from obc_ros.core.systems.registry import get_system
 from obc_ros.core.text.errors import DynamicsError, StatementError
 from obc_ros.workers.wire import Packet
 
-FOLLOWED = ('optimal', 'time', 'iterations', 'stalled')   # what a plan may be followed after
+FOLLOWED = ('optimal', 'time', 'iterations')   # what a plan may be followed after
 
 
 def prepare(problem: Packet) -> 'RecedingSteps':
@@ -83,7 +83,9 @@ class RecedingSteps:
         self._set = find_terminal_set(problem)
         self._words = self._solver.prepare()
         self._last: Plan | None = None
-        self._origin = 0   # [ns]: stamps of plans are seconds from here, for their precision
+        # [ns]: stamps of plans are seconds from here, for their precision. None before the first
+        # step, which comes a period after the first plan.
+        self._origin: int | None = None
 
     @property
     def ready(self) -> Packet:
@@ -113,8 +115,8 @@ class RecedingSteps:
         if request.plain['kind'] == 'first':
             return self._plan_first(x)
         begun, stamp = time.monotonic(), int(request.plain['stamp'])
-        if self._last is None:
-            self._origin = stamp
+        if self._origin is None:
+            self._origin = stamp - round(1e9 * self._problem.period)
         ahead = self._predict(x, request.arrays['u'])
         found = self._solver.solve(ahead, self._last, begun + self._deadline,
                                    (stamp - self._origin) * 1e-9)
@@ -141,7 +143,7 @@ class RecedingSteps:
         if found.plan is None or not report.accepted:
             raise DynamicsError('no plan from the present state keeps all limits: '
                                 f'{"; ".join(report.reasons)}')
-        self._last = None
+        self._last, self._origin = found.plan, None
         return Packet({**_describe(found), 'words': report.words},
                       {'x': found.plan.x, 'u': found.plan.u})
 

@@ -9,6 +9,7 @@ reply has `ready` or `refused`. Of the requests that wait, the newest is answere
 """
 
 from contextlib import suppress
+import gc
 from importlib import import_module
 import os
 import signal
@@ -51,6 +52,8 @@ def serve_steps(channel: Channel, module: str) -> None:
     except (ObcError, ArithmeticError) as error:
         channel.send({'refused': str(error)})
         return
+    gc.collect()
+    gc.freeze()   # a collection with the objects of the start takes a period, 20 ms
     channel.send({'ready': answerer.ready.plain}, answerer.ready.arrays)
     while True:
         request = channel.receive()
