@@ -144,27 +144,36 @@ class MpcNode(ControllerNode):
     # States, in their thread
 
     def _answer(self, message: Any) -> None:
-        if self._is_active:
-            if self._beginning is not None:
-                self._follow_first(self._beginning, read_nanoseconds(message.header.stamp))
+        if self._is_active and self._beginning is None:
             super()._answer(message)
             return
         now = monotonic()
         if message.header.frame_id != self._frame and not self._is_frame(
                 message.header.frame_id, now):
             return
-        try:
-            x = self._read(message)
-        except StatementError:
+        x = self._read_finite(message)
+        if not self._is_active:
+            self._heard = (x, now) if x else self._heard
             return
-        if len(x) == len(self._adopted.control.names) and np.all(np.isfinite(x)):
-            self._heard = list(x), now
+        if x and self._beginning is not None:
+            self._follow_first(self._beginning, read_nanoseconds(message.header.stamp), x)
+        super()._answer(message)
 
-    def _follow_first(self, plan: Packet, stamp: int) -> None:
-        """Let the checked first plan begin at a stamp [ns]."""
+    def _read_finite(self, message: Any) -> list[float]:
+        """Return the state of a message; empty: it has another size, or is not finite."""
+        try:
+            x = list(self._read(message))
+        except StatementError:
+            return []
+        return x if len(x) == len(self._adopted.control.names) and np.all(np.isfinite(x)) else []
+
+    def _follow_first(self, plan: Packet, stamp: int, x: list[float]) -> None:
+        """Let the checked first plan begin at a stamp [ns], at x in the states that move."""
         self._beginning = None
         control = self._adopted.control
-        leg = make_leg(Packet({'stamp': stamp}, plan.arrays), self._period, control)
+        moved = np.where(control.regulator.drift, x - plan.arrays['x'][0], 0.0)
+        leg = make_leg(Packet({'stamp': stamp}, {**plan.arrays, 'x': plan.arrays['x'] + moved}),
+                       self._period, control)
         with self._lock:
             self._legs = (leg,)
             self._loop.adopt(replace(control, legs=self._legs))

@@ -81,6 +81,24 @@ def test_limits_are_kept_on_the_way_to_the_set_point(spawn, probe, bursts):
     assert (u[:, 1] >= 20.0).all() and (u[:, 1] <= 60.0).all()
 
 
+def test_the_vehicle_goes_back_to_its_lane_within_its_limits(spawn, probe):
+    """The set point moves at 10 m/s and begins at the vehicle, wherever that is."""
+    states = probe.listen(State, 'state', QoSProfile(depth=1000))
+    commands = probe.listen(Command, 'command', QoSProfile(depth=1000))
+    spawn('plant_simulator', {
+        'system': 'vehicle', 'x0': [50.0, 1.5, 0.0], 'publish_rate': 50.0, 'lockstep': True})
+    spawn('mpc_node', {
+        'system': 'vehicle', 'setpoint': [0.0, 0.0, 0.0], 'setpoint_input': [10.0, 0.0],
+        'x_bounds': [-INF, INF, -INF, INF, -0.15, 0.15], 'u_limits': [5.0, 15.0, -0.1, 0.1],
+        'horizon': 0.6})
+    probe.wait_for(lambda: states and np.abs(states[-1].x[1:]).max() < 0.02, LONG, 'the lane')
+    x, u = np.array([each.x for each in states]), np.array([each.u for each in commands])
+    assert np.abs(x[:, 2]).max() <= 0.15 * 1.02
+    assert np.abs(u[:, 1]).max() <= 0.1
+    assert u[-1] == pytest.approx([10.0, 0.0], abs=0.1)
+    assert x[-1, 0] > 60.0
+
+
 def test_a_start_from_which_no_plan_keeps_the_limits_is_refused(spawn, probe):
     states, commands, node = fly(spawn, probe, x0=[1.0, 0.5, 0.0, 3.0 * SPEED, 0.0, 0.0])
     node.wait_for_output('not activated: no plan from the present state keeps all limits', LONG)

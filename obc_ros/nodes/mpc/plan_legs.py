@@ -15,6 +15,9 @@ def make_leg(reply: Packet, period: int, control: Control) -> Leg:
     """
     Return a plan as a reference, with the feedback of the set point along it and after it.
 
+    After it a moving set point goes on from the end of the plan, in the states along which it
+    moves.
+
     Parameters
     ----------
     reply : Packet
@@ -32,7 +35,10 @@ def make_leg(reply: Packet, period: int, control: Control) -> Leg:
     along = make_sampled_plan(period, reply.arrays['x'], reply.arrays['u'], control.regulator.K)
     begin = int(reply.plain['stamp']) - period // HALF
     reference = Reference(begin, along.duration, is_judged=True, is_announced=False)
-    return Leg(reference, along, control.regulator)
+    after = control.regulator
+    if any(after.drift):
+        after = after.beside(along.x[-1], 0.0)
+    return Leg(reference, along, after)
 
 
 def select_legs(legs: Sequence[Leg], new: Leg, now: int | None) -> tuple[Leg, ...]:

@@ -15,7 +15,7 @@ from obc_ros.core.receding.plan import Plan
 from obc_ros.core.receding.step_solver import StepResult, StepSolver
 from obc_ros.core.receding.terminal_set import find_terminal_set
 from obc_ros.core.systems.registry import get_system
-from obc_ros.core.text.errors import DynamicsError, StatementError
+from obc_ros.core.text.errors import DynamicsError
 from obc_ros.workers.wire import Packet
 
 FOLLOWED = ('optimal', 'time', 'iterations')   # what a plan may be followed after
@@ -53,15 +53,15 @@ def prepare(problem: Packet) -> 'RecedingSteps':
             'input_bounds': _bounds(system.input_names, arrays['u_lower'], arrays['u_upper']),
             'path_constraints': [{'expr': each, 'upper': 0.0}
                                  for each in plain['path_constraints']]})
-    if made.drift.any():
-        raise StatementError('setpoint: it moves; a receding horizon about a moving set point is '
-                             'not supported, wanted a set point at rest')
     return RecedingSteps(made, plain['deadline'])
 
 
 class RecedingSteps:
     """
     The steps of one problem, each from the plan before it.
+
+    A moving set point begins at the plant, in the states along which it moves: with the first
+    step, and with a step that the plan before it does not reach.
 
     Parameters
     ----------
@@ -86,6 +86,7 @@ class RecedingSteps:
         # [ns]: stamps of plans are seconds from here, for their precision. None before the first
         # step, which comes a period after the first plan.
         self._origin: int | None = None
+        self._moved = np.zeros(len(problem.xe))   # the place of the set point less xe at t = 0
 
     @property
     def ready(self) -> Packet:
@@ -115,37 +116,47 @@ class RecedingSteps:
         if request.plain['kind'] == 'first':
             return self._plan_first(x)
         begun, stamp = time.monotonic(), int(request.plain['stamp'])
-        if self._origin is None:
-            self._origin = stamp - round(1e9 * self._problem.period)
-        ahead = self._predict(x, request.arrays['u'])
-        found = self._solver.solve(ahead, self._last, begun + self._deadline,
-                                   (stamp - self._origin) * 1e-9)
+        period = self._problem.period
+        if is_first := self._origin is None:
+            self._origin = stamp - round(1e9 * period)
+        t = (stamp - self._origin) * 1e-9
+        if is_first or self._last is None or not self._last.stamp <= t < self._last.end:
+            self._place(x, t - period)
+        ahead = self._predict(x - self._moved, request.arrays['u'], t)
+        found = self._solver.solve(ahead, self._last, begun + self._deadline, t)
         plan = found.plan
         if plan is None or found.status not in FOLLOWED or not plan.is_finite:
             raise DynamicsError(f'no plan: {found.words}')
         self._last = plan
         return Packet({'stamp': stamp, 'cost': plan.cost, 'slack': dict(found.slack),
                        **_describe(found), 'seconds': time.monotonic() - begun},
-                      {'x': plan.x, 'u': plan.u})
+                      {'x': plan.x + self._moved, 'u': plan.u})
 
-    def _predict(self, x: Array, u: Array) -> Array:
-        """Return the state (n,) after a period in which u (m,) is held."""
+    def _place(self, x: Array, t: float) -> None:
+        """Let a moving set point be at the state x (n,) at time t [s] in its moving states."""
         problem = self._problem
-        ahead = problem.model(problem.error(x), u - problem.ue).full().ravel() + problem.xe
+        self._moved = np.where(problem.drift, x - problem.xe - problem.drift * t, 0.0)
+
+    def _predict(self, x: Array, u: Array, t: float) -> Array:
+        """Return the state (n,) at time t [s], a period after x, in which u (m,) is held."""
+        problem = self._problem
+        error = problem.model(problem.error(x, t - problem.period), u - problem.ue)
+        ahead = error.full().ravel() + problem.xe + problem.drift * t
         if not np.isfinite(ahead).all():
             raise DynamicsError('no plan: the predicted state is not finite')
         return np.asarray(ahead)
 
     def _plan_first(self, x: Array) -> Packet:
         """Return a plan without excess from the state x (n,)."""
-        found = self._solver.solve(x, stamp=0.0)
+        self._place(x, 0.0)
+        found = self._solver.solve(x - self._moved, stamp=0.0)
         report = check_first_plan(self._problem, found, self._set, must_end_in_set=False)
         if found.plan is None or not report.accepted:
             raise DynamicsError('no plan from the present state keeps all limits: '
                                 f'{"; ".join(report.reasons)}')
         self._last, self._origin = found.plan, None
         return Packet({**_describe(found), 'words': report.words},
-                      {'x': found.plan.x, 'u': found.plan.u})
+                      {'x': found.plan.x + self._moved, 'u': found.plan.u})
 
 
 def _describe(found: StepResult) -> dict[str, Any]:
