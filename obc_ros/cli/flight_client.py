@@ -246,8 +246,12 @@ class Pilot:
             self.pause(False)
             self._paused = True   # by the plant, at that time
         due = self.states.stamp[0] + round(moment * 1e9)
-        self.wait(lambda: self._has_all(due), f'the command at t = {moment:g} s', timeout,
-                  lambda: self._answer_silence() or progress())
+
+        def go_on() -> None:
+            self._answer_silence()
+            progress()
+
+        self.wait(lambda: self._has_all(due), f'the command at t = {moment:g} s', timeout, go_on)
 
     def _answer_silence(self) -> None:
         """Answer the state that the plant waits with, if it has waited for long."""
