@@ -109,8 +109,8 @@ class EstimatorCandidate:
         widths = ', '.join(f'{name} {value:.3g}' for name, value in zip(
             self.outputs, self.design.bandwidth, strict=True))
         return (f'estimator of {self.system.name} from {", ".join(self.outputs)}: filter form, '
-                f'slowest pole {slowest:.3g} 1/s, bandwidth [rad/s] {widths}, at a sample time of '
-                f'{self.design.period:g} s')
+                f'slowest pole {slowest:.3g} 1/s, bandwidth [rad/s] {widths}, if all are measured '
+                f'every {self.design.period:g} s; fewer measurements make it slower')
 
 
 def judge_estimator_settings(settings: Settings) -> EstimatorCandidate:
