@@ -122,28 +122,41 @@ def test_the_examples_are_valid_problems():
     assert [f'{each.name}.yaml' for each in problems.values()] == list(problems)
 
 
-def test_the_tutorial_prints_what_its_page_shows(terminal, domain, tmp_path):
-    """The commands run with `obc`, and with `ros2` where it is installed."""
+def say_page(page: str, terminal, domain, folder: Path) -> None:
+    """
+    Check that the commands of a page print what it shows.
+
+    They run with `obc`, and with `ros2` where it is installed; captioned blocks are files.
+    """
     commands = []
-    for language, caption, text in blocks('tutorial.md'):
+    for language, caption, text in blocks(page):
         if caption:
-            (tmp_path / caption).write_text(text)
+            (folder / caption).write_text(text)
         elif language == 'console':
             commands += steps(text)
     assert len(commands) > 10
-    bin_ = tmp_path / 'bin'
+    bin_ = folder / 'bin'
     bin_.mkdir()
-    for name in ('plant_simulator', 'lqr_node', 'obc'):
+    for name in ('plant_simulator', 'estimator_node', 'lqr_node', 'obc'):
         (bin_ / name).symlink_to(support.find(name))
     (bin_ / 'python').write_text(f'#!/bin/sh\nexec {shlex.quote(sys.executable)} "$@"\n')
     (bin_ / 'python').chmod(0o755)
-    said = run(tmp_path, domain, [re.sub('^ros2 ', f'{terminal.word} ', command)
-                                  for command, _ in commands])
+    said = run(folder, domain, [re.sub('^ros2 ', f'{terminal.word} ', command)
+                                for command, _ in commands])
     checker, options = doctest.OutputChecker(), doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
     for (command, wanted), got in zip(commands, said, strict=True):
         assert checker.check_output(wanted, got, options), f'$ {command}\n{got}\nnot\n{wanted}'
+
+
+def test_the_tutorial_prints_what_its_page_shows(terminal, domain, tmp_path):
+    say_page('tutorial.md', terminal, domain, tmp_path)
     assert (tmp_path / 'figures' / 'crane.png').stat().st_size > 10_000
     assert 'then its end is held' in (tmp_path / 'log').read_text()
+
+
+def test_the_tutorial_of_output_feedback_prints_what_its_page_shows(terminal, domain, tmp_path):
+    say_page('output_feedback.md', terminal, domain, tmp_path)
+    assert 'filter form, slowest pole' in (tmp_path / 'log').read_text()
 
 
 def run(folder: Path, domain: int, commands: list[str]) -> list[str]:

@@ -4,7 +4,7 @@
 Every `ros2` command of the pages succeeds beside a running loop.
 
 Pages may write `obc` in place of `ros2`. Each command runs with `obc`, and with `ros2` where that
-is installed. The tutorial and the gallery have tests of their own. Not tested: `ros2 security` of
+is installed. The tutorials and the gallery have tests of their own. Not tested: `ros2 security` of
 reliability.md, the workspace of install.md and the bridge of views.md, which need a ROS 2
 installation, and the command of architecture.md, whose path through the code the page describes.
 """
@@ -47,8 +47,9 @@ def test_every_page_with_commands_is_tested() -> None:
     there = [path for path in (ROOT / 'README.md', *sorted((ROOT / 'docs').glob('*.md')))
              if LINE.search(path.read_text(encoding='utf-8'))]
     assert {str(path.relative_to(ROOT)) for path in there} <= {
-        *PAGES, 'docs/tutorial.md', 'docs/gallery.md', 'docs/install.md', 'docs/reliability.md',
-        'docs/refusals.md', 'docs/architecture.md', 'docs/views.md'}
+        *PAGES, 'docs/tutorial.md', 'docs/output_feedback.md', 'docs/gallery.md',
+        'docs/install.md', 'docs/reliability.md', 'docs/refusals.md', 'docs/architecture.md',
+        'docs/views.md'}
     assert sum(len(lines(page)) for page in PAGES) > 40
 
 
