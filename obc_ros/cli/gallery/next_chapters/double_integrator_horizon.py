@@ -24,6 +24,7 @@ PERIOD, BOUND, QX, QU = 0.5, 1.0, (1.0, 0.0), 0.05
 SPAN = (6.0, 3.0)                      # of positions and velocities, both signs
 COUNTS = (17, 13)                      # states of the grid, at which the plans are compared
 X0, DURATION = (4.0, 0.0), 10.0        # of the runs
+LEVELS = (-1.25, -1.0, -0.75, -0.5, -0.25, -0.02, 0.02, 0.25, 0.5, 0.75, 1.0, 1.25)
 CHECKED = (1, 2, 4)                    # periods of plans on the grid
 
 
@@ -99,10 +100,9 @@ def _draw(plan: EnumeratedPlan, run: Run) -> Figure:
     extent = (-SPAN[0], SPAN[0], -SPAN[1], SPAN[1])
     _draw_sets(sets, active.reshape(*fine, 2), extent)
     gap = (found[:, 0] - plan.saturate(grid)).reshape(fine).T
-    size = float(np.abs(gap).max())
-    image = difference.imshow(gap, origin='lower', extent=extent, aspect='auto', cmap='PuOr',
-                              vmin=-size, vmax=size)
-    figure.colorbar(image, ax=difference)
+    axes_of = [np.linspace(*extent[2 * i:2 * i + 2], fine[i]) for i in range(2)]
+    image = difference.contourf(*axes_of, gap, levels=LEVELS, cmap='PuOr')
+    figure.colorbar(image, ax=difference, ticks=[-1.0, -0.5, 0.0, 0.5, 1.0])
     label_axes(difference, r'first input $-\,\mathrm{sat}(-Kx)$', 'position $x_1$ [m]',
                'velocity $x_2$ [m/s]')
     x, u = _follow(plan, len(run.t), is_planned=False)
@@ -120,6 +120,7 @@ def _draw(plan: EnumeratedPlan, run: Run) -> Figure:
         axes.set_xlim(0, DURATION)
     label_axes(states, 'loop: states', 'time $t$ [s]', '$x_1$ [m], $x_2$ [m/s]',
                legend='upper right')
+    inputs.set_ylim(-1.1, 2.2)
     label_axes(inputs, 'loop: input', 'time $t$ [s]', '$u$ [m/s$^2$]', legend='upper right')
     return figure
 
