@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The verdict on what a method has found: certificate, status, and the reason in words."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -15,21 +15,8 @@ from obc_ros.core.solver.diagnosis.unboundedness import explain_larger_inputs
 from obc_ros.core.solver.proofs.existence import advise_bounds, find_constant_cost
 from obc_ros.core.solver.proofs.optimality import add_optimality
 from obc_ros.core.solver.search import search
-from obc_ros.core.solver.trace import judge_path
+from obc_ros.core.solver.trace import describe_fault, judge_path
 
-_FAULTS: Mapping[str, str] = {
-    Condition.DYNAMICS: 'the states do not satisfy the dynamics',
-    Condition.START: 'the path does not start at x(0)',
-    Condition.END: 'the terminal constraints are not met',
-    Condition.BOUNDS: 'a bound is violated',
-    Condition.COSTATE: 'the costates do not satisfy the adjoint equation',
-    Condition.MINIMUM: 'the input does not minimise the Hamiltonian',
-    Condition.TRANSVERSALITY: 'the costates at T do not satisfy the transversality '
-                              'condition',
-    Condition.HAMILTONIAN: 'the Hamiltonian is not constant',
-    Condition.FINAL_TIME: 'the Hamiltonian is not zero, as an optimal free final time requires',
-    Condition.COST: 'the reported cost differs from that of the path',
-}
 _NO_PATH = 1e-2         # residual of the dynamics above which no mesh is fine enough
 
 
@@ -93,9 +80,7 @@ def _uncertified(found: Solution) -> str:
     if certificate is None:
         return (f'cost {found.objective:.8g}, not certified because its certificate was not '
                 'computed')
-    worst = certificate.worst
-    fault = (f'{_FAULTS[worst]}: residual {certificate.residuals[worst]:.1e}, '
-             f'allowed {certificate.tolerances[worst]:.0e}')
+    fault = describe_fault(certificate)
     if not certificate.feasible:
         return fault
     return f'cost {found.objective:.8g}, not certified because {fault}'

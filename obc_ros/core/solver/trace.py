@@ -2,17 +2,40 @@
 # SPDX-License-Identifier: Apache-2.0
 """The record of a solve: what was tried, in which order, at what cost, and why it ended."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 import math
 
-from obc_ros.core.ocp.solution import Attempt, MOST_ATTEMPTS, Solution, Status, Verdict
+from obc_ros.core.ocp.solution import (
+    Attempt,
+    Certificate,
+    Condition,
+    MOST_ATTEMPTS,
+    Solution,
+    Status,
+    Verdict,
+)
 
 # The methods of attempts from an initial guess, and from the solution of a neighbour.
 GUESS, NEIGHBOUR = 'initial guess', 'neighbour'
 # Those of a descent from a start, of one mesh of it, and of the solve on it.
 DESCENT, MESH, COLLOCATION = 'descent', 'mesh', 'collocation'
 _OUTER = 2   # outermost attempts that are named when the time is up
+
+# What the failure of a condition means.
+_FAULTS: Mapping[str, str] = {
+    Condition.DYNAMICS: 'the states do not satisfy the dynamics',
+    Condition.START: 'the path does not start at x(0)',
+    Condition.END: 'the terminal constraints are not met',
+    Condition.BOUNDS: 'a bound is violated',
+    Condition.COSTATE: 'the costates do not satisfy the adjoint equation',
+    Condition.MINIMUM: 'the input does not minimise the Hamiltonian',
+    Condition.TRANSVERSALITY: 'the costates at T do not satisfy the transversality '
+                              'condition',
+    Condition.HAMILTONIAN: 'the Hamiltonian is not constant',
+    Condition.FINAL_TIME: 'the Hamiltonian is not zero, as an optimal free final time requires',
+    Condition.COST: 'the reported cost differs from that of the path',
+}
 
 
 class Entry:
@@ -229,7 +252,24 @@ def judge_path(found: Solution) -> tuple[Verdict, str]:
         return Verdict.CERTIFIED, ''
     if found.certificate is None:
         return Verdict.STOPPED, 'before the certificate'
-    worst = found.certificate.worst
-    return Verdict.NOT_CERTIFIED, (
-        f'{worst} {found.certificate.residuals[worst]:.1e}, allowed '
-        f'{found.certificate.tolerances[worst]:.0e}')
+    return Verdict.NOT_CERTIFIED, describe_fault(found.certificate)
+
+
+def describe_fault(certificate: Certificate) -> str:
+    """
+    Return in words which condition of a certificate fails most.
+
+    Parameters
+    ----------
+    certificate : Certificate
+        With a residual above its tolerance.
+
+    Returns
+    -------
+    str
+        A clause with residual and tolerance.
+
+    """
+    worst = certificate.worst
+    return (f'{_FAULTS[worst]}: residual {certificate.residuals[worst]:.1e}, allowed '
+            f'{certificate.tolerances[worst]:.0e}')

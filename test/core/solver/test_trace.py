@@ -6,9 +6,9 @@ import math
 
 from hypothesis import given
 from hypothesis import strategies as st
-from obc_ros.core.ocp.solution import MOST_ATTEMPTS, Status, Verdict
+from obc_ros.core.ocp.solution import Certificate, Condition, MOST_ATTEMPTS, Status, Verdict
 from obc_ros.core.solver.solve import solve
-from obc_ros.core.solver.trace import DESCENT, GUESS, MESH, Trace
+from obc_ros.core.solver.trace import DESCENT, describe_fault, GUESS, MESH, Trace
 import problems
 import pytest
 
@@ -185,3 +185,11 @@ def test_the_effort_counts_guesses_of_the_problem_itself():
         attempt.end(Verdict.NOT_CONVERGED)
     assert trace.describe_effort() == (
         '2 initial guesses were tried, 1 led to a path on a coarse mesh')
+
+
+def test_each_condition_that_fails_has_words_of_its_own():
+    tolerances = dict.fromkeys(Condition, 1e-4)
+    words = [describe_fault(Certificate(dict.fromkeys(Condition, 0.0) | {each: 0.2}, tolerances))
+             for each in Condition]
+    assert all(each.endswith(': residual 2.0e-01, allowed 1e-04') for each in words)
+    assert len({each.partition(':')[0] for each in words}) == len(Condition)

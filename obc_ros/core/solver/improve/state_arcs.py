@@ -304,7 +304,7 @@ def solve_along_bounds(state: State) -> State | str:
     for gap in options.gaps:
         arcs = read_spans(problem, program, outcome, value, bench.margin,
                           bench.programs.switching, gap, bench.options.bangs.jump)
-        with bench.trace.attempt('phases', f'{len(arcs)} arcs') as attempt:
+        with bench.trace.attempt('phases', f'{len(arcs)} arcs at first') as attempt:
             answer = _settled_on(bench, program, outcome, arcs, allowed, seen)
             if answer is not None:
                 attempt.end(*judge_path(answer), cost=answer.objective)
