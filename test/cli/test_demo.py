@@ -27,7 +27,7 @@ PRINTED = {
     'vehicle': ('maximum lateral error', 'slalom', 'state to command, p50'),
     'mpc': ('largest |vx|, of 0.4 m/s', 'largest |theta|, of 0.2 rad', 'deadlines missed',
             'time of a plan, p50, p99, max'),
-    'lqg': ('error of the estimate', 'errors in the 95 % band', 'measurements missing',
+    'lqg': ('error of the estimate', 'in the 95 % band', 'measurements missing',
             'measurements used', 'state to command, p50', 'held')}
 NODES = ('plant_simulator', 'lqr_node', 'trajectory_server')
 

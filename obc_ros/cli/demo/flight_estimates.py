@@ -107,9 +107,9 @@ def _keep_whole_state(known: list[tuple[Array, Array]], pilot: Pilot, wall: floa
 def _conclude(known: list[tuple[Array, Array]], out: Path, formats: Sequence[str], pilot: Pilot,
               wall: float) -> int:
     flown, [whole] = read_flight(pilot), known
-    print_table(('from 2 s on, rms', 'error of the estimate', 'deviation by the filter',
-                 'errors in the 95 % band', 'whole state: distance from the set point',
-                 'estimate: the same'), list(_list_errors(flown, whole)))
+    print_table(('rms from 2 s on', 'error of the estimate', 'expected by the filter',
+                 'in the 95 % band', 'from the set point, whole state',
+                 'from the set point, estimate'), list(_list_errors(flown, whole)))
     held, words = judge_flight(flown.t, flown.x)
     counts = pilot.told.get('estimate', {})
     ratio, low, high = flown.consistency[-1]
