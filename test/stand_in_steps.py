@@ -47,7 +47,9 @@ class LinearSteps:
 
     def answer(self, request):
         """Return a plan."""
-        time.sleep(request.plain.get('sleep', 0.0))
+        # A deadline of seconds is used.
+        deadline = self.problem.plain.get('deadline', 0.0)
+        time.sleep(request.plain.get('sleep', 0.75 * deadline if deadline > 1.0 else 0.0))
         x = request.arrays['x'] - self.xe
         if request.plain['kind'] == 'first':
             bounds = self.problem.arrays

@@ -34,7 +34,7 @@ from obc_ros.nodes.mpc.settings import judge_mpc_settings, MpcCandidate, Setting
 from obc_ros.ros.conversions import read_nanoseconds
 from obc_ros.ros.executor import run
 from obc_ros.workers.steps.step_link import StepLink
-from obc_ros.workers.steps.step_supervisor import StepSupervisor
+from obc_ros.workers.steps.step_supervisor import STEP_PATIENCE, StepSupervisor
 from obc_ros.workers.wire import pack, Packet
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
@@ -186,14 +186,19 @@ class MpcNode(ControllerNode):
         loop = self._loop
         if u is None or loop.stopped or loop.x is None or loop.stamp is None:
             return
-        if self._asked is not None:
+        if self._asked is not None and self._is_now(self._asked):   # else that state was lost
             last = self._plans.last
             self._plans.counts['wanted'] += 1
-            if last is None or abs(int(last.plain['stamp']) - loop.stamp) > self._period // 2:
+            if last is None or not self._is_now(int(last.plain['stamp'])):
                 self._plans.counts['missed'] += 1
         self._asked = loop.stamp + self._period
         self._steps.ask({'kind': 'step', 'stamp': self._asked},
-                        {'x': np.array(loop.x), 'u': np.array(u)})
+                        {'x': np.array(loop.x), 'u': np.array(u)},
+                        STEP_PATIENCE + self._adopted.problem.plain['deadline'])
+
+    def _is_now(self, stamp: int) -> bool:
+        """Return whether a stamp [ns] is that of the last state, up to half a period."""
+        return abs(stamp - self._loop.stamp) <= self._period // 2
 
     # Replies, in the thread of the supervisor
 

@@ -5,6 +5,7 @@
 import subprocess
 import sys
 
+from diagnostic_msgs.msg import DiagnosticArray
 from lifecycle_msgs.srv import GetState
 import numpy as np
 from obc_ros.core.receding.formulation import state_receding_problem
@@ -97,6 +98,40 @@ def test_the_vehicle_goes_back_to_its_lane_within_its_limits(spawn, probe):
     assert np.abs(u[:, 1]).max() <= 0.1
     assert u[-1] == pytest.approx([10.0, 0.0], abs=0.1)
     assert x[-1, 0] > 60.0
+
+
+def test_lost_and_late_states_are_bridged_by_the_plan(spawn, probe):
+    """Of ten states one is lost, and one comes after the next one, which is dropped."""
+    states, passed = probe.listen(State, 'state', QoSProfile(depth=1000)), []
+    reports = probe.listen(DiagnosticArray, '/diagnostics')
+    spawn('plant_simulator', {'system': 'aircraft', 'x0': X0, 'publish_rate': 50.0},
+          remappings={'state': 'true_state'})
+    spawn('mpc_node', LIMITS)
+    relay = probe.publisher(State, 'state')
+
+    def pass_on(state):
+        passed.append(state)
+        place = len(passed) % 10
+        if place not in (0, 5):
+            relay.publish(state)
+        if place == 6:
+            relay.publish(passed[-2])
+
+    probe.node.create_subscription(State, 'true_state', pass_on, QoSProfile(depth=1000))
+    probe.wait_for(lambda: settles(passed), LONG, 'the set point')
+    x = np.array([each.x for each in passed])
+    # The input is held in a period without a command. The regulator alone exceeds 1.3 SPEED.
+    assert np.abs(x[:, 3]).max() <= 1.3 * SPEED
+    assert len(states) < len(passed)
+
+    def read(kind):
+        return next((int(each.value) for report in reversed(reports) for status in report.status
+                     if status.name.startswith('mpc_node') for each in status.values
+                     if each.key == kind), 0)
+
+    # Deadlines are those of states that have come: one of ten is lost, one is dropped.
+    probe.wait_for(lambda: read('deadlines wanted') > 50, LONG)
+    assert read('deadlines wanted') < 0.75 * len(passed)
 
 
 def test_a_start_from_which_no_plan_keeps_the_limits_is_refused(spawn, probe):

@@ -113,6 +113,14 @@ def test_a_lost_solver_is_replaced_while_the_loop_goes_on(spawn, probe, number, 
     probe.wait_for(lambda: len(loop.states) > 50 and len(loop.commands) > 40, LONG, 'commands')
 
 
+def test_a_solver_that_uses_its_deadline_of_seconds_is_not_replaced(spawn, probe):
+    """It answers after 1.5 of 2 s."""
+    loop = Loop(spawn, probe, rate=0.4, horizon=10.0, deadline=2.0)
+    loop.wait_until_planned()
+    assert [loop.figure(f'solver {kind}') for kind in ('ended', 'silent', 'unsent')] == ['0'] * 3
+    assert loop.figure('deadlines missed') == '0'
+
+
 def test_changed_weights_are_adopted_with_their_problem_or_refused(spawn, probe):
     loop = Loop(spawn, probe)
     loop.wait_until_planned()

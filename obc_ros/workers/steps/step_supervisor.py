@@ -18,7 +18,7 @@ from obc_ros.workers.steps.step_link import StepLink
 from obc_ros.workers.wire import Packet
 
 TICK = 0.05           # [s] in which the thread sees a silent or another process
-PATIENCE = 1.0        # [s] that a request may be without a reply, at least
+STEP_PATIENCE = 1.0   # [s] that a request may be without a reply, beside the time it may take
 START_TIME = 60.0     # [s] in which a process must be prepared
 START_PAUSE = 0.5     # [s] before another start after a failed one; doubled each time
 LONGEST_PAUSE = 30.0  # [s]
@@ -92,7 +92,7 @@ class StepSupervisor:
                 self.link = None
 
     def ask(self, plain: Mapping[str, Any], arrays: Mapping[str, Array],
-            patience: float = PATIENCE) -> bool:
+            patience: float = STEP_PATIENCE) -> bool:
         """
         Send a request; return False if no process is ready to take it.
 
