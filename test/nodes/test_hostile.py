@@ -38,6 +38,7 @@ from obc_ros.msg import (
     FinalTime,
     InitialGuess,
     LqrWeights,
+    Measurement,
     NamedBounds,
     NamedExpression,
     NamedValues,
@@ -51,6 +52,7 @@ from obc_ros.srv import (
     Minimize,
     PlanMotion,
     SolveOptimalControl,
+    SuggestNoise,
     SuggestWeights,
     TryDesign,
 )
@@ -83,14 +85,15 @@ SERVICES = {
         'try_design': TryDesign, 'change_state': ChangeState, 'get_state': GetState,
         'get_available_states': GetAvailableStates,
         'get_available_transitions': GetAvailableTransitions},
+    'estimator_node': {**PARAMETERS, 'suggest_weights': SuggestNoise},
     'plant_simulator': {**PARAMETERS, 'pause': SetBool, 'reset': Trigger, 'step': Trigger},
     'trajectory_server': {
         **PARAMETERS, 'design_lqr': DesignLqr, 'minimize': Minimize, 'plan': PlanMotion,
         'solve': SolveOptimalControl,
         'solve_optimal_control/_action/cancel_goal': CancelGoal}}
 TOPICS = {'state': State, 'odom': Odometry, 'reference': Trajectory, 'command': Command,
-          '/clock': Clock}
-NODES = {'lqr_node': {'use_sim_time': True}, 'plant_simulator': {},
+          'measurement': Measurement, '/clock': Clock}
+NODES = {'lqr_node': {'use_sim_time': True}, 'plant_simulator': {}, 'estimator_node': {},
          'trajectory_server': {'time_limit': 0.3, 'use_sim_time': True}}
 SHUTDOWNS = (5, 6, 7)  # transitions that rightly end a lifecycle node
 LIMIT = 40.0           # [s] for each response, on a busy machine
