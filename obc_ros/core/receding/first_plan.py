@@ -88,7 +88,7 @@ def check_first_plan(problem: RecedingProblem, result: StepResult,
     reasons += _find_exceeded(problem, plan.stamp, E, V)
     if not plan.residual <= STEP_TOLERANCE:
         reasons.append(f'it is not optimal: {result.words} (residual {plan.residual:.2g})')
-    end = None if terminal is None else float(E[-1] @ terminal.P @ E[-1]) / terminal.level
+    end = None if terminal is None else terminal.measure(E[-1])
     if end is not None and must_end_in_set and not end <= 1.0:
         reasons.append(f'it {_describe_end(end)}: wanted a longer horizon or a start nearer by')
     words = (f'refused: {"; ".join(reasons)}' if reasons else

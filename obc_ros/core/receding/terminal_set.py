@@ -76,9 +76,9 @@ class TerminalSet:
     level: float
     proof: TerminalProof
 
-    def contains(self, e: Array) -> bool:
-        """Return whether an error (n,) is in the set."""
-        return bool(e @ self.P @ e <= self.level)
+    def measure(self, e: Array) -> float:
+        """Return V over the level at an error e (n,): at most 1 in the set."""
+        return float(e @ self.P @ e) / self.level
 
 
 def find_terminal_set(problem: RecedingProblem) -> TerminalSet:
