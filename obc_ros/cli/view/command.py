@@ -5,6 +5,7 @@
 import argparse
 from collections.abc import Iterator
 from contextlib import closing, contextmanager, ExitStack
+import gc
 from importlib import util
 from pathlib import Path
 import socket
@@ -181,6 +182,8 @@ def serve(source: Any, title: str, controls: bool, args: argparse.Namespace) -> 
     app.add_middleware(Gate, token=token)
     address = f'http://{args.host}:{args.port}/' + (f'?token={token}' if token else '')
     print(f'obc view: {address}   (Ctrl-C ends it)', flush=True)
+    gc.collect()
+    gc.freeze()   # a later collection skips the objects of the start: it held the page for 0.1 s
     ui.run(host=args.host, port=args.port, title='obc view', reload=False,
            show=address if not args.no_browser else False, show_welcome_message=False,
            favicon='\u2708', fastapi_docs=False, uvicorn_logging_level='warning')

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Weights by hand: sliders, the candidate beside the design in use, apply, undo, copy."""
 
+import asyncio
 from collections.abc import Sequence
 from dataclasses import dataclass
 import math
@@ -23,6 +24,8 @@ from scipy.linalg import expm
 NODE = 'lqr_node'
 LOWEST, HIGHEST = -4.0, 5.0  # powers of 10 of a slider
 SAMPLES = 120                # of a step response
+HALF_STEP = 0.01             # of a slider
+REST = 0.03                  # [s] between two previews
 SPAN = 6.0                   # time constants of the slowest pole that are shown
 READ = ('weights', 'Qx', 'Qu', 'x_max', 'u_max')
 MODES = {'matrices': ('Qx', 'Qu', 'weight'), 'bryson': ('x_max', 'u_max', 'largest deviation')}
@@ -153,7 +156,8 @@ class WeightsPanel:
         title = f'{what} of {signal.name}{unit}'
         with ui.row().classes('w-full items-center no-wrap gap-2'):
             ui.label(signal.name + unit).classes('obc-name')
-            slider = ui.slider(min=LOWEST, max=HIGHEST, step=0.02, value=_position(value)).props(
+            slider = ui.slider(min=LOWEST, max=HIGHEST, step=2.0 * HALF_STEP,
+                               value=_position(value)).props(
                 f'aria-label="{_plain(title)}"').classes('grow')
             number = ui.number(value=value, format='%.6g').props(
                 'dense outlined placeholder=any '
@@ -175,9 +179,14 @@ class WeightsPanel:
             row.number.value = value
 
     def _type(self, row: WeightRow, value: Any) -> None:
-        if isinstance(value, int | float) and math.isfinite(value):
-            row.slider.value = _position(float(value))
-            self._dirty = True
+        """Take a number; the slider moves, unless it is what has given the number."""
+        if not isinstance(value, int | float) or math.isnan(value):
+            return
+        position = _position(float(value))
+        if abs(position - float(row.slider.value or 0.0)) > HALF_STEP:
+            row.slider.value = position
+        self._dirty = True
+        self._begin_preview()
 
     def _read(self) -> dict[str, list[float]]:
         first, second, _ = MODES[self._mode]
@@ -193,14 +202,27 @@ class WeightsPanel:
         design = self._client.design
         if design is not None and design is not self._shown:
             self._shown, self._dirty = design, True
-        if self._dirty and not self._busy:
-            self._dirty, self._busy = False, True
-            background_tasks.create(self._preview(), context=self._sliders)
+        self._begin_preview()
         controls = bool(self._may_control())
         self._apply.set_enabled(controls)
         self._back.set_enabled(controls and bool(self._undo))
 
+    def _begin_preview(self) -> None:
+        """Preview the candidate at once; one that is under way goes on with it."""
+        if self._dirty and not self._busy:
+            self._busy = True
+            background_tasks.create(self._preview(), context=self._sliders)
+
     async def _preview(self) -> None:
+        try:
+            while self._dirty:
+                self._dirty = False
+                await self._try_candidate()
+                await asyncio.sleep(REST)
+        finally:
+            self._busy = False
+
+    async def _try_candidate(self) -> None:
         try:
             values = self._read()
             names = ('qx', 'qu') if self._mode == 'matrices' else ('x_max', 'u_max')
@@ -213,8 +235,6 @@ class WeightsPanel:
             self._draw()
         except ObcError as error:
             self._message.text = str(error)
-        finally:
-            self._busy = False
 
     def _say(self, success: bool, message: str, done: str) -> None:
         """Show a message; a rejection stands beside the weight that it names."""
