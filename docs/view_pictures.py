@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Take the pictures of docs/view.md from a running page (`make picture`)."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 import io
 from pathlib import Path
 import re
@@ -14,6 +16,7 @@ from urllib.error import URLError
 from urllib.request import urlopen
 
 import keep_gallery
+from obc_ros.cli.processes import isolate, reserve_domain
 from PIL import Image
 from playwright.sync_api import sync_playwright
 
@@ -26,19 +29,33 @@ GOAL = (0.72, 0.2)       # of the picture's width and height
 FRAMES, PAUSE = 45, 0.1  # of the moving picture, and the time [s] between two of them
 TRIES = 5                # to fly
 COLOURS, SIZE = 96, (896, 630)
+LOOP = ('controller:=mpc', 'estimator:=true', 'use_sim_time:=true')
 
 
-def start_page() -> 'subprocess.Popen[bytes]':
-    """Start the loop of the aircraft and its page."""
-    process = subprocess.Popen([Path(sys.executable).with_name('obc'), 'view', '--no-browser',
-                                '--port', str(PORT)])
-    for _ in range(300):
-        try:
-            with urlopen(ADDRESS, timeout=5.0):
-                return process
-        except URLError:
-            time.sleep(0.1)
-    raise SystemExit('obc view does not serve its page')
+@contextmanager
+def start(*words: str) -> Iterator[None]:
+    """Run `obc` with arguments."""
+    process = subprocess.Popen([Path(sys.executable).with_name('obc'), *words])
+    try:
+        yield
+    finally:
+        process.terminate()
+        process.wait(20.0)
+
+
+@contextmanager
+def start_page(*words: str) -> Iterator[None]:
+    """Serve the page of `obc view`."""
+    with start('view', *words, '--no-browser', '--port', str(PORT)):
+        for _ in range(300):
+            try:
+                with urlopen(ADDRESS, timeout=5.0):
+                    break
+            except URLError:
+                time.sleep(0.1)
+        else:
+            raise SystemExit('obc view does not serve its page')
+        yield
 
 
 def keep(page: Any, name: str, **options: Any) -> None:
@@ -86,6 +103,19 @@ def take_pictures(browser: Any) -> None:
     narrow.close()
 
 
+def take_prediction(browser: Any) -> None:
+    """Write the picture of a loop with mpc_node and estimator_node."""
+    page = open_page(browser, viewport=WIDE)
+    plane = page.locator('.obc-plane[aria-label*="predicted"][aria-label*="95 % region"]')
+    plane.wait_for()
+    page.get_by_role('tab', name='Plant', exact=True).click()
+    page.get_by_role('button', name='Gust', exact=True).click()
+    page.get_by_text('set: disturbance').wait_for()
+    page.wait_for_timeout(1500)
+    keep(page, 'prediction')
+    page.close()
+
+
 def record_flight(page: Any) -> None:
     """Write the moving picture: the plan is flown."""
     said = page.get_by_text(re.compile('^lqr_node: .*a reference ')).first
@@ -109,16 +139,15 @@ def record_flight(page: Any) -> None:
 def main() -> int:
     """Start the page, and take the pictures."""
     PICTURES.mkdir(exist_ok=True)
-    process = start_page()
-    try:
-        with sync_playwright() as playwright:
-            browser = playwright.chromium.launch(
-                executable_path=shutil.which('chromium'), args=['--no-sandbox'])
+    with sync_playwright() as playwright, reserve_domain() as domain:
+        browser = playwright.chromium.launch(
+            executable_path=shutil.which('chromium'), args=['--no-sandbox'])
+        with start_page():
             take_pictures(browser)
-            browser.close()
-    finally:
-        process.terminate()
-        process.wait(20.0)
+        isolate(domain)
+        with start('launch', 'loop', *LOOP), start_page('--namespace', '/', '--control'):
+            take_prediction(browser)
+        browser.close()
     return 0
 
 

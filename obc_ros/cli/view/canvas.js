@@ -8,7 +8,11 @@ const ACK = 10; // frames between two acknowledgements
 const PANEL = 84; // [px] height of a panel of signals
 const SLOW = 3; // frames of the body for one of the signals
 const [TRAIL_COLOUR, PLAN, REFERENCE] = ["#0072B2", "#009E73", "#CC79A7"];
+const [PREDICTION, ELLIPSE] = ["#E69F00", "#56B4E9"];
+const BAND = "38"; // opacity of the surface of a band or an ellipse
 const SAID = 1000; // [ms] between two texts for screen readers
+
+const finite = (rows) => rows.filter((row) => row.every(Number.isFinite));
 
 export default {
   template: `<div class="obc-view">
@@ -27,6 +31,7 @@ export default {
     this.frames = [];
     this.path = [];
     this.reference = [];
+    this.prediction = [];
     this.box = null;
     this.drawing = false;
     this.drawn = 0;
@@ -45,7 +50,8 @@ export default {
     },
     push(frame) {
       const last = this.frames[this.frames.length - 1];
-      if (last && frame.t < last.t) this.frames = [];
+      if (last && frame.t < last.t) [this.frames, this.prediction] = [[], []];
+      if (frame.prediction) this.prediction = finite(frame.prediction);
       this.frames.push(frame);
       if (this.frames.length > TRAIL) this.frames.splice(0, this.frames.length - TRAIL);
       if (frame.n % ACK === 0) this.$emit("ack", frame.n);
@@ -56,13 +62,13 @@ export default {
       this.draw();
     },
     refer(rows) {
-      this.reference = rows.filter((row) => row.every(Number.isFinite));
+      this.reference = finite(rows);
       this.draw(true);
     },
-    // The places of the reference that are still ahead.
-    ahead(frame) {
+    // The places of the reference, or of the prediction, that are still ahead.
+    ahead(rows, frame) {
       const { x, y } = this.plain.plane;
-      return this.reference.filter((row) => !frame || row[0] >= frame.t)
+      return rows.filter((row) => !frame || row[0] >= frame.t)
         .map((row) => [row[1 + x], row[1 + y]]);
     },
     draw(all = false) {
@@ -106,17 +112,23 @@ export default {
       const [left, bottom, scale] = this.box;
       const place = (x, y) => [(x - left) * scale, height - (y - bottom) * scale];
       this.drawGrid(context, width, height, colours, place);
-      const ahead = this.ahead(frame);
+      const ahead = this.ahead(this.reference, frame);
+      const predicted = this.ahead(this.prediction, frame);
+      if (frame && predicted.length) predicted.unshift([frame.x[plane.x], frame.x[plane.y]]);
       this.line(context, this.path.map((p) => place(p[0], p[1])), PLAN, [6, 4], 2);
       this.line(context, ahead.map((p) => place(p[0], p[1])), REFERENCE, [2, 3], 2.5);
       this.line(context, this.frames.map((f) => place(f.x[plane.x], f.x[plane.y])), TRAIL_COLOUR, [], 1.5);
       this.drawKey(context, width, colours, [["trail", TRAIL_COLOUR, []],
         ...(this.path.length ? [["plan", PLAN, [6, 4]]] : []),
-        ...(ahead.length ? [["reference", REFERENCE, [2, 3]]] : [])]);
+        ...(ahead.length ? [["reference", REFERENCE, [2, 3]]] : []),
+        ...(predicted.length ? [["prediction", PREDICTION, []]] : []),
+        ...(frame && frame.ellipse.length ? [["95 % region", ELLIPSE, []]] : [])]);
       if (!frame) return;
+      this.drawEllipse(context, frame, place, scale);
       if (frame.goal.length) this.drawGoal(context, place(frame.goal[plane.x], frame.goal[plane.y]));
       this.drawBody(context, frame, place, scale, colours);
-      this.say(frame);
+      this.line(context, predicted.map((p) => place(p[0], p[1])), PREDICTION, [], 2.5);
+      this.say(frame, predicted);
       context.fillStyle = colours.ink;
       context.font = "14px system-ui, sans-serif";
       context.fillText(`t = ${frame.t.toFixed(1)} s`, 10, 20);
@@ -126,20 +138,25 @@ export default {
       context.fillStyle = colours.ink;
       rows.forEach(([name, colour, dash], i) => {
         const y = 16 + 16 * i;
-        this.line(context, [[width - 108, y], [width - 78, y]], colour, dash, 2.5);
-        context.fillText(name, width - 70, y + 4);
+        this.line(context, [[width - 118, y], [width - 88, y]], colour, dash, 2.5);
+        context.fillText(name, width - 80, y + 4);
       });
     },
-    say(frame) {
+    say(frame, predicted) {
       const now = performance.now();
       if (now < this.said + SAID) return;
       this.said = now;
-      this.$refs.plane.setAttribute("aria-label", this.plain.states
-        .map((s, i) => `${s.name} ${(frame.x[i] ?? NaN).toFixed(2)} ${s.unit}`).join(", "));
+      const words = this.plain.states.map((s, i) => `${s.name} ${(frame.x[i] ?? NaN).toFixed(2)} ${s.unit}`);
+      const [x, y] = predicted[predicted.length - 1] || [];
+      if (predicted.length) words.push(`predicted: px ${x.toFixed(2)}, py ${y.toFixed(2)}`);
+      const [a, b] = frame.ellipse;
+      if (frame.ellipse.length) words.push(`95 % region: half axes ${b.toFixed(2)} m and ${a.toFixed(2)} m`);
+      this.$refs.plane.setAttribute("aria-label", words.join(", "));
     },
     follow(frame, width, height) {
       const plane = this.plain.plane;
-      const points = this.path.map((p) => [p[0], p[1]]).concat(this.ahead(frame));
+      const points = this.path.map((p) => [p[0], p[1]]).concat(
+        this.ahead(this.reference, frame), this.ahead(this.prediction, frame));
       if (frame) {
         points.push([frame.x[plane.x], frame.x[plane.y]]);
         if (frame.goal.length) points.push([frame.goal[plane.x], frame.goal[plane.y]]);
@@ -185,6 +202,18 @@ export default {
     drawGoal(context, [x, y]) {
       this.line(context, [[x - 9, y], [x + 9, y]], "#D55E00", [], 2.5);
       this.line(context, [[x, y - 9], [x, y + 9]], "#D55E00", [], 2.5);
+    },
+    drawEllipse(context, frame, place, scale) {
+      if (!frame.ellipse.length) return;
+      const { x, y } = this.plain.plane;
+      const [a, b, angle] = frame.ellipse;
+      context.beginPath();
+      context.ellipse(...place(frame.x[x], frame.x[y]), a * scale, b * scale, -angle, 0, 2 * Math.PI);
+      context.fillStyle = ELLIPSE + BAND;
+      context.fill();
+      context.strokeStyle = ELLIPSE;
+      context.lineWidth = 2;
+      context.stroke();
     },
     drawBody(context, frame, place, scale, colours) {
       const plane = this.plain.plane;
@@ -240,17 +269,27 @@ export default {
       const last = this.frames[this.frames.length - 1];
       const end = last ? last.t : 0;
       const shown = this.frames.filter((f) => f.t > end - WINDOW);
-      panels.forEach((panel, row) => this.drawPanel(context, panel, row, shown, end, width, colours));
+      const [first, final] = [this.prediction[0], this.prediction[this.prediction.length - 1]];
+      // The axis of time goes on for the length of a plan: it moves less than the end of the plan.
+      const later = final && final[0] > end ? Math.min(final[0] - first[0], WINDOW / 2) : 0;
+      panels.forEach((panel, row) =>
+        this.drawPanel(context, panel, row, shown, end, later, width, colours));
       context.fillStyle = colours.faint;
       context.fillText("time [s]", width - 60, panels.length * PANEL + 13);
     },
-    drawPanel(context, panel, row, frames, end, width, colours) {
+    drawPanel(context, panel, row, frames, end, later, width, colours) {
       const [left, right, top, height] = [52, width - 96, row * PANEL + 8, PANEL - 16];
       const value = (f, s) => (s.of === "cost" ? f.cost : s.of === "latency" ? f.latency : f[s.of][s.index]);
       const values = frames.flatMap((f) => panel.signals.map((s) => value(f, s))).filter(Number.isFinite);
       const passed = this.reference.filter((row) => row[0] > end - WINDOW && row[0] <= end);
       const followed = panel.signals.filter((s) => s.of === "x").map((s) => 1 + s.index);
       passed.forEach((row) => followed.forEach((k) => values.push(row[k])));
+      const ahead = this.predict(panel, frames[frames.length - 1], value);
+      ahead.forEach((points) => points.forEach((p) => values.push(p[1])));
+      const banded = (s) => frames.filter(
+        (f) => s.of === "x" && f.band.length && Number.isFinite(value(f, s)));
+      panel.signals.forEach((s) => banded(s).forEach((f) =>
+        values.push(value(f, s) - f.band[s.index], value(f, s) + f.band[s.index])));
       panel.limits.forEach((l) => {
         if (values.some((v) => Math.abs(v - l) < 0.5 * Math.abs(l) + 1e-9)) values.push(l);
       });
@@ -258,7 +297,7 @@ export default {
       const margin = Math.max(0.08 * (high - low), panel.floor);
       const least = panel.signals.every((s) => s.of === "cost" || s.of === "latency") ? 0 : -Infinity;
       [low, high] = [Math.max(low - margin, least), high + margin];
-      const px = (t) => right - (end - t) / WINDOW * (right - left);
+      const px = (t) => right - (end + later - t) / (WINDOW + later) * (right - left);
       const py = (v) => top + (high - v) / (high - low) * height;
       context.strokeStyle = colours.grid;
       context.strokeRect(left, top, right - left, height);
@@ -271,6 +310,15 @@ export default {
         this.line(context, [[left, py(l)], [right, py(l)]], colours.faint, [4, 3], 1));
       followed.forEach((k) => this.line(
         context, passed.map((row) => [px(row[0]), py(row[k])]), REFERENCE, [2, 3], 1.2));
+      if (later) this.line(context, [[px(end), top], [px(end), top + height]], colours.faint, [1, 3], 1);
+      panel.signals.forEach((s) => {
+        const edge = (sign) => (f) => [px(f.t), py(value(f, s) + sign * f.band[s.index])];
+        const shown = banded(s);
+        if (shown.length > 1) this.fill(context,
+          [...shown.map(edge(1)), ...shown.reverse().map(edge(-1))], s.colour + BAND, "none");
+      });
+      ahead.forEach((points, i) => this.line(context, points.map(([t, v]) => [px(t), py(v)]),
+        panel.signals[i].colour, [2, 2], 1.2));
       panel.signals.forEach((s, i) => {
         const points = frames.filter((f) => Number.isFinite(value(f, s)))
           .map((f) => [px(f.t), py(value(f, s))]);
@@ -279,6 +327,14 @@ export default {
         this.line(context, [[right + 6, top + 8 + 14 * i], [right + 24, top + 8 + 14 * i]], s.colour, s.dash, 2);
         context.fillText(s.name, right + 28, top + 12 + 14 * i);
       });
+    },
+    // The predicted values of each signal of a panel, from the last frame on.
+    predict(panel, frame, value) {
+      const column = { x: 1, u: 1 + this.plain.states.length };
+      return panel.signals.map((s) => (frame && s.of in column ? this.prediction
+        .filter((row) => row[0] > frame.t).map((row) => [row[0], row[column[s.of] + s.index]]) : []))
+        .map((points, i) => (points.length && Number.isFinite(value(frame, panel.signals[i]))
+          ? [[frame.t, value(frame, panel.signals[i])], ...points] : points));
     },
     click(event) {
       if (!this.box) return;

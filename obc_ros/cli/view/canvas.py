@@ -41,6 +41,7 @@ class LoopCanvas(Element, component='canvas.js'):
         super().__init__()
         self._props['scene'] = scene
         self._sent = self._seen = 0
+        self._predicted: Sequence[Any] = ()   # the last prediction that was sent
         self.on('ack', self._acknowledge, throttle=0.0)
         self.on('goal', lambda event: on_goal(float(event.args['x']), float(event.args['y'])))
 
@@ -53,7 +54,10 @@ class LoopCanvas(Element, component='canvas.js'):
         """Send a frame, unless too many are under way."""
         if self._sent - self._seen < BEHIND:
             self._sent += 1
-            self.run_method('push', frame.pack(self._sent))
+            packed = frame.pack(self._sent)
+            if frame.prediction is not self._predicted:
+                self._predicted = packed['prediction'] = frame.prediction
+            self.run_method('push', packed)
 
     def show_plan(self, points: Sequence[Sequence[float]]) -> None:
         """Draw a path ahead; empty: none."""

@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""Charts and tables of a solution: its path, its certificate, what was tried."""
+"""Charts and tables of a solution (path, certificate, what was tried) and of a design."""
 
 from collections.abc import Mapping, Sequence
 import math
@@ -13,10 +13,13 @@ from obc_ros.core.library.figures.path import compute_slopes, NEGLIGIBLE
 from obc_ros.core.library.figures.style import LINE_COLOURS
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.ocp.problem import Problem
-from obc_ros.msg import Attempt, Certificate, Trajectory
+from obc_ros.msg import Attempt, Certificate, LqrDesign, Trajectory
+from scipy.linalg import expm
 
 GREY, GRID = '#76808a', '#76808a55'  # legible on light and on dark
 POINTS = 400     # of a drawn line
+SAMPLES = 120    # of a step response
+SPAN = 6.0       # time constants of the slowest pole that are shown
 NOTHING = 1e-12  # residual that is rounding
 # Vue shows values as text, never as markup.
 _VERDICT = (
@@ -182,3 +185,62 @@ def show_attempts(attempts: Sequence[Attempt]) -> None:
                    else '', 'verdict': str(each.verdict), 'why': str(each.why)}
                   for index, each in enumerate(attempts)],
             row_key='number', pagination=20).props('dense flat wrap-cells').classes('w-full')
+
+
+def compute_steps(design: LqrDesign) -> list[tuple[str, list[list[float]]]]:
+    """
+    Return the response of each position to a step of its set point.
+
+    Parameters
+    ----------
+    design : LqrDesign
+        With the matrices of the linear closed loop.
+
+    Returns
+    -------
+    list of (str, list of [time [s], value])
+        For the states whose `rise_time` is a number, two at most.
+
+    """
+    n, m = len(design.state_names), len(design.input_names)
+    a, b = np.reshape(design.a, (n, n)), np.reshape(design.b, (n, m))
+    closed: Array = a - b @ np.reshape(design.k, (m, n))
+    slowest = float(np.min(np.abs(design.poles_real))) or 1.0
+    step = SPAN / slowest / SAMPLES
+    transition = expm(closed * step)
+    responses = []
+    for index in np.flatnonzero(np.isfinite(design.rise_time))[:2]:
+        error, data = -np.eye(n)[index], []
+        for k in range(SAMPLES + 1):
+            data.append([k * step, float(1.0 + error[index])])
+            error = transition @ error
+        responses.append((str(design.state_names[index]), data))
+    return responses
+
+
+def list_figures(design: LqrDesign | None, candidate: LqrDesign | None) -> list[dict[str, str]]:
+    """Return margins, damping, bandwidth and peak inputs of two designs as rows of a table."""
+    def rows(each: LqrDesign | None) -> dict[str, str]:
+        if each is None or not len(each.k):
+            return {}
+        return {
+            'slowest pole': f'{np.max(each.poles_real):.3g} 1/s',
+            'minimum damping ratio': f'{np.min(each.damping):.3g}',
+            'minimum phase margin': f'{np.degrees(np.min(each.phase_margin)):.3g} deg',
+            'minimum disk margin': f'{np.min(each.disk_margin):.3g}',
+            **{f'peak of {name} for a unit step': f'{peak:.4g}'
+               for name, peak in zip(each.input_names, each.peak_input, strict=False)}}
+
+    use, new = rows(design), rows(candidate)
+    return [{'what': what, 'use': use.get(what, ''), 'new': new.get(what, '')}
+            for what in (use or new)]
+
+
+def frame_chart(title: str, x: str, y: str) -> dict[str, Any]:
+    """Return the options of an empty chart with a title and names of its axes."""
+    grid = {'left': 44, 'right': 12, 'top': 34, 'bottom': 34}
+    axis = {'type': 'value', 'scale': True, 'nameLocation': 'middle', **style_axis()}
+    return {'title': {'text': title, 'textStyle': {'fontSize': 13, 'color': GREY}}, 'grid': grid,
+            'animation': False, 'tooltip': {}, 'aria': {'enabled': True},
+            'xAxis': {**axis, 'name': x, 'nameGap': 20},
+            'yAxis': {**axis, 'name': y, 'nameGap': 30}, 'series': []}

@@ -11,6 +11,7 @@ from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future, InvalidStateError
 from contextlib import suppress
+from functools import partial
 import queue
 import re
 import threading
@@ -21,13 +22,22 @@ from obc_ros.action import SolveOptimalControl
 from obc_ros.cli.recording import LATCHED
 from obc_ros.cli.view.telemetry import (
     describe_plant,
+    describe_uncertainty,
     FollowedPath,
     Frame,
     Plant,
     SetPoint,
+    Uncertainty,
 )
 from obc_ros.core.text.errors import ObcError
-from obc_ros.msg import Command, LqrDesign, OptimalControlProblem, State, Trajectory
+from obc_ros.msg import (
+    Command,
+    Estimate,
+    LqrDesign,
+    OptimalControlProblem,
+    State,
+    Trajectory,
+)
 from obc_ros.ros.executor import limit_leaving
 from obc_ros.ros.service_qos import BURST
 from obc_ros.ros.subscription_thread import Apart
@@ -42,11 +52,15 @@ from std_srvs.srv import Trigger
 
 PERIOD = 1.0 / 45.0  # [s] between two looks at the topics: each frame of the page has news
 QUEUE = QoSProfile(depth=64, reliability=ReliabilityPolicy.BEST_EFFORT)
+CONTROLLERS = ('lqr_node', 'mpc_node')   # the first previews weights and follows references
 
 LINES = 500     # of the log
 LINE = 1000     # characters of a line of the log
 DISCOVERED = 3.0   # [s] in which a service is discovered
 ANSWERS = 10.0  # [s] in which a service responds; a plan has its own limit
+CHANGES = 60.0  # [s] in which parameters are set: mpc_node plans first
+SAMPLES = 60    # of a prediction
+FRESH = 500_000_000   # [ns] between a state and the estimate whose covariance is shown
 # What lqr_node reports when it does not follow the last reference.
 ENDED = re.compile('a reference was rejected|no reference is followed')
 AGE = 0.2       # [s] that a state waits for its command in the measurement of the latency
@@ -94,12 +108,17 @@ class LoopClient:
         Signals of the plant; None before the first design.
     design : LqrDesign or None
         The design in use.
+    controller : str
+        The node that has published it.
 
     """
 
     def __init__(self, namespace: str = '') -> None:
         self.plant: Plant | None = None
         self.design: LqrDesign | None = None
+        self.controller = CONTROLLERS[0]
+        self._prediction: Sequence[Sequence[float | None]] = ()
+        self._uncertain: tuple[int, Uncertainty | None] = (0, None)
         self._held: SetPoint | None = None
         self._frame: Frame | None = None
         self._time = 0.0
@@ -131,8 +150,12 @@ class LoopClient:
         self._taken = [
             (node.create_subscription(kind, topic, lambda _: None, QUEUE, callback_group=apart),
              act) for kind, topic, act in (
+                (Estimate, 'estimator_node/estimate', self._on_estimate),
+                (Trajectory, 'mpc_node/plan', self._on_prediction),
                 (State, 'state', self._on_state), (Command, 'command', self._on_command))]
-        node.create_subscription(LqrDesign, 'lqr_node/design', self._on_design, LATCHED)
+        for name in CONTROLLERS:
+            node.create_subscription(
+                LqrDesign, f'{name}/design', partial(self._on_design, name), LATCHED)
         node.create_subscription(Trajectory, 'reference', self._on_reference, LATCHED)
         node.create_subscription(Log, '/rosout', self._on_log, LATCHED)
 
@@ -154,7 +177,13 @@ class LoopClient:
     @property
     def reference(self) -> FollowedPath | None:
         """Return the reference that lqr_node follows, whoever has published it."""
-        return self._given if self._published > self._ended else None
+        followed = self.is_lqr and self._published > self._ended
+        return self._given if followed else None
+
+    @property
+    def is_lqr(self) -> bool:
+        """Return whether the controller previews weights and follows references."""
+        return self.controller == CONTROLLERS[0]
 
     def list_lines(self, after: int = 0) -> list[tuple[int, str]]:
         """Return the lines of the log with numbers above `after`."""
@@ -202,10 +231,20 @@ class LoopClient:
         self._sent[stamp] = info['source_timestamp']
         while len(self._sent) > 2 * QUEUE.depth:
             self._sent.pop(next(iter(self._sent)))
-        held = self._held
+        held, (estimated, uncertainty) = self._held, self._uncertain
         self._frame = Frame(
             1e-9 * stamp, message.x, self._u, held.locate(message.x) if held else (),
-            held.measure_cost(message.x) if held else float('nan'), self._latency)
+            held.measure_cost(message.x) if held else float('nan'), self._latency,
+            self._prediction, uncertainty if abs(stamp - estimated) < FRESH else None)
+
+    def _on_estimate(self, message: Estimate, _: Mapping[str, int]) -> None:
+        known = describe_uncertainty(self.plant, message) if self.plant else None
+        self._uncertain = _read_stamp(message), known
+
+    def _on_prediction(self, path: Trajectory, _: Mapping[str, int]) -> None:
+        if self.plant is not None:
+            self._prediction = FollowedPath(1e-9 * _read_stamp(path), path).pack(
+                self.plant, SAMPLES, inputs=True)
 
     def _on_command(self, message: Command, info: Mapping[str, int]) -> None:
         self._u = message.u
@@ -214,7 +253,9 @@ class LoopClient:
             if 0.0 <= late < AGE:
                 self._latency = late
 
-    def _on_design(self, design: LqrDesign) -> None:
+    def _on_design(self, controller: str, design: LqrDesign) -> None:
+        if controller != self.controller:
+            self.controller, self._prediction = controller, ()
         if self.plant is None or design.system != self.plant.system:
             self.plant = describe_plant(design)
         elif self.design and list(design.xe) != list(self.design.xe):   # this ends references
@@ -345,7 +386,7 @@ class LoopClient:
         rows = [Parameter(name=name, value=rclpy.parameter.Parameter(
             name, value=value).to_parameter_msg().value) for name, value in values.items()]
         response = await self.call(SetParametersAtomically, f'{node}/set_parameters_atomically',
-                                   SetParametersAtomically.Request(parameters=rows))
+                                   SetParametersAtomically.Request(parameters=rows), CHANGES)
         return bool(response.result.successful), str(response.result.reason)
 
 

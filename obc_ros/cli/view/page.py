@@ -87,7 +87,7 @@ class LoopPage:
     def __init__(self, viewer: Viewer) -> None:
         self._viewer = viewer
         self._page = ui.context.client.id
-        self._plant: Plant | None = None
+        self._plant: tuple[str, Plant] | None = None   # with its controller
         self._reference: FollowedPath | None = None
         self._logged = 0
         ui.add_css(PAGE_STYLE)
@@ -168,15 +168,16 @@ class LoopPage:
 
     async def _refresh(self) -> None:
         source = self._viewer.source
-        if source.plant is not None and source.plant != self._plant:
-            self._plant = source.plant
+        controller = source.controller if isinstance(source, LoopClient) else ''
+        if source.plant is not None and (controller, source.plant) != self._plant:
+            self._plant = controller, source.plant
             self._canvas.change_scene(describe_scene(source.plant))
             if isinstance(source, LoopClient):
                 await self._weights.load()
                 await self._plant_panel.load()
         if self._plant is not None and source.reference is not self._reference:
             self._reference = source.reference
-            self._canvas.show_reference(self._reference, self._plant)
+            self._canvas.show_reference(self._reference, self._plant[1])
         if isinstance(source, Playback):
             self._play.text = 'Pause' if source.playing else 'Play'
             self._slider.value = round(source.position, 2)
@@ -188,7 +189,7 @@ class LoopPage:
         self._role.set_enabled(self._viewer.helm.allowed and not controls)
         self._start.set_enabled(controls)
         self._stop.set_enabled(controls)
-        self._status.text = source.design.sentence if source.design else 'waiting for lqr_node'
+        self._status.text = source.design.sentence if source.design else 'waiting for a controller'
         self._weights.refresh()
         if self._plan is not None:
             self._plan.refresh()
@@ -207,11 +208,13 @@ class LoopPage:
 
     async def _do_stop(self) -> None:
         if self._controls() and isinstance(self._viewer.source, LoopClient):
-            ui.notify(await self._viewer.source.trigger('lqr_node/stop'))
+            ui.notify(await self._viewer.source.trigger(
+                f'{self._viewer.source.controller}/stop'))
 
     async def _do_start(self) -> None:
         if self._controls() and isinstance(self._viewer.source, LoopClient):
-            ui.notify(await self._viewer.source.trigger('lqr_node/start'))
+            ui.notify(await self._viewer.source.trigger(
+                f'{self._viewer.source.controller}/start'))
 
     async def _press(self, event: KeyEventArguments) -> None:
         if event.action.keydown and not event.action.repeat and event.key.name == ' ':

@@ -80,7 +80,8 @@ class PlanPanel:
                     format='%.4g').classes('w-24') for each in plant.states]
         controls = self._may_control()
         self._plan.set_enabled(plant is not None and not self._busy)
-        self._fly.set_enabled(plant is not None and controls and not self._busy)
+        self._fly.set_enabled(
+            plant is not None and controls and self._client.is_lqr and not self._busy)
 
     async def click(self, x: float, y: float) -> None:
         """Take a point of the plane as the goal, at rest, and plan a way to it."""

@@ -12,16 +12,19 @@ from mcap.reader import make_reader
 from obc_ros.cli.recording import type_name
 from obc_ros.cli.view.telemetry import (
     describe_plant,
+    describe_uncertainty,
     FollowedPath,
     Frame,
     Plant,
     SetPoint,
 )
 from obc_ros.core.text.errors import ObcError
-from obc_ros.msg import Command, LqrDesign, State, Trajectory
+from obc_ros.msg import Command, Estimate, LqrDesign, State, Trajectory
 from rclpy.serialization import deserialize_message
 
-KINDS = {'state': State, 'command': Command, 'design': LqrDesign, 'reference': Trajectory}
+KINDS = {'state': State, 'command': Command, 'design': LqrDesign, 'reference': Trajectory,
+         'plan': Trajectory, 'estimate': Estimate}
+SAMPLES = 60         # of a prediction
 LARGEST = 2 * 10**9  # bytes of a file
 
 
@@ -45,6 +48,7 @@ class Playback:
         self.design: LqrDesign | None = None
         self._held: SetPoint | None = None
         self.reference: FollowedPath | None = None
+        self._predicted: tuple[Any, list[list[float | None]]] = None, []
         self.playing, self.speed, self.position = True, 1.0, 0.0
         self._rows: dict[str, list[Any]] = {name: [] for name in KINDS}
         self._times: dict[str, list[float]] = {name: [] for name in KINDS}
@@ -95,7 +99,18 @@ class Playback:
         self._refer(self._at('reference', moment), state)
         return Frame(self.position, state.x, command.u if command else (),
                      held.locate(state.x) if held else (),
-                     held.measure_cost(state.x) if held else float('nan'))
+                     held.measure_cost(state.x) if held else float('nan'),
+                     prediction=self._predict(self._at('plan', moment), state),
+                     uncertainty=describe_uncertainty(self.plant, estimate)
+                     if (estimate := self._at('estimate', moment)) else None)
+
+    def _predict(self, path: Trajectory | None, state: State) -> list[list[float | None]]:
+        """Return the rows of a plan, by the clock of the frames."""
+        if path is not self._predicted[0]:
+            begin = self.position + _read_time(path) - _read_time(state) if path else 0.0
+            self._predicted = path, FollowedPath(begin, path).pack(
+                self.plant, SAMPLES, inputs=True) if path else []
+        return self._predicted[1]
 
     def _refer(self, path: Trajectory | None, state: State) -> None:
         """Show a reference from its stamp on, by the clock of the states."""

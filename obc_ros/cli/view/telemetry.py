@@ -5,14 +5,16 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 import math
+from statistics import NormalDist
 from typing import Any
 
 import numpy as np
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.systems import registry
 from obc_ros.core.text.errors import ObcError
-from obc_ros.msg import LqrDesign, Trajectory
+from obc_ros.msg import Estimate, LqrDesign, Trajectory
 
+COVERED = 0.95   # share of the true states inside an ellipse, or inside a band of one state
 AT_REST = 1e-6   # largest rate of a set point that does not move
 
 
@@ -64,6 +66,10 @@ class Frame:
         Cost-to-go of the design in use at this state; NaN: no design yet.
     latency : float
         From the last answered state to its command [s], as published; NaN: unknown.
+    prediction : sequence of sequence of float
+        Rows of time [s], states and inputs of the plan of mpc_node; empty: none.
+    uncertainty : Uncertainty or None
+        Of the state; None: no estimator is known.
 
     """
 
@@ -73,18 +79,46 @@ class Frame:
     goal: Sequence[float] = ()
     cost: float = math.nan
     latency: float = math.nan
+    prediction: Sequence[Sequence[float | None]] = ()
+    uncertainty: 'Uncertainty | None' = None
 
     def pack(self, number: int) -> dict[str, Any]:
-        """Return the frame as JSON values; numbers that are not finite become None."""
-        return {'n': number, 't': self.time, 'x': _finite(self.x), 'u': _finite(self.u),
-                'goal': _finite(self.goal), 'cost': _finite([self.cost])[0],
-                'latency': _finite([1e3 * self.latency])[0]}
+        """
+        Return the frame as JSON values, without the prediction.
+
+        Numbers that are not finite become None.
+        """
+        known = self.uncertainty
+        return {'n': number, 't': self.time, 'x': keep_finite(self.x), 'u': keep_finite(self.u),
+                'goal': keep_finite(self.goal), 'cost': keep_finite([self.cost])[0],
+                'latency': keep_finite([1e3 * self.latency])[0],
+                'band': list(known.band) if known else [],
+                'ellipse': list(known.ellipse) if known else []}
+
+
+@dataclass(frozen=True)
+class Uncertainty:
+    """
+    Where the true state is, with a probability of 95 %.
+
+    Attributes
+    ----------
+    band : sequence of float
+        Half the width of the band of each state (n,), in its unit.
+    ellipse : sequence of float
+        Half axes [m] of the ellipse of the position in the plane, and the angle [rad] of the first
+        one; empty: no plane.
+
+    """
+
+    band: Sequence[float]
+    ellipse: Sequence[float] = ()
 
 
 @dataclass(frozen=True, eq=False)
 class FollowedPath:
     """
-    A reference that lqr_node follows.
+    A reference that lqr_node follows, or a plan of mpc_node.
 
     Attributes
     ----------
@@ -98,19 +132,37 @@ class FollowedPath:
     begin: float
     path: Trajectory
 
-    def pack(self, plant: Plant, most: int) -> list[list[float | None]]:
-        """Return at most `most` rows of time and states of a plant; none for another one's."""
-        names, t = list(map(str, self.path.state_names)), np.asarray(self.path.t)
-        if (sorted(names) != sorted(plant.state_names) or not len(t)
-                or len(self.path.x) != len(t) * len(names)):
-            return []
-        keep = np.unique(np.linspace(0, len(t) - 1, most).astype(int))
-        order = [names.index(name) for name in plant.state_names]
-        x = np.reshape(self.path.x, (len(t), -1))[np.ix_(keep, order)]
-        return [_finite([self.begin + time, *row]) for time, row in zip(t[keep], x, strict=True)]
+    def pack(self, plant: Plant, most: int, inputs: bool = False) -> list[list[float | None]]:
+        """
+        Return at most `most` rows of time and states of a plant; none for another one's.
+
+        Parameters
+        ----------
+        plant : Plant
+            Its order of names is that of the rows.
+        most : int
+            Number of rows; more are thinned out.
+        inputs : bool
+            Add the inputs to each row.
+
+        """
+        path, t = self.path, np.asarray(self.path.t)
+        groups = [(path.x, path.state_names, plant.state_names)]
+        if inputs:
+            groups.append((path.u, path.input_names, tuple(each.name for each in plant.inputs)))
+        keep = np.unique(np.linspace(0, len(t) - 1, most).astype(int)) if len(t) else []
+        columns = [self.begin + t[keep, None]] if len(t) else []
+        for values, given, wanted in groups:
+            names = list(map(str, given))
+            if sorted(names) != sorted(wanted) or not len(t) or len(values) != len(t) * len(names):
+                return []
+            order = [names.index(name) for name in wanted]
+            columns.append(np.reshape(values, (len(t), -1))[np.ix_(keep, order)])
+        return [keep_finite(row) for row in np.hstack(columns)]
 
 
-def _finite(values: Sequence[float]) -> list[float | None]:
+def keep_finite(values: Sequence[float]) -> list[float | None]:
+    """Return numbers as JSON values; those that are not finite become None."""
     return [float(each) if math.isfinite(each) else None for each in values]
 
 
@@ -127,6 +179,36 @@ def describe_plant(design: LqrDesign) -> Plant:
         system.name, tuple(Named(each.name, each.unit, each.angle) for each in system.states),
         tuple(Named(each.name, each.unit, False, each.lower, each.upper)
               for each in system.inputs), system.plane)
+
+
+def describe_uncertainty(plant: Plant, estimate: Estimate) -> Uncertainty | None:
+    """
+    Return where the true state is; None if the covariance is not one of the plant's states.
+
+    Parameters
+    ----------
+    plant : Plant
+        The plant.
+    estimate : Estimate
+        The message, as received.
+
+    """
+    names, n = plant.state_names, len(plant.states)
+    if not n or len(estimate.covariance) != n * n:
+        return None
+    P = np.reshape(estimate.covariance, (n, n))
+    if not np.isfinite(P).all():
+        return None
+    P = (P + P.T) / 2.0
+    width = NormalDist().inv_cdf(0.5 + COVERED / 2.0)
+    band = width * np.sqrt(np.maximum(P.diagonal(), 0.0))
+    if not plant.plane or not {'px', 'py'} <= set(names):
+        return Uncertainty(band.tolist())
+    places = [names.index('px'), names.index('py')]
+    squares, axes = np.linalg.eigh(P[np.ix_(places, places)])
+    # The square of the distance has a chi-square distribution with two degrees of freedom.
+    halves = np.sqrt(np.maximum(-2.0 * math.log(1.0 - COVERED) * squares, 0.0))
+    return Uncertainty(band.tolist(), [*halves.tolist(), math.atan2(axes[1, 0], axes[0, 0])])
 
 
 class SetPoint:

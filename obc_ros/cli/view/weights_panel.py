@@ -11,22 +11,17 @@ from typing import Any
 
 from nicegui import background_tasks, ui
 import numpy as np
-from obc_ros.cli.view.charts import GREY, style_axis
+from obc_ros.cli.view.charts import compute_steps, frame_chart, list_figures
 from obc_ros.cli.view.loop_client import LoopClient
-from obc_ros.cli.view.telemetry import Named
+from obc_ros.cli.view.telemetry import keep_finite, Named
 from obc_ros.core.library.figures.style import LINE_COLOURS
-from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.text.errors import ObcError
 from obc_ros.msg import LqrDesign, LqrWeights
 from obc_ros.srv import TryDesign
-from scipy.linalg import expm
 
-NODE = 'lqr_node'
 LOWEST, HIGHEST = -4.0, 5.0  # powers of 10 of a slider
-SAMPLES = 120                # of a step response
 HALF_STEP = 0.01             # of a slider
 REST = 0.03                  # [s] between two previews
-SPAN = 6.0                   # time constants of the slowest pole that are shown
 READ = ('weights', 'Qx', 'Qu', 'x_max', 'u_max')
 MODES = {'matrices': ('Qx', 'Qu', 'weight'), 'bryson': ('x_max', 'u_max', 'largest deviation')}
 TITLES = {'matrices': 'weights Qx and Qu', 'bryson': 'largest deviations, in units'}
@@ -55,7 +50,7 @@ class WeightRow:
 
 class WeightsPanel:
     """
-    The weights of lqr_node, and what a change of them would do.
+    The weights of the controller, and what a change of them would do.
 
     Parameters
     ----------
@@ -87,9 +82,9 @@ class WeightsPanel:
                       ).props('flat dense')
         self._message = ui.label().classes('obc-message').props('role=status aria-live=polite')
         with ui.row().classes('w-full no-wrap gap-2 obc-charts'):
-            self._poles = ui.echart(_frame_chart('poles [1/s]', 'real', 'imaginary')).classes(
+            self._poles = ui.echart(frame_chart('poles [1/s]', 'real', 'imaginary')).classes(
                 'obc-chart')
-            self._steps = ui.echart(_frame_chart('unit step', 'time [s]', '')).classes('obc-chart')
+            self._steps = ui.echart(frame_chart('unit step', 'time [s]', '')).classes('obc-chart')
         self._figures = ui.table(columns=[
             {'name': 'what', 'label': '', 'field': 'what', 'align': 'left'},
             {'name': 'use', 'label': 'in use', 'field': 'use', 'align': 'right'},
@@ -99,7 +94,7 @@ class WeightsPanel:
     async def load(self) -> None:
         """Read the weights of the node, and show them."""
         try:
-            values = await self._client.get_parameters(NODE, READ)
+            values = await self._client.get_parameters(self._client.controller, READ)
         except ObcError as error:
             self._message.text = str(error)
             return
@@ -223,13 +218,19 @@ class WeightsPanel:
             self._busy = False
 
     async def _try_candidate(self) -> None:
+        if not self._client.is_lqr:
+            self._candidate = None
+            self._message.text = f'{self._client.controller} tries weights when they are applied'
+            self._draw()
+            return
         try:
             values = self._read()
             names = ('qx', 'qu') if self._mode == 'matrices' else ('x_max', 'u_max')
             weights = LqrWeights(weights=self._mode, **dict(zip(
                 names, values.values(), strict=True)))
             response = await self._client.call(
-                TryDesign, f'{NODE}/try_design', TryDesign.Request(weights=weights))
+                TryDesign, f'{self._client.controller}/try_design',
+                TryDesign.Request(weights=weights))
             self._say(response.success, response.message, '')
             self._candidate = response.design if response.success else None
             self._draw()
@@ -259,7 +260,8 @@ class WeightsPanel:
 
     async def _set(self, mode: str, values: dict[str, list[float]]) -> bool:
         try:
-            done, reason = await self._client.set_parameters(NODE, {'weights': mode, **values})
+            done, reason = await self._client.set_parameters(
+                self._client.controller, {'weights': mode, **values})
         except ObcError as error:
             done, reason = False, str(error)
         if done:
@@ -275,8 +277,8 @@ class WeightsPanel:
             {'name': name, 'type': 'scatter', 'symbolSize': 10 if name == 'in use' else 8,
              'symbol': 'emptyCircle' if name == 'in use' else 'diamond',
              'itemStyle': {'color': colour},
-             'data': [[_number(a), _number(b)] for a, b in zip(
-                 design.poles_real, design.poles_imag, strict=True)]}
+             'data': list(zip(keep_finite(design.poles_real), keep_finite(design.poles_imag),
+                              strict=True))}
             for name, design, colour in designs]
         self._steps.options['series'] = [
             {'name': f'{signal}, {name}', 'type': 'line', 'showSymbol': False,
@@ -291,12 +293,14 @@ class WeightsPanel:
 
     def _as_yaml(self) -> str:
         rows = ''.join(f'    {name}: {_list(values)}\n' for name, values in self._read().items())
-        return f'/**/{NODE}:\n  ros__parameters:\n    weights: {self._mode}\n{rows}'
+        return (f'/**/{self._client.controller}:\n  ros__parameters:\n'
+                f'    weights: {self._mode}\n{rows}')
 
     def _as_command(self) -> str:
-        return '\n'.join([*(f'ros2 param set /{NODE} {name} "{_list(values)}"'
+        node = self._client.controller
+        return '\n'.join([*(f'ros2 param set /{node} {name} "{_list(values)}"'
                             for name, values in self._read().items()),
-                          f'ros2 param set /{NODE} weights {self._mode}'])
+                          f'ros2 param set /{node} weights {self._mode}'])
 
 
 def convert_weights(mode: str, x: Sequence[float], u: Sequence[float]) -> dict[str, list[float]]:
@@ -327,69 +331,11 @@ def convert_weights(mode: str, x: Sequence[float], u: Sequence[float]) -> dict[s
             for name, values in ((first, x), (second, u))}
 
 
-def compute_steps(design: LqrDesign) -> list[tuple[str, list[list[float]]]]:
-    """
-    Return the response of each position to a step of its set point.
-
-    Parameters
-    ----------
-    design : LqrDesign
-        With the matrices of the linear closed loop.
-
-    Returns
-    -------
-    list of (str, list of [time [s], value])
-        For the states whose `rise_time` is a number, two at most.
-
-    """
-    n, m = len(design.state_names), len(design.input_names)
-    a, b = np.reshape(design.a, (n, n)), np.reshape(design.b, (n, m))
-    closed: Array = a - b @ np.reshape(design.k, (m, n))
-    slowest = float(np.min(np.abs(design.poles_real))) or 1.0
-    step = SPAN / slowest / SAMPLES
-    transition = expm(closed * step)
-    responses = []
-    for index in np.flatnonzero(np.isfinite(design.rise_time))[:2]:
-        error, data = -np.eye(n)[index], []
-        for k in range(SAMPLES + 1):
-            data.append([k * step, float(1.0 + error[index])])
-            error = transition @ error
-        responses.append((str(design.state_names[index]), data))
-    return responses
-
-
-def list_figures(design: LqrDesign | None, candidate: LqrDesign | None) -> list[dict[str, str]]:
-    """Return margins, damping, bandwidth and peak inputs of two designs as rows of a table."""
-    def rows(each: LqrDesign | None) -> dict[str, str]:
-        if each is None or not len(each.k):
-            return {}
-        return {
-            'slowest pole': f'{np.max(each.poles_real):.3g} 1/s',
-            'minimum damping ratio': f'{np.min(each.damping):.3g}',
-            'minimum phase margin': f'{np.degrees(np.min(each.phase_margin)):.3g} deg',
-            'minimum disk margin': f'{np.min(each.disk_margin):.3g}',
-            **{f'peak of {name} for a unit step': f'{peak:.4g}'
-               for name, peak in zip(each.input_names, each.peak_input, strict=False)}}
-
-    use, new = rows(design), rows(candidate)
-    return [{'what': what, 'use': use.get(what, ''), 'new': new.get(what, '')}
-            for what in (use or new)]
-
-
 def _find_blamed(rows: Sequence[WeightRow], message: str) -> WeightRow | None:
     """Return the row of the weight that a reason begins with, such as `Qu[0] = -1`."""
     found = re.match(r'(\w+)(?:\[(\d+)\])?', message)
     named = [row for row in rows if found and row.parameter == found[1]]
     return next((row for row in named if found and str(row.index) == (found[2] or '0')), None)
-
-
-def _frame_chart(title: str, x: str, y: str) -> dict[str, Any]:
-    grid = {'left': 44, 'right': 12, 'top': 34, 'bottom': 34}
-    axis = {'type': 'value', 'scale': True, 'nameLocation': 'middle', **style_axis()}
-    return {'title': {'text': title, 'textStyle': {'fontSize': 13, 'color': GREY}}, 'grid': grid,
-            'animation': False, 'tooltip': {}, 'aria': {'enabled': True},
-            'xAxis': {**axis, 'name': x, 'nameGap': 20},
-            'yAxis': {**axis, 'name': y, 'nameGap': 30}, 'series': []}
 
 
 def _spread(values: list[float], size: int) -> list[float]:
@@ -409,10 +355,6 @@ def _position(value: float) -> float:
 def _round(value: float) -> float:
     """Return a number without the rounding error of a power."""
     return float(f'{value:.12g}')
-
-
-def _number(value: float) -> float | None:
-    return float(value) if math.isfinite(value) else None
 
 
 def _list(values: Sequence[float]) -> str:

@@ -14,7 +14,7 @@ import numpy as np
 from obc_ros.cli.examples import find_example
 from obc_ros.cli.processes import reserve_domain
 from obc_ros.cli.view.command import LOOP_PRIORITY
-from obc_ros.msg import LqrDesign, State, Trajectory
+from obc_ros.msg import Estimate, LqrDesign, State, Trajectory
 from obc_ros.ros.subscription_thread import find_priority_refusal
 from obc_ros.srv import PlanMotion
 from probes import Probe
@@ -38,12 +38,14 @@ CHANGED = """([what, before]) => [...document.querySelectorAll('tr')].some(
     row => row.innerText.includes(what) && row.lastElementChild.innerText !== before)"""
 TYPED = """([label, before]) => Number(
     document.querySelector(`[aria-label="${label}"]`).value) > before"""
-# Pixels of the colour of the reference in a canvas.
-COUNT_REFERENCE = """canvas => { const { data } = canvas.getContext("2d").getImageData(
+# Pixels of a colour in a canvas.
+COUNT_PIXELS = """canvas => { const { data } = canvas.getContext("2d").getImageData(
     0, 0, canvas.width, canvas.height); let found = 0;
     for (let i = 0; i < data.length; i += 4)
-      found += data[i] === 0xcc && data[i + 1] === 0x79 && data[i + 2] === 0xa7;
+      found += data[i] === %#x && data[i + 1] === %#x && data[i + 2] === %#x;
     return found; }"""
+COUNT_REFERENCE = COUNT_PIXELS % (0xcc, 0x79, 0xa7)
+COUNT_ELLIPSE = COUNT_PIXELS % (0x56, 0xb4, 0xe9)
 PROBLEMS = find_example('x').parent
 AIRCRAFT = {'system': 'aircraft', 'publish_rate': 200.0, 'publish_clock': True}
 
@@ -239,6 +241,31 @@ def test_the_reference_of_another_client_is_drawn_if_lqr_node_follows_it(site, p
     page.wait_for_function(f'({COUNT_REFERENCE})(document.querySelector(".obc-plane")) === 0')
     publisher.publish(Trajectory())
     site.probe.node.destroy_publisher(publisher)
+
+
+def test_the_plan_of_mpc_node_and_the_ellipse_of_an_estimator_are_drawn(site, page):
+    plans, estimates = (site.probe.publisher(*each) for each in (
+        (Trajectory, 'mpc_node/plan'), (Estimate, 'estimator_node/estimate')))
+    plane, here = page.locator('.obc-plane'), site.settle()
+    before = plane.evaluate(COUNT_ELLIPSE)
+    plan = Trajectory(system='aircraft', state_names=list(site.designs[-1].state_names),
+                      input_names=list(site.designs[-1].input_names),
+                      t=[0.0, 20.0], x=[*here, here[0] + 0.5, *here[1:]], u=[0.0] * 4)
+    estimate = Estimate(x=here, covariance=np.diag([0.01, 0.04, *[1e-4] * 4]).ravel())
+    plan.header.stamp = site.states[-1].header.stamp
+    plans.publish(plan)
+
+    def is_drawn() -> bool:
+        estimate.header.stamp = site.states[-1].header.stamp
+        estimates.publish(estimate)
+        said = plane.get_attribute('aria-label')
+        return (f'predicted: px {here[0] + 0.5:.2f}, py {here[1]:.2f}' in said
+                and '95 % region: half axes 0.49 m and 0.24 m' in said
+                and plane.evaluate(COUNT_ELLIPSE) > before + 100)
+
+    site.probe.wait_for(is_drawn)
+    for publisher in (plans, estimates):
+        site.probe.node.destroy_publisher(publisher)
 
 
 def test_a_goal_by_click_is_planned_certified_and_flown(site, page):

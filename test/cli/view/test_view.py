@@ -3,29 +3,42 @@
 """What the page shows and whom it serves, without a browser."""
 
 import asyncio
+from contextlib import closing
+import math
 import time
 from types import SimpleNamespace
 from typing import Any
 
+from hypothesis import given
+from hypothesis import strategies as st
 import numpy as np
 from obc_ros.cli.obc import main
+from obc_ros.cli.recording import LATCHED
 from obc_ros.cli.view import command
 from obc_ros.core import lqr, systems
 from obc_ros.core.lqr.weights import from_bryson
 from obc_ros.core.ocp.statement import build_problem
 from obc_ros.core.text.errors import ObcError
-from obc_ros.msg import LqrDesign, NamedBounds, Trajectory
+from obc_ros.msg import Estimate, LqrDesign, NamedBounds, State, Trajectory
 from obc_ros.srv import PlanMotion
 import pytest
+from scipy.stats import chi2, norm
 
 pytest.importorskip('nicegui', reason='NiceGUI is not installed')
 from obc_ros.cli.view.access import COOKIE, Gate, Helm, make_token
-from obc_ros.cli.view.canvas import describe_scene
-from obc_ros.cli.view.charts import add_unit, find_switching_functions
+from obc_ros.cli.view.canvas import describe_scene, LoopCanvas
+from obc_ros.cli.view.charts import (
+    add_unit,
+    compute_steps,
+    find_switching_functions,
+    list_figures,
+)
+from obc_ros.cli.view.loop_client import LoopClient
 from obc_ros.cli.view.plan_panel import compute_switching
 from obc_ros.cli.view.playback import Playback
 from obc_ros.cli.view.telemetry import (
     describe_plant,
+    describe_uncertainty,
     FollowedPath,
     Frame,
     measure_cost,
@@ -33,7 +46,7 @@ from obc_ros.cli.view.telemetry import (
     Plant,
     SetPoint,
 )
-from obc_ros.cli.view.weights_panel import compute_steps, convert_weights, list_figures
+from obc_ros.cli.view.weights_panel import convert_weights
 from view_recording import record
 
 HOSTILE = '</script><img src=x onerror=alert(1)>{{ 7*7 }}'
@@ -172,7 +185,7 @@ def test_names_of_unknown_plants_stay_text():
 def test_numbers_that_are_not_finite_are_left_out():
     packed = Frame(1.0, [np.nan, 1.0], [np.inf]).pack(3)
     assert packed == {'n': 3, 't': 1.0, 'x': [None, 1.0], 'u': [None], 'goal': [], 'cost': None,
-                      'latency': None}
+                      'latency': None, 'band': [], 'ellipse': []}
 
 
 def test_a_recording_plays_pauses_and_is_scrubbed(tmp_path, monkeypatch):
@@ -317,6 +330,78 @@ def test_a_reference_is_packed_in_the_order_of_the_plant():
     assert len(rows) <= 400 and (rows[0][0], rows[-1][0]) == (0.0, 4999.0)
 
 
+def test_the_rows_of_a_prediction_have_the_inputs_too():
+    plant = Plant('a', (Named('p'), Named('v')), (Named('f'), Named('g')))
+    path = Trajectory(state_names=['v', 'p'], input_names=['g', 'f'], t=[0.0, 0.5],
+                      x=[1.0, 2.0, 3.0, 4.0], u=[5.0, 6.0, 7.0, 8.0])
+    assert FollowedPath(1.0, path).pack(plant, 10, inputs=True) == [
+        [1.0, 2.0, 1.0, 6.0, 5.0], [1.5, 4.0, 3.0, 8.0, 7.0]]
+    path.u = path.u[:-1]
+    assert FollowedPath(1.0, path).pack(plant, 10, inputs=True) == []
+
+
+@given(st.floats(-math.pi, math.pi), st.floats(1e-2, 1e2), st.floats(1e-2, 1e2))
+def test_the_ellipse_is_that_of_the_chi_square_distribution(angle, first, second):
+    """All its points have the distance that 95 % of the errors do not exceed."""
+    plant = Plant('a', (Named('py'), Named('v'), Named('px')), (Named('u'),), 'vertical')
+    turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    places = turn @ np.diag([first**2, second**2]) @ turn.T   # of px, py
+    P = np.eye(3)
+    P[np.ix_([2, 0], [2, 0])] = places
+    shown = describe_uncertainty(plant, Estimate(covariance=P.ravel()))
+    a, b, direction = shown.ellipse
+    way = np.linspace(0.0, 2.0 * np.pi, 12)
+    c, s = np.cos(direction), np.sin(direction)
+    points = np.array([[c, -s], [s, c]]) @ [a * np.cos(way), b * np.sin(way)]
+    distances = np.sum(points * np.linalg.solve(places, points), axis=0)
+    assert np.allclose(distances, chi2.ppf(0.95, 2), rtol=1e-6)
+    assert np.allclose(shown.band, norm.ppf(0.975) * np.sqrt(P.diagonal()), rtol=1e-12)
+
+
+@pytest.mark.parametrize('covariance', [[], [1.0], [1.0, 0.0, 0.0], [1.0, math.nan, 0.0, 1.0],
+                                        [math.inf, 0.0, 0.0, 1.0]])
+def test_a_covariance_of_other_states_is_not_shown(covariance):
+    plant = Plant('a', (Named('px'), Named('py')), (), 'vertical')
+    assert describe_uncertainty(plant, Estimate(covariance=covariance)) is None
+
+
+def test_a_plant_without_a_plane_has_bands_only():
+    plant = Plant('a', (Named('p'), Named('v')), ())
+    shown = describe_uncertainty(plant, Estimate(covariance=[4.0, 0.0, 0.0, -1e-20]))
+    assert shown.ellipse == () and shown.band[1] == 0.0
+    assert Frame(0.0, [0.0, 0.0], uncertainty=shown).pack(1)['band'] == shown.band
+
+
+def test_a_prediction_is_sent_once_to_each_page():
+    sent: list[Any] = []
+    page = SimpleNamespace(_sent=0, _seen=0, _predicted=(),
+                           run_method=lambda name, packed: sent.append(packed))
+    rows = [[0.0, 1.0]]
+    for prediction in ((), rows, rows, (), rows):
+        LoopCanvas.push(page, Frame(0.0, [1.0], prediction=prediction))
+    assert [each.get('prediction') for each in sent] == [None, rows, None, (), rows]
+
+
+def test_a_recording_shows_prediction_and_uncertainty(tmp_path, monkeypatch):
+    clock = SimpleNamespace(now=0.0)
+    monkeypatch.setattr(time, 'monotonic', lambda: clock.now)
+    plan = Trajectory(state_names=['x1'], t=[0.0, 1.0], x=[5.0, 6.0])
+    plan.header.stamp.sec = 101
+    states = [(f'{second}', State(x=[float(second)])) for second in range(3)]
+    for second, state in states:
+        state.header.stamp.sec = 100 + int(second)
+    playback = Playback(record(tmp_path / 'a.mcap', [], others=[
+        *((int(second), '/state', state) for second, state in states),
+        (1, '/mpc_node/plan', plan),
+        (1, '/estimator_node/estimate', Estimate(x=[0.0], covariance=[4.0]))]))
+    frame = playback.take_frame()
+    assert list(frame.prediction) == [] and frame.uncertainty is None
+    clock.now = 1.5
+    frame = playback.take_frame()
+    assert frame.prediction == [[1.5, 5.0], [2.5, 6.0]]   # it begins at the stamp of the state
+    assert frame.uncertainty.band == pytest.approx([2.0 * norm.ppf(0.975)])
+
+
 @pytest.mark.parametrize(('units', 'title'), [
     (('cost', 's'), 'a [cost/s]'), (('cost', 's', 'm/s'), 'a [cost/s/(m/s)]'),
     (('cost', ''), 'a [cost]'), (('',), 'a')])
@@ -342,3 +427,36 @@ def test_a_set_point_at_rest_stays():
     assert list(held.locate([3.0, 4.0])) == [0.0, 0.0]
     assert held.measure_cost([3.0, 4.0]) == measure_cost(design, [3.0, 4.0])
     assert list(SetPoint(LqrDesign(system=HOSTILE, xe=[1.0])).locate([2.0])) == [1.0]
+
+
+@pytest.mark.nodes
+def test_plan_and_covariance_of_other_nodes_are_shown_with_the_state(probe, domain, monkeypatch):
+    monkeypatch.setenv('ROS_DOMAIN_ID', str(domain))
+    with closing(LoopClient()) as client:
+        designs, plans, estimates, states = (probe.publisher(*each) for each in (
+            (LqrDesign, 'mpc_node/design', LATCHED), (Trajectory, 'mpc_node/plan'),
+            (Estimate, 'estimator_node/estimate'), (State, 'state')))
+        designs.publish(design_of('double_integrator', [1.0, 1.0], [1.0]))
+        probe.wait_for(lambda: client.plant)
+        assert client.controller == 'mpc_node' and not client.is_lqr
+        names = client.plant.state_names
+        plan = Trajectory(state_names=list(names), input_names=['u'], t=[0.0, 0.5],
+                          x=[1.0, 2.0, 3.0, 4.0], u=[5.0, 6.0])
+        estimate, state = Estimate(covariance=[4.0, 0.0, 0.0, 1.0]), State(x=[1.0, 2.0])
+        for message in (plan, estimate, state):
+            message.header.stamp.sec = 10
+        frames = []
+
+        def see(known: bool) -> bool:
+            for publisher, message in ((plans, plan), (estimates, estimate), (states, state)):
+                publisher.publish(message)
+            frames.append(client.take_frame())
+            return bool(frames[-1] and (frames[-1].uncertainty is not None) == known
+                        and frames[-1].time == state.header.stamp.sec)
+
+        probe.wait_for(lambda: see(True))
+        assert frames[-1].prediction == [[10.0, 1.0, 2.0, 5.0], [10.5, 3.0, 4.0, 6.0]]
+        assert frames[-1].uncertainty.band == pytest.approx([2.0 * norm.ppf(0.975),
+                                                             norm.ppf(0.975)])
+        state.header.stamp.sec = 12   # the estimate is not that of this state
+        probe.wait_for(lambda: see(False))
