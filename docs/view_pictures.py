@@ -29,7 +29,7 @@ GOAL = (0.72, 0.2)       # of the picture's width and height
 FRAMES, PAUSE = 45, 0.1  # of the moving picture, and the time [s] between two of them
 TRIES = 5                # to fly
 COLOURS, SIZE = 96, (896, 630)
-LOOP = ('controller:=mpc', 'estimator:=true', 'use_sim_time:=true')
+LOOP = ('controller:=mpc', 'estimator:=true', 'use_sim_time:=true', 'speed:=0.3')
 
 
 @contextmanager
@@ -111,7 +111,9 @@ def take_prediction(browser: Any) -> None:
     page.get_by_role('tab', name='Plant', exact=True).click()
     page.get_by_role('button', name='Gust', exact=True).click()
     page.get_by_text('set: disturbance').wait_for()
-    page.wait_for_timeout(1500)
+    page.wait_for_timeout(4000)
+    page.evaluate('scrollTo(0, 0)')
+    page.wait_for_timeout(300)
     keep(page, 'prediction')
     page.close()
 

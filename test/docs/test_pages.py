@@ -27,7 +27,7 @@ from words import Terminal
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = ['README.md', 'docs/workspace.md', 'docs/tuning.md', 'docs/parameters.md',
          'docs/problems.md', 'docs/faq.md', 'docs/interfaces.md', 'docs/estimation.md',
-         'docs/receding_horizon.md']
+         'docs/receding_horizon.md', 'docs/view.md']
 LOOP = 'ros2 launch obc_ros loop.launch.py scenario:=aircraft'
 STAYS = ('launch', 'run')      # verbs that run until they are ended
 # The subcommands of `ros2` that `obc` has too.

@@ -180,12 +180,15 @@ export default {
       context.lineWidth = 1;
       context.font = "11px system-ui, sans-serif";
       const digits = Math.max(0, -Math.floor(Math.log10(step)));
-      for (let x = Math.ceil(left / step) * step; x < left + width / scale; x += step) {
+      // Counted, as x + step is x for a very large x.
+      for (let i = 0; i < width / 90 + 1; i++) {
+        const x = (Math.ceil(left / step) + i) * step;
         const [px] = place(x, 0);
         this.line(context, [[px, 0], [px, height]], colours.grid, [], 1);
         context.fillText(x.toFixed(digits), px + 3, height - 5);
       }
-      for (let y = Math.ceil(bottom / step) * step; y < bottom + height / scale; y += step) {
+      for (let i = 0; i < height / 90 + 1; i++) {
+        const y = (Math.ceil(bottom / step) + i) * step;
         const [, py] = place(0, y);
         this.line(context, [[0, py], [width, py]], colours.grid, [], 1);
         context.fillText(y.toFixed(digits), 3, py - 3);
@@ -271,7 +274,8 @@ export default {
       const shown = this.frames.filter((f) => f.t > end - WINDOW);
       const [first, final] = [this.prediction[0], this.prediction[this.prediction.length - 1]];
       // The axis of time goes on for the length of a plan: it moves less than the end of the plan.
-      const later = final && final[0] > end ? Math.min(final[0] - first[0], WINDOW / 2) : 0;
+      const later = final && final[0] > end
+        ? Math.max(0, Math.min(final[0] - first[0], WINDOW / 2)) : 0;
       panels.forEach((panel, row) =>
         this.drawPanel(context, panel, row, shown, end, later, width, colours));
       context.fillStyle = colours.faint;

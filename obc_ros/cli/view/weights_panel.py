@@ -220,7 +220,7 @@ class WeightsPanel:
     async def _try_candidate(self) -> None:
         if not self._client.is_lqr:
             self._candidate = None
-            self._message.text = f'{self._client.controller} tries weights when they are applied'
+            self._say(True, f'{self._client.controller} tries weights when they are applied', '')
             self._draw()
             return
         try:

@@ -264,6 +264,12 @@ def test_the_plan_of_mpc_node_and_the_ellipse_of_an_estimator_are_drawn(site, pa
                 and plane.evaluate(COUNT_ELLIPSE) > before + 100)
 
     site.probe.wait_for(is_drawn)
+    plan.x[6] = 1e17   # a grid of such numbers has an end
+    plans.publish(plan)
+    site.probe.wait_for(lambda: 'predicted: px 1000000' in plane.get_attribute('aria-label'))
+    page.wait_for_timeout(1000)
+    plans.publish(Trajectory())
+    site.probe.wait_for(lambda: 'predicted' not in plane.get_attribute('aria-label'))
     for publisher in (plans, estimates):
         site.probe.node.destroy_publisher(publisher)
 
