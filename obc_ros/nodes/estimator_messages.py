@@ -10,8 +10,8 @@ from obc_ros.nodes.estimator_settings import EstimatorCandidate
 from obc_ros.ros.conversions import set_stamp
 from obc_ros.ros.messages import flatten_doubles
 
-COUNTS = ('used', 'late', 'out of order', 'too late', 'repeated', 'missing', 'not finite',
-          'malformed', 'outliers', 'restarts', 'faults', 'future')
+COUNTS = ('used', 'late', 'out of order', 'too late', 'repeated', 'missing', 'not used',
+          'not finite', 'malformed', 'outliers', 'restarts', 'faults', 'future')
 
 
 def estimate_message(mean: delayed_filter.Estimate, delayed: DelayedFilter, frame: str

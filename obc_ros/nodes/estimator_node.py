@@ -60,7 +60,8 @@ class EstimatorNode(Node):  # type: ignore[misc] # rclpy's classes are untyped
         self._adopted = candidate = self._table.candidate
         settings = candidate.settings
         self._filter = DelayedFilter(
-            candidate.kalman, candidate.x0, candidate.P0, candidate.u0, settings.longest_lag)
+            candidate.kalman, candidate.x0, candidate.P0, candidate.u0, settings.longest_lag,
+            outputs=candidate.outputs)
         self._map, self._published, self._last = OdometryMap(candidate.system), 0, 0
         self._warned: set[str] = set()
         self._states = self.create_publisher(State, 'state', BACKLOG)
@@ -165,7 +166,7 @@ class EstimatorNode(Node):  # type: ignore[misc] # rclpy's classes are untyped
 
     def _adopt(self, candidate: EstimatorCandidate) -> None:
         self._adopted = candidate
-        self._filter.adopt(candidate.kalman, candidate.x0, candidate.P0)
+        self._filter.adopt(candidate.kalman, candidate.x0, candidate.P0, candidate.outputs)
         self.get_logger().info(str(candidate))
 
     def _warn_once(self, sentence: str) -> None:

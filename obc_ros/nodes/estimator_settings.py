@@ -29,8 +29,8 @@ class Settings:
         'aircraft', 'name of a registered system, or path of a YAML file', read_only=True)
     system_parameters: Mapping[str, Value] = group(list_system_parameters)
     outputs: tuple[str, ...] = declare_field(
-        (), 'names of the outputs that are measured; empty: all outputs of the system',
-        texts=True)
+        (), 'names of the outputs that are used, others are dropped; empty: all outputs of the '
+        'system', texts=True)
     Qw: Vector = declare_field(
         (), 'intensity of the process noise, in squared units of the states per second: n numbers '
         '(diagonal) or n*n numbers row by row; empty: identity')

@@ -88,18 +88,22 @@ class DelayedFilter:
     x0 : ndarray, shape (n,)
         Mean before the first measurement.
     P0 : ndarray, shape (n, n)
-        Its covariance; also used when the filter restarts.
+        Its covariance; also used when the filter restarts. After a row of outliers it is
+        enlarged by the square of their largest distance, so that the filter finds the plant.
     u0 : ndarray, shape (m,)
         Input before the first command.
     longest_lag : float
         [s] A measurement that is older than the newest one by more is dropped.
     longest_gap : float
         [s] After a longer time without measurements the filter restarts.
+    outputs : sequence of str
+        Names of the outputs that are used; empty: all.
 
     """
 
     def __init__(self, kalman: KalmanFilter, x0: Array, P0: Array, u0: Array,
-                 longest_lag: float = 0.5, longest_gap: float = 2.0) -> None:
+                 longest_lag: float = 0.5, longest_gap: float = 2.0,
+                 outputs: Sequence[str] = ()) -> None:
         self._kalman, self._x0, self._P0 = kalman, np.array(x0), np.array(P0)
         self._u = np.array(u0)
         self._lag, self._gap = (round(each * NANOSECONDS) for each in (longest_lag, longest_gap))
@@ -108,6 +112,7 @@ class DelayedFilter:
         self._newest: int | None = None
         self._sensors: dict[tuple[int, ...], _Sensor] = {}
         self._names = {name: i for i, name in enumerate(kalman.system.output_names)}
+        self._outputs = frozenset(outputs or self._names)
         self._counts: Counter[str] = Counter()
         self._monitor = InnovationMonitor()
         self._last: tuple[tuple[str, ...], Update] | None = None
@@ -119,8 +124,8 @@ class DelayedFilter:
         Return how many measurements there were of each kind.
 
         'used', 'late' (filtered again), 'out of order' (older than another of its sensor),
-        'too late', 'repeated', 'missing', 'not finite' (entries), 'malformed', 'outliers',
-        'restarts', 'faults'.
+        'too late', 'repeated', 'missing', 'not used', 'not finite' (both entries), 'malformed',
+        'outliers', 'restarts', 'faults'.
         """
         self._catch_up()
         return self._counts
@@ -154,9 +159,11 @@ class DelayedFilter:
         at = {i for group in self._sensors for i in group}
         return tuple(name for name, i in self._names.items() if i in at)
 
-    def adopt(self, kalman: KalmanFilter, x0: Array, P0: Array) -> None:
-        """Use another filter from the newest measurement on; x0, P0 as for the class."""
+    def adopt(self, kalman: KalmanFilter, x0: Array, P0: Array, outputs: Sequence[str] = ()
+              ) -> None:
+        """Use another filter from the newest measurement on; x0, P0, outputs as for the class."""
         self._catch_up()
+        self._outputs = frozenset(outputs or self._names)
         self._kalman, self._monitor = kalman, InnovationMonitor()
         self._x0, self._P0 = np.array(x0), np.array(P0)
 
@@ -266,7 +273,9 @@ class DelayedFilter:
         if reason:
             self._counts['malformed'] += 1
             raise StatementError(f'a measurement was dropped: {reason}')
-        return [self._names[name] for name in names], values
+        used = [k for k, name in enumerate(names) if name in self._outputs]
+        self._counts['not used'] += len(names) - len(used)
+        return [self._names[names[k]] for k in used], values[used]
 
     def _is_late(self, stamp: int, at: tuple[int, ...], sensor: _Sensor) -> bool:
         """Count how late a measurement is; return whether it cannot be used."""
@@ -304,11 +313,11 @@ class DelayedFilter:
         if self._events:
             self._counts['restarts'] += 1
             mean, u = self._events[-1].after.x, self._events[-1].input_after
-        self._begin(stamp, mean, u)
+        self._begin(stamp, mean, u, self._P0)
 
-    def _begin(self, stamp: int, mean: Array, u: Array) -> None:
-        """Forget what was filtered, and begin at a stamp with a mean and an input."""
-        start = _Event(stamp, after=Belief(mean, self._P0), input_after=u)
+    def _begin(self, stamp: int, mean: Array, u: Array, P: Array) -> None:
+        """Forget what was filtered, and begin at a stamp with a mean, its covariance, an input."""
+        start = _Event(stamp, after=Belief(mean, P), input_after=u)
         self._events, self._filtered = [start, *self._events[self._filtered:]], 1
         self._sensors = {at: _Sensor() for at in self._sensors}
         self._monitor = InnovationMonitor()
@@ -330,7 +339,7 @@ class DelayedFilter:
                 # The estimate has left the range of numbers: the mean is lost too.
                 self._counts['faults'] += 1
                 self._begin(event.stamp, self._x0,
-                            before.input_after if event.u is None else event.u)
+                            before.input_after if event.u is None else event.u, self._P0)
                 continue
             if event.update is not None and not event.is_counted:
                 self._count(event, event.update)
@@ -356,7 +365,15 @@ class DelayedFilter:
         sensor.rejected = sensor.rejected + 1 if update.is_outlier else 0
         if sensor.rejected >= MOST_REJECTED:
             self._counts['restarts'] += 1
-            self._begin(event.stamp, event.after.x, event.input_after)
+            self._begin(event.stamp, event.after.x, event.input_after, self._widen(event, update))
+
+    def _widen(self, event: _Event, update: Update) -> Array:
+        """Return P0, enlarged such that no entry of an innovation is above its deviation."""
+        C = self._kalman.system.measure(event.after.x, event.input_after)[1][list(event.at)]
+        variances = np.einsum('ij,jk,ik->i', C, self._P0, C)
+        seen = variances > 0.0   # the others are functions of the input alone
+        ratios = update.innovation[seen]**2 / variances[seen]
+        return self._P0 * float(ratios.max(initial=1.0))
 
     def _forget(self) -> None:
         """Remove events that no accepted measurement can precede, but one."""

@@ -158,6 +158,30 @@ def test_a_row_of_outliers_restarts_the_filter():
     assert delayed.estimate(delayed.newest).x[0] == pytest.approx(2.0, abs=0.1)
 
 
+@pytest.mark.parametrize('far', [30.0, 1e4, 1e8])
+def test_a_filter_far_from_the_plant_finds_it(far):
+    """P0 expects the plant within a metre."""
+    delayed = make(gate=0.9999)
+    for k in range(3 * MOST_REJECTED):
+        delayed.measure(k * 10 * MS, NAMES[:1], [far])
+    assert delayed.estimate(delayed.newest).x[0] == pytest.approx(far, abs=0.1, rel=1e-9)
+    assert delayed.counts['restarts'] == 1
+
+
+def test_outputs_that_are_not_used_are_dropped():
+    delayed, other = make(outputs=NAMES[1:]), make()
+    for k in range(20):
+        delayed.measure(k * 10 * MS, NAMES, [5.0, 0.3])
+        delayed.measure(k * 10 * MS, NAMES[:1], [5.0])
+        other.measure(k * 10 * MS, NAMES[1:], [0.3])
+    found, wanted = (each.estimate(200 * MS) for each in (delayed, other))
+    assert (found.x == wanted.x).all() and (wanted.P == found.P).all()
+    assert delayed.counts['not used'] == 40
+    delayed.adopt(delayed._kalman, np.zeros(2), np.eye(2))
+    delayed.measure(201 * MS, NAMES[:1], [5.0])
+    assert delayed.estimate(201 * MS).x[0] > 1.0
+
+
 def test_a_gap_restarts_the_filter():
     delayed = make(longest_gap=1.0)
     delayed.measure(0, NAMES, [0.0, 0.0])
