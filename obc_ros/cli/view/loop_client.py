@@ -23,6 +23,7 @@ from obc_ros.cli.recording import LATCHED
 from obc_ros.cli.view.telemetry import (
     describe_plant,
     describe_uncertainty,
+    fits_names,
     FollowedPath,
     Frame,
     Plant,
@@ -206,17 +207,26 @@ class LoopClient:
     def _run(self) -> None:
         due = time.monotonic()
         while self._running:
-            with suppress(queue.Empty):
-                while True:
-                    self._jobs.get_nowait()()
-            now = time.monotonic()
-            if now >= due:
-                self._take()
-                waiting, self._waiting = self._waiting, []
-                for job in waiting:
-                    job()
-                due = max(due + PERIOD, now)
-            self._executor.spin_once(timeout_sec=max(0.0, due - time.monotonic()))
+            try:
+                due = self._turn(due)
+            except Exception as error:  # of any kind: no message may end the page
+                self._add_line(f'obc view: {type(error).__name__}: {error}')
+                time.sleep(PERIOD)
+
+    def _turn(self, due: float) -> float:
+        """Do what waits; look at the topics if it is `due` [s], and return when it is next."""
+        with suppress(queue.Empty):
+            while True:
+                self._jobs.get_nowait()()
+        now = time.monotonic()
+        if now >= due:
+            self._take()
+            waiting, self._waiting = self._waiting, []
+            for job in waiting:
+                job()
+            due = max(due + PERIOD, now)
+        self._executor.spin_once(timeout_sec=max(0.0, due - time.monotonic()))
+        return due
 
     def _take(self) -> None:
         for subscription, act in self._taken:
@@ -254,6 +264,9 @@ class LoopClient:
                 self._latency = late
 
     def _on_design(self, controller: str, design: LqrDesign) -> None:
+        if not fits_names(design):
+            self._add_line('obc view: a design was dropped: its arrays do not fit its names')
+            return
         if controller != self.controller:
             self.controller, self._prediction = controller, ()
         if self.plant is None or design.system != self.plant.system:
@@ -268,12 +281,15 @@ class LoopClient:
         self._published = info['source_timestamp']
 
     def _on_log(self, line: Log) -> None:
-        self._numbered += 1
         if line.name.endswith('lqr_node') and ENDED.match(line.msg):
             self._ended = max(self._ended, 10**9 * line.stamp.sec + line.stamp.nanosec)
         level = {30: 'warning: ', 40: 'error: ', 50: 'fatal: '}.get(int(line.level), '')
         clock = time.strftime('%H:%M:%S', time.localtime(line.stamp.sec))
-        self._lines.append((self._numbered, f'{clock} {line.name}: {level}{line.msg}'[:LINE]))
+        self._add_line(f'{clock} {line.name}: {level}{line.msg}')
+
+    def _add_line(self, line: str) -> None:
+        self._numbered += 1
+        self._lines.append((self._numbered, line[:LINE]))
 
     async def call(self, kind: Any, service: str, request: Any, timeout: float = ANSWERS) -> Any:
         """

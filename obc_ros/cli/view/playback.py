@@ -13,6 +13,7 @@ from obc_ros.cli.recording import type_name
 from obc_ros.cli.view.telemetry import (
     describe_plant,
     describe_uncertainty,
+    fits_names,
     FollowedPath,
     Frame,
     Plant,
@@ -66,8 +67,10 @@ class Playback:
                 for schema, channel, message in make_reader(opened).iter_messages():
                     name = channel.topic.rpartition('/')[2]
                     if name in KINDS and schema and schema.name == type_name(KINDS[name]):
-                        self._rows[name].append(deserialize_message(message.data, KINDS[name]))
-                        self._times[name].append(1e-9 * message.log_time)
+                        found = deserialize_message(message.data, KINDS[name])
+                        if name != 'design' or fits_names(found):
+                            self._rows[name].append(found)
+                            self._times[name].append(1e-9 * message.log_time)
         except (McapError, RuntimeError, EOFError) as error:
             raise ObcError(f'{file} is not a recording of a loop: {error}') from error
 

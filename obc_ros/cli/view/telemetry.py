@@ -166,6 +166,16 @@ def keep_finite(values: Sequence[float]) -> list[float | None]:
     return [float(each) if math.isfinite(each) else None for each in values]
 
 
+def fits_names(design: LqrDesign) -> bool:
+    """Return whether the arrays of a design have the sizes that its names require."""
+    n, m = len(design.state_names), len(design.input_names)
+    sizes = {'xe': n, 'ue': m, 'a': n * n, 'b': n * m, 'k': n * m, 'p': n * n, 'poles_real': n,
+             'poles_imag': n, 'damping': n, 'rise_time': n, 'phase_margin': m, 'disk_margin': m,
+             'peak_input': m}
+    return n > 0 and m > 0 and all(len(getattr(design, name)) == size
+                                   for name, size in sizes.items())
+
+
 def describe_plant(design: LqrDesign) -> Plant:
     """Return the signals of the plant of a design, with units and limits of a registered one."""
     names = tuple(map(str, design.state_names)), tuple(map(str, design.input_names))

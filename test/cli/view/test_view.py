@@ -209,6 +209,49 @@ def test_a_recording_plays_pauses_and_is_scrubbed(tmp_path, monkeypatch):
     assert playback.position == 0.0
 
 
+def test_a_recorded_design_whose_arrays_do_not_fit_is_left_out(tmp_path):
+    good, bad = (design_of('double_integrator', [1.0, 1.0], [1.0]) for _ in range(2))
+    bad.p = [1.0]
+    playback = Playback(record(tmp_path / 'a.mcap', [[0.0, 0.0], [1.0, 0.0], [2.0, 0.0]], others=[
+        (0, '/lqr_node/design', good), (1, '/lqr_node/design', bad)]))
+    playback.seek(2.0)
+    assert playback.take_frame().cost == pytest.approx(4 * good.p[0])
+
+
+@pytest.mark.nodes
+def test_no_message_ends_the_client_of_the_loop(domain, probe, monkeypatch):
+    monkeypatch.setenv('ROS_DOMAIN_ID', str(domain))
+    monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+    designs = probe.node.create_publisher(LqrDesign, 'lqr_node/design', LATCHED)
+    states = probe.node.create_publisher(State, 'state', 10)
+    plans = probe.node.create_publisher(Trajectory, 'mpc_node/plan', 10)
+    estimates = probe.node.create_publisher(Estimate, 'estimator_node/estimate', 10)
+    good = design_of('double_integrator', [1.0, 1.0], [1.0])
+    with closing(LoopClient()) as client:
+        designs.publish(good)
+        probe.wait_for(lambda: client.design is not None, what='the design')
+        for name in ('xe', 'a', 'b', 'k', 'p', 'poles_imag', 'peak_input'):
+            for values in ([], [math.nan] * 3, [1.0] * 50):
+                bad = design_of('double_integrator', [1.0, 1.0], [1.0])
+                setattr(bad, name, values)
+                designs.publish(bad)
+        designs.publish(LqrDesign(system='../../etc/passwd'))
+        for x in ([], [math.nan], [1.0] * 1000):
+            states.publish(State(x=x))
+            plans.publish(Trajectory(t=[0.0, math.inf], x=x, u=x, state_names=['a', 'b']))
+            estimates.publish(Estimate(x=x, covariance=x))
+
+        def is_read() -> bool:
+            states.publish(State(x=[2.0, 0.0]))
+            probe.spin_for(0.05)
+            frame = client.take_frame()
+            return frame is not None and frame.cost == pytest.approx(4 * good.p[0])
+
+        probe.wait_for(is_read, what='a frame')
+        assert sum('do not fit' in line for _, line in client.list_lines()) > 0
+        assert list(client.design.p) == list(good.p)
+
+
 @pytest.mark.parametrize(('contents', 'why'), [
     (b'', 'is not a recording'), (b'no recording at all', 'is not a recording'),
     (None, 'no such recording')])
