@@ -180,7 +180,7 @@ def describe_plant(design: LqrDesign) -> Plant:
     """Return the signals of the plant of a design, with units and limits of a registered one."""
     names = tuple(map(str, design.state_names)), tuple(map(str, design.input_names))
     try:
-        system = registry.get_system(design.system)
+        system = registry.get_registered(design.system)
     except ObcError:
         return Plant(design.system, *(tuple(map(Named, group)) for group in names))
     if (system.state_names, system.input_names) != names:
@@ -255,7 +255,7 @@ def _find_drift(design: LqrDesign) -> Array:
     """Return dx/dt at the set point of a registered system; zeros: at rest, or not known."""
     xe, ue = np.asarray(design.xe, dtype=float), np.asarray(design.ue, dtype=float)
     try:
-        system = registry.get_system(design.system)
+        system = registry.get_registered(design.system)
     except ObcError:
         return np.zeros(len(xe))
     if (len(xe), len(ue)) != (system.n, system.m):

@@ -110,7 +110,7 @@ def _list_places(plan: Trajectory) -> tuple[Array, PlaneMap]:
 def _find_system(name: str) -> System | None:
     """Return a registered system with its default parameters; None if there is none."""
     try:
-        return registry.get_system(name) if name else None
+        return registry.get_registered(name) if name else None
     except ObcError:
         return None
 

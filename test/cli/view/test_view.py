@@ -18,6 +18,7 @@ from obc_ros.cli.view import command
 from obc_ros.core import lqr, systems
 from obc_ros.core.lqr.weights import from_bryson
 from obc_ros.core.ocp.statement import build_problem
+from obc_ros.core.systems.registry import get_system
 from obc_ros.core.text.errors import ObcError
 from obc_ros.msg import Estimate, LqrDesign, NamedBounds, State, Trajectory
 from obc_ros.srv import PlanMotion
@@ -180,6 +181,15 @@ def test_names_of_unknown_plants_stay_text():
     assert plant == Plant(HOSTILE, (Named(HOSTILE),), (Named('u'),))
     scene = describe_scene(plant)
     assert scene['plane'] is None and not scene['body']
+
+
+def test_a_name_from_the_network_reads_no_file(tmp_path):
+    file = tmp_path / 'plant.yaml'
+    file.write_text('name: plant\nstates: [a]\ninputs: [b]\ndynamics: {a: b}\nunits: {a: m}\n')
+    assert get_system(str(file)).units == {'a': 'm'}
+    design = LqrDesign(system=str(file), state_names=['a'], input_names=['b'], xe=[0.0], ue=[1.0])
+    assert describe_plant(design).units == {'a': '', 'b': ''}
+    assert list(SetPoint(design).locate([3.0])) == [0.0]
 
 
 def test_numbers_that_are_not_finite_are_left_out():
