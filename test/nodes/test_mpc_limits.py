@@ -100,6 +100,21 @@ def test_the_vehicle_goes_back_to_its_lane_within_its_limits(spawn, probe):
     assert x[-1, 0] > 60.0
 
 
+def test_a_plant_of_a_file_goes_around_an_obstacle(spawn, probe, tmp_path):
+    file = tmp_path / 'cart.yaml'
+    file.write_text('name: cart\nstates: [x, y, vx, vy]\ninputs: [ax, ay]\n'
+                    'dynamics: {x: vx, y: vy, vx: ax - 0.1*vx, vy: ay - 0.1*vy}\n')
+    states = probe.listen(State, 'state', QoSProfile(depth=1000))
+    spawn('plant_simulator', {'system': str(file), 'x0': [-2.0, 0.1, 0.0, 0.0],
+                              'publish_rate': 20.0, 'lockstep': True})
+    spawn('mpc_node', {
+        'system': str(file), 'rate': 20.0, 'horizon': 2.0, 'u_limits': [2.0, 2.0],
+        'path_constraints': ['0.25 - (x + 1)**2 - y**2']})
+    probe.wait_for(lambda: settles(states), LONG, 'the set point')
+    x = np.array([each.x for each in states])
+    assert np.hypot(x[:, 0] + 1.0, x[:, 1]).min() >= 0.5 * 0.98
+
+
 def test_lost_and_late_states_are_bridged_by_the_plan(spawn, probe):
     """Of ten states one is lost, and one comes after the next one, which is dropped."""
     states, passed = probe.listen(State, 'state', QoSProfile(depth=1000)), []
