@@ -117,8 +117,9 @@ class NodeLoop:
         if reference:
             said = len(pilot.said)
             pilot.publisher.publish(reference)
-            pilot.wait(lambda: any('reference' in each.msg for each in pilot.said[said:]),
-                       'the reference to be taken')
+            # Not the end of an earlier one, whose line may come late.
+            pilot.wait(lambda: any(each.msg.startswith('a reference')
+                                   for each in pilot.said[said:]), 'the reference to be taken')
         pilot.pause(False)
         pilot.wait(lambda: pilot.states.stamp[-1] >= end and pilot.commands.stamp[-1] >= end,
                    f't = {end * 1e-9:g} s', 60.0)
