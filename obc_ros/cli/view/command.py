@@ -183,7 +183,7 @@ def serve(source: Any, title: str, controls: bool, args: argparse.Namespace) -> 
     address = f'http://{args.host}:{args.port}/' + (f'?token={token}' if token else '')
     print(f'obc view: {address}   (Ctrl-C ends it)', flush=True)
     gc.collect()
-    gc.freeze()   # a later collection skips the objects of the start: it held the page for 0.1 s
+    gc.freeze()   # a later collection skips the objects of the start, and is shorter
     ui.run(host=args.host, port=args.port, title='obc view', reload=False,
            show=address if not args.no_browser else False, show_welcome_message=False,
            favicon='\u2708', fastapi_docs=False, uvicorn_logging_level='warning')
