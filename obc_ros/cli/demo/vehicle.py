@@ -77,7 +77,8 @@ def _publish(pilot: Pilot, trajectory: Trajectory, begin: int) -> Trajectory:
     trajectory.header.stamp.sec, trajectory.header.stamp.nanosec = divmod(begin, 10**9)
     said = len(pilot.said)
     pilot.publisher.publish(trajectory)
-    pilot.wait(lambda: any(each.name.endswith('lqr_node') and 'reference' in each.msg
+    # Not 'the reference has ended', which the one before it may still say.
+    pilot.wait(lambda: any(each.name.endswith('lqr_node') and each.msg.startswith('a reference')
                            for each in pilot.said[said:]), 'lqr_node to take the reference')
     return trajectory
 
