@@ -61,7 +61,6 @@ ANSWERS = 'obc_ros.workers.requests'
 PLAN_QOS = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 START, LOOK = 10.0, 0.02  # [s] maximum wait of the services for the workers, and its step
 RESULT_TIMEOUT = 30  # [s] time for which the result of an action is kept
-LEAD = 500_000_000   # [ns] until an executed plan begins: the follower first computes gains
 QUICK = 2_500        # numbers in A up to which a design has a worker of its own
 
 Progress = Callable[[str, int, float, float], None]
@@ -88,6 +87,9 @@ class Settings:
         '', 'hardware_id of the diagnostics; empty: the namespace, or else the name of the node')
     state_timeout: float = declare_field(
         0.5, 'maximum age of the state at which a plan may begin', 's', lower=1e-3)
+    plan_lead: float = declare_field(
+        0.5, 'time from the publication of a plan to its beginning, in which lqr_node computes '
+        'its gains', 's', lower=0.0, upper=60.0)
     state_source: str = declare_field(
         'state', STATE_SOURCE, choices=tuple(SOURCES), read_only=True)
     markers: bool = declare_field(
@@ -212,7 +214,8 @@ class TrajectoryServer(Node):
         """Publish a plan as a reference, which begins by the clock of the states."""
         now = self._state.stamp()
         now = self.get_clock().now().nanoseconds if now is None else now
-        plan.header.stamp.sec, plan.header.stamp.nanosec = divmod(now + LEAD, 10**9)
+        plan.header.stamp.sec, plan.header.stamp.nanosec = divmod(
+            now + round(self._settings.settings.plan_lead * 1e9), 10**9)
         self._reference.publish(plan)
         self._log.info('reference', f'a plan of {plan.t[-1]:.4g} s for {plan.system} is published '
                        f'on {self._reference.topic_name}')

@@ -120,8 +120,8 @@ def test_one_call_plans_and_executes_from_the_present_state(spawn: Any, probe: A
 
 
 def test_a_plan_is_stamped_by_the_clock_of_the_states(spawn: Any, probe: Any) -> None:
-    """The stamps of a simulation differ from the clock of the server."""
-    spawn('trajectory_server', {'workers': 1, 'state_timeout': 30.0})
+    """The stamps of a simulation differ from the clock of the server; `plan_lead` counts in it."""
+    spawn('trajectory_server', {'workers': 1, 'state_timeout': 30.0, 'plan_lead': 1.25})
     publisher = probe.publisher(State, 'state')
     received = probe.listen(Trajectory, 'reference', LATCHED)
     message = State(x=[5.0, 0.0])
@@ -129,7 +129,7 @@ def test_a_plan_is_stamped_by_the_clock_of_the_states(spawn: Any, probe: Any) ->
     repeat(probe, publisher, message)
     assert plan_integrator(probe, execute=True).success
     probe.wait_for(lambda: received, what='the reference')
-    assert (received[0].header.stamp.sec, received[0].header.stamp.nanosec) == (42, 250_000_000)
+    assert (received[0].header.stamp.sec, received[0].header.stamp.nanosec) == (43, 0)
 
 
 def test_a_plan_starts_at_the_state_of_odometry(spawn: Any, probe: Any) -> None:
