@@ -24,6 +24,7 @@ SCENARIOS = ('aircraft', 'vehicle', 'vehicle_lateral')
 WATCH = 0.2  # [s] between two looks at the nodes
 LOOP_PRIORITY = 50  # of plant_simulator and lqr_node, unless it is given
 HIGHEST = 99   # priority that Linux has
+OUTAGE = 10.0  # [s] for which a page outlives its connection; then it loads anew
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -186,4 +187,5 @@ def serve(source: Any, title: str, controls: bool, args: argparse.Namespace) -> 
     gc.freeze()   # a later collection skips the objects of the start, and is shorter
     ui.run(host=args.host, port=args.port, title='obc view', reload=False,
            show=address if not args.no_browser else False, show_welcome_message=False,
+           reconnect_timeout=OUTAGE,
            favicon='\u2708', fastapi_docs=False, uvicorn_logging_level='warning')

@@ -76,7 +76,7 @@ class Viewer:
         self.helm.take(page)
 
     def remove(self, page: str) -> None:
-        """Forget a page that has closed; the loop goes on as it is."""
+        """Forget a page that has closed or lost its connection; the loop goes on as it is."""
         self._canvases.pop(page, None)
         self.helm.leave(page)
 
@@ -106,8 +106,11 @@ class LoopPage:
                 if isinstance(viewer.source, LoopClient):
                     self._build_panels(viewer.source)
         # A request without a browser behind it gets no frames and no control.
-        ui.context.client.on_connect(lambda: viewer.add(self._page, self._canvas))
-        ui.context.client.on_delete(lambda: viewer.remove(self._page))
+        client = ui.context.client
+        client.on_connect(lambda: viewer.add(self._page, self._canvas))
+        # An old connection may end after the page has a new one.
+        client.on_disconnect(
+            lambda: client.has_socket_connection or viewer.remove(self._page))
         ui.keyboard(on_key=self._press)
         ui.timer(SLOW, self._refresh)
 
