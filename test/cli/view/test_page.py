@@ -29,9 +29,10 @@ CHROMIUM = next(filter(None, map(shutil.which, (
     'chromium', 'chromium-browser', 'google-chrome'))), '')
 pytestmark = [
     pytest.mark.nodes,
+    pytest.mark.xdist_group('page'),   # three loops with three browsers overload two cores
     pytest.mark.skipif(not CHROMIUM, reason='no Chromium: apt-get install chromium')]
 LATCHED = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-WAIT = 30_000.0   # [ms] of a step in the browser
+WAIT = 60_000.0   # [ms] of a step in the browser
 HOSTILE = '<img src=x onerror="window.pwned=1"><script>window.pwned=1</script>{{ 7*7 }}'
 # Whether the last cell of a row is another than before.
 CHANGED = """([what, before]) => [...document.querySelectorAll('tr')].some(
@@ -83,7 +84,7 @@ class Site:
         self.domain, self.folder, self.browser = domain, folder, browser
         self.spawner('plant_simulator', AIRCRAFT)
         self.spawner('lqr_node', {'system': 'aircraft', 'use_sim_time': True})
-        self.spawner('trajectory_server', {'workers': 1})
+        self.spawner('trajectory_server', {'workers': 1, 'plan_lead': 3.0})
         self.probe = Probe(domain)
         self.designs = self.probe.listen(LqrDesign, 'lqr_node/design', LATCHED)
         self.states = self.probe.listen(State, 'state')
@@ -320,6 +321,21 @@ def test_a_second_page_watches_until_it_takes_the_control(site, page):
     second.get_by_role('button', name='this page controls').wait_for()
     page.get_by_role('button', name='watching: take control').wait_for()
     second.context.close()
+
+
+def test_a_page_whose_connection_breaks_keeps_what_was_typed_and_the_control(site, page):
+    tab(page, 'Plan')
+    field = page.get_by_label('duration [s], 0: chosen')
+    field.fill('7.5')
+    canvas = page.locator('.obc-plane')
+    page.evaluate('window.connections = 0; window.socket.on("connect", () => ++connections)')
+    page.evaluate('window.socket.io.engine.close()')
+    page.wait_for_function('window.connections === 1')   # a page loaded anew has no such variable
+    assert field.input_value() == '7.5'
+    page.get_by_role('button', name='this page controls').wait_for()
+    site.settle()
+    shown = canvas.get_attribute('aria-label')
+    site.probe.wait_for(lambda: canvas.get_attribute('aria-label') != shown, 30.0)
 
 
 def test_the_plant_is_paused_and_disturbed(site, page):
