@@ -20,8 +20,8 @@ SMOKE := $(addprefix test/,nodes/test_loop_over_dds.py nodes/test_server_request
 	nodes/test_parameter_files.py ros/test_middleware.py)
 
 # Tests with nodes wait half of their time: three workers keep two cores at work. Each takes the
-# next tests of the order that test/conftest.py gives. Tests of one xdist_group, which share a loop
-# and a browser, go to one worker.
+# next tests of the order that test/conftest.py gives. Tests that share a loop and a browser go to
+# one worker.
 TESTS := $(BIN)/pytest -n 3 --dist loadgroup --no-loadscope-reorder
 PIP := $(BIN)/python -m pip --disable-pip-version-check
 # What takes minutes shows what it does, and for how long.

@@ -53,6 +53,9 @@ _DOOR, _ROOM = (os.open(path, os.O_RDONLY) for path in (__file__, Path(__file__)
 
 QUICK = 0.5  # [s] of processor time that a test may take without the marker `slow`
 
+# Files whose tests share a loop or a browser: three of them would overload two cores.
+TOGETHER = ('test/cli/view/test_page.py', 'test/nodes/test_hostile.py')
+
 _SPAWNER = pytest.StashKey[support.Spawner]()
 _PURE = bool(explain_missing_ros())
 
@@ -108,6 +111,18 @@ def _kind(item: pytest.Item) -> str:
     if any(each.scope == 'module' for each in found):
         return 'shared'   # other tests in between would end the fixture
     return 'nodes' if item.get_closest_marker('nodes') else 'slow'
+
+
+@pytest.hookimpl(optionalhook=True)   # of pytest-xdist, whose own groups pytest 9.2 ignores
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
+    """Return the scheduler of `--dist loadgroup`: the tests of `TOGETHER` go to one worker."""
+    from xdist.scheduler import LoadScopeScheduling
+
+    class Scheduling(LoadScopeScheduling):
+        def _split_scope(self, nodeid: str) -> str:
+            return next(filter(nodeid.startswith, TOGETHER), nodeid)
+
+    return Scheduling(config, log) if config.getvalue('dist') == 'loadgroup' else None
 
 
 @pytest.hookimpl(wrapper=True, tryfirst=True)
