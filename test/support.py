@@ -14,6 +14,7 @@ import time
 from typing import Any
 
 import _machine  # of benchmarks/
+from obc_ros.cli.processes import die_with_parent
 import yaml
 
 children = _machine.children
@@ -120,7 +121,7 @@ class Process:
         with log.open('wb') as output:
             self.popen = subprocess.Popen(
                 self.command, stdin=subprocess.DEVNULL, stdout=output, stderr=subprocess.STDOUT,
-                env=environment(domain), start_new_session=True)
+                env=environment(domain), start_new_session=True, preexec_fn=die_with_parent)
 
     @property
     def pid(self) -> int:
