@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""A closed loop of `plant_simulator` and `lqr_node` as processes, in lockstep."""
+"""Nodes as processes whose topics are recorded, and a loop with `lqr_node` in lockstep."""
 
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import closing, contextmanager
@@ -50,6 +50,44 @@ class Run:
     t: Array
     x: Array
     u: Array
+
+
+@dataclass(frozen=True, eq=False)
+class RecordedNodes:
+    """
+    Nodes as processes, and the client that records their topics.
+
+    Attributes
+    ----------
+    children : Children
+        The processes.
+    recorder : Recorder
+        Writes the topics.
+    pilot : Pilot
+        The client.
+
+    """
+
+    children: Children
+    recorder: Recorder
+    pilot: Pilot
+
+    def start(self, node: str, parameters: Mapping[str, Any],
+              renamed: Mapping[str, str] | None = None) -> None:
+        """Start a node with parameters, and with other names for topics."""
+        self.children.start(
+            node, *(word for name, value in parameters.items()
+                    for word in ('-p', write_argument(name, value))),
+            *(word for topic, name in (renamed or {}).items()
+              for word in ('-r', f'{topic}:={name}')))
+
+
+@contextmanager
+def record_nodes(folder: Path, controller: str) -> Iterator[RecordedNodes]:
+    """Yield a client of `controller` that starts nodes; all of them end with the block."""
+    with (Children(folder / 'log') as children, Recorder(folder) as recorder,
+          closing(Pilot(children, recorder, controller=controller)) as pilot):
+        yield RecordedNodes(children, recorder, pilot)
 
 
 class NodeLoop:
@@ -174,20 +212,14 @@ def run_loop(folder: Path, plant: Mapping[str, Any], regulator: Mapping[str, Any
     note(run_node('lqr_node', regulator))
     note(DESIGN)
     plant, regulator = {**PACE, **plant}, {**PATIENT, **regulator}
-    with Children(folder / 'log') as children, Recorder(folder) as recorder:
-        children.start('plant_simulator', *list_arguments(plant))
-        children.start('lqr_node', *list_arguments(regulator))
-        with closing(Pilot(children, recorder)) as pilot:
-            pilot.wait(lambda: bool(pilot.designs) and pilot.hears('command')
-                       and bool(pilot.states.stamp), 'the loop', 60.0)
-            pilot.pause(True)
-            yield NodeLoop(pilot, recorder, note)
-
-
-def list_arguments(parameters: Mapping[str, Any]) -> list[str]:
-    """Return parameters as arguments of a node."""
-    return [word for name,
-            value in parameters.items() for word in ('-p', write_argument(name, value))]
+    with record_nodes(folder, 'lqr_node') as nodes:
+        nodes.start('plant_simulator', plant)
+        nodes.start('lqr_node', regulator)
+        pilot = nodes.pilot
+        pilot.wait(lambda: bool(pilot.designs) and pilot.hears('command')
+                   and bool(pilot.states.stamp), 'the loop', 60.0)
+        pilot.pause(True)
+        yield NodeLoop(pilot, nodes.recorder, note)
 
 
 def reshape_rows(values: NDArray[np.float64], width: int) -> NDArray[np.float64]:

@@ -58,7 +58,7 @@ def receding_horizon_2(desk: Desk) -> EntryResult:
         rows.append(ComparedRow(
             f'all inputs of the plan from {len(grid)} states, $N = {N}$', planned[N],
             plan.find_inputs(grid)[0], f'enumeration of {3**N} active sets'))
-    run = run_receding(desk, 'double_integrator', {
+    run = run_receding(desk, {
         'system': 'double_integrator', 'x0': list(X0), 'publish_rate': 1.0 / PERIOD}, {
         'system': 'double_integrator', 'Qx': list(QX), 'Qu': [QU], 'rate': 1.0 / PERIOD,
         'horizon': 2 * PERIOD, 'u_limits': [-BOUND, BOUND]}, DURATION)

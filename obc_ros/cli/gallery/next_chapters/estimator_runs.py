@@ -3,18 +3,15 @@
 """Runs of plant_simulator with estimator_node, for entries of the gallery."""
 
 from collections.abc import Mapping
-from contextlib import closing
 from dataclasses import dataclass
 import time
 from typing import Any
 
 import numpy as np
 from obc_ros.cli.flight_client import Pilot, Samples
-from obc_ros.cli.gallery.loop import list_arguments, UnansweredError
+from obc_ros.cli.gallery.loop import record_nodes, UnansweredError
 from obc_ros.cli.gallery.ros2_commands import run_node, write_service_call
 from obc_ros.cli.gallery.runner import Desk
-from obc_ros.cli.processes import Children
-from obc_ros.cli.recording import Recorder
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.msg import Estimate, Measurement, State
 from obc_ros.srv import SuggestNoise
@@ -55,17 +52,15 @@ class EstimatedRun:
     true: Array
 
 
-def run_estimator(desk: Desk, name: str, plant: Mapping[str, Any], estimator: Mapping[str, Any],
-                  count: int) -> EstimatedRun:
+def run_estimator(desk: Desk, plant: Mapping[str, Any], estimator: Mapping[str, Any], count: int
+                  ) -> EstimatedRun:
     """
-    Return what the nodes estimate, from the first estimate that is heard on.
+    Return estimates of a plant, from the first one that arrives.
 
     Parameters
     ----------
     desk : Desk
-        Keeps the commands.
-    name : str
-        Of the recording.
+        Of the entry.
     plant, estimator : mapping
         Parameters of the nodes. The estimator has the rate 0: one estimate after each
         measurement.
@@ -86,55 +81,49 @@ def run_estimator(desk: Desk, name: str, plant: Mapping[str, Any], estimator: Ma
     desk.note(run_node('plant_simulator', plant, RENAMED))
     desk.note(run_node('estimator_node', estimator))
     desk.note(ECHO)
-    folder = desk.name_folder(name)
     heard = {kind: Samples() for kind in (Measurement, Estimate, State)}
     topics = {Measurement: 'measurement', Estimate: 'estimator_node/estimate',
               State: RENAMED['state']}
-    with Children(folder / 'log') as children, Recorder(folder) as recorder:
-        # It is paused after its first states: the nodes begin together.
-        children.start('plant_simulator', *list_arguments(
-            {**plant, 'pause_at': 1.0 / plant['publish_rate']}),
-            '-r', f'state:={RENAMED["state"]}')
-        children.start('estimator_node', *list_arguments(estimator))
-        with closing(Pilot(children, recorder, controller='estimator_node')) as pilot:
-            for kind, samples in heard.items():
-                recorder.subscribe(pilot.node, topics[kind], kind, samples.append)
-            _begin(pilot, heard[Estimate])
-            pilot.pause(False)
-            pilot.wait(lambda: len(heard[Estimate].stamp) >= count, f'{count} estimates', LONGEST)
-            pilot.pause(True)
+    with record_nodes(desk.name_folder(plant['system']), 'estimator_node') as nodes:
+        pilot = nodes.pilot
+        for kind, samples in heard.items():
+            nodes.recorder.subscribe(pilot.node, topics[kind], kind, samples.append)
+        # The plant is paused after its first states: the nodes begin together.
+        nodes.start('plant_simulator', {**plant, 'pause_at': 1.0 / plant['publish_rate']}, RENAMED)
+        nodes.start('estimator_node', estimator)
+        _begin(pilot, heard[Estimate])
+        pilot.pause(False)
+        pilot.wait(lambda: len(heard[Estimate].stamp) >= count, f'{count} estimates', LONGEST)
+        pilot.pause(True)
     return _read(heard, count)
 
 
-def ask_estimator(desk: Desk, name: str, estimator: Mapping[str, Any],
-                  request: SuggestNoise.Request) -> SuggestNoise.Response:
+def ask_estimator(desk: Desk, estimator: Mapping[str, Any], request: SuggestNoise.Request
+                  ) -> SuggestNoise.Response:
     """
-    Return the process noise that estimator_node suggests.
+    Return the answer of estimator_node to a request for process noise.
 
     Parameters
     ----------
     desk : Desk
-        Keeps the commands.
-    name : str
-        Of the recording.
+        Of the entry.
     estimator : mapping
         Parameters of the node.
     request : SuggestNoise.Request
-        With the gain of the regulator.
+        The request, with the gain of the regulator.
 
     Raises
     ------
     UnansweredError
-        If it has no suggestion.
+        If the node rejects the request.
 
     """
     desk.note(run_node('estimator_node', estimator))
     desk.note(write_service_call('suggest_weights', SuggestNoise, request, 'estimator_node'))
-    folder = desk.name_folder(name)
-    with Children(folder / 'log') as children, Recorder(folder) as recorder:
-        children.start('estimator_node', *list_arguments(estimator))
-        with closing(Pilot(children, recorder, controller='estimator_node')) as pilot:
-            answer = pilot.call(SuggestNoise, 'estimator_node/suggest_weights', request, LONGEST)
+    with record_nodes(desk.name_folder('suggestion'), 'estimator_node') as nodes:
+        nodes.start('estimator_node', estimator)
+        answer = nodes.pilot.call(
+            SuggestNoise, 'estimator_node/suggest_weights', request, LONGEST)
     if not answer.success:
         raise UnansweredError(f'estimator_node: {answer.message}')
     return answer

@@ -37,7 +37,7 @@ def estimation_1(desk: Desk) -> EntryResult:
         {'A': [[a]], 'B': [[1.0]], 'Qx': [q], 'Qu': [1.0]} for a, q in cases])
     sampled = [sampled_lqe([[1.0]], [[1.0]], [[1.0]], [[1.0 / h]], h) for h in PERIODS]
     wanted = np.array([solve_sampled_scalar_filter(1.0, 1.0, 1.0 / h, h) for h in PERIODS])
-    run = run_estimator(desk, 'scalar', {
+    run = run_estimator(desk, {
         'system': 'scalar', 'system_parameters.a': A, 'publish_rate': RATE,
         'measurement.x.rate': RATE, 'measurement.x.noise': DEVIATION, **GUST}, {
         'system': 'scalar', 'system_parameters.a': A, 'Qw': [Q], 'Rv': [DEVIATION**2],

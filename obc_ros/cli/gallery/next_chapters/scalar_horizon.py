@@ -34,7 +34,7 @@ def receding_horizon_1(desk: Desk) -> EntryResult:
     alpha, beta, P, K = solve_sampled_scalar(A, B, 1.0, 1.0, PERIOD)
     problem = state_scalar_problem(HORIZONS[-1])
     first = np.array([_plan_first_inputs(N) for N in HORIZONS])
-    run = run_receding(desk, 'scalar', {
+    run = run_receding(desk, {
         'system': 'scalar', 'x0': [X0], 'publish_rate': 1.0 / PERIOD}, {
         'system': 'scalar', 'Qx': [1.0], 'Qu': [1.0], 'rate': 1.0 / PERIOD,
         'horizon': 20 * PERIOD, 'u_limits': [-BOUND, BOUND]}, DURATION)

@@ -41,7 +41,7 @@ def estimation_2(desk: Desk) -> EntryResult:
     trackers = [_design_tracker(index) for index in INDICES]
     kalata = np.array([solve_tracking_filter(index) for index in INDICES])
     Rv = np.array([[DEVIATION**2]])
-    run = run_estimator(desk, 'double_integrator', {
+    run = run_estimator(desk, {
         'system': 'double_integrator', 'x0': [0.0, 1.0], 'publish_rate': RATE,
         'measurement.x1.rate': RATE, 'measurement.x1.noise': DEVIATION}, {
         'system': 'double_integrator', 'outputs': ['x1'], 'Qw': [0.0, Q],
