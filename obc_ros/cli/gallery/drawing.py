@@ -1,13 +1,15 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""Panels of the gallery: sizes, labels, legends and arrows."""
+"""Panels of the gallery: sizes, labels, legends, arrows and poles."""
 
+from collections.abc import Iterable
 from typing import Any
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 import numpy as np
-from obc_ros.core.library.figures.style import WIDTH
+from numpy.typing import NDArray
+from obc_ros.core.library.figures.style import EXACT_LINE, LINE_COLOURS, THIN, WIDTH
 
 HEIGHT = 3.5  # [in] of one row
 
@@ -89,3 +91,31 @@ def draw_arrow(axes: Axes, start: Any, direction: Any, **style: Any) -> None:
     begin, by = np.asarray(start, dtype=float), np.asarray(direction, dtype=float)
     axes.annotate('', begin + by, begin, arrowprops={'arrowstyle': '-|>', 'linewidth': 1.8,
                                                      'shrinkA': 0, 'shrinkB': 0, **style})
+
+
+def draw_pole_pairs(axes: Axes, pairs: Iterable[tuple[NDArray[np.complex128], str]], title: str
+                    ) -> None:
+    """
+    Draw pairs of complex poles of the damping ratio 1/sqrt(2), and the rays on which they are.
+
+    Parameters
+    ----------
+    axes : Axes
+        The panel.
+    pairs : iterable of (ndarray, str)
+        The poles (2,) [rad/s] of each pair, and the text beside the upper one; empty: none.
+    title : str
+        Of the panel.
+
+    """
+    ray = np.array([-2.6, 0.0])
+    for sign in (1, -1):
+        axes.plot(ray, sign * ray, **EXACT_LINE)
+    for poles, text in pairs:
+        axes.plot(poles.real, poles.imag, 'o', color=LINE_COLOURS[0])
+        upper = poles[np.argmax(poles.imag)]
+        axes.annotate(text, (upper.real, upper.imag), (7, 2), textcoords='offset points')
+    axes.axhline(0, **THIN)
+    axes.axvline(0, color='black', linewidth=1)
+    axes.set(xlim=(-2.7, 1.2), ylim=(-2.7, 2.7))
+    label_axes(axes, title, 'real part [rad/s]', 'imaginary part [rad/s]')

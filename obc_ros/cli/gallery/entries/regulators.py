@@ -7,7 +7,7 @@ from typing import Any
 
 from matplotlib.figure import Figure
 import numpy as np
-from obc_ros.cli.gallery.drawing import create_panels, label_axes
+from obc_ros.cli.gallery.drawing import create_panels, draw_pole_pairs, label_axes
 from obc_ros.cli.gallery.entry import ComparedRow, EntryResult, GalleryEntry
 from obc_ros.cli.gallery.exact_loops import compute_free_motion, run_sampled_loop
 from obc_ros.cli.gallery.loop import Run
@@ -236,21 +236,10 @@ def _draw_2_4(found: list[AnsweredRegulator], right: Run, wrong: Run) -> Figure:
 
 
 def _draw_poles(axes: Any, found: list[AnsweredRegulator]) -> None:
-    """Draw the closed-loop poles over q, and those of the printed gain for the extreme q."""
-    ray = np.array([-2.6, 0.0])
-    for sign in (1, -1):
-        axes.plot(ray, sign * ray, **EXACT_LINE)
-    for q, each in zip(WEIGHTS, found, strict=True):
-        axes.plot(each.E.real, each.E.imag, 'o', color=LINE_COLOURS[0])
-        if q in (0.1, 1.0, 4.0, 10.0):
-            top = each.E[np.argmax(each.E.imag)]
-            axes.annotate(f'$q = {q:g}$', (top.real, top.imag), (7, 2),
-                          textcoords='offset points')
-    axes.axhline(0, **THIN)
-    axes.axvline(0, color='black', linewidth=1)
-    axes.set(xlim=(-2.7, 1.2), ylim=(-2.7, 2.7))
-    label_axes(axes, r'poles $\sqrt{q/2}\,(-1 \pm i)$', 'real part [rad/s]',
-               'imaginary part [rad/s]')
+    """Draw the closed-loop poles over q."""
+    texts = [f'$q = {q:g}$' if q in (0.1, 1.0, 4.0, 10.0) else '' for q in WEIGHTS]
+    draw_pole_pairs(axes, zip((each.E for each in found), texts, strict=True),
+                    r'poles $\sqrt{q/2}\,(-1 \pm i)$')
 
 
 THEOREM_2_2 = GalleryEntry(

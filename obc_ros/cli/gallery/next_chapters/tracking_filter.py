@@ -7,7 +7,7 @@ from typing import Any
 
 from matplotlib.figure import Figure
 import numpy as np
-from obc_ros.cli.gallery.drawing import create_panels, label_axes
+from obc_ros.cli.gallery.drawing import create_panels, draw_pole_pairs, label_axes
 from obc_ros.cli.gallery.entry import ComparedRow, EntryResult, GalleryEntry
 from obc_ros.cli.gallery.next_chapters.estimator_runs import EstimatedRun, run_estimator
 from obc_ros.cli.gallery.next_chapters.exact_filters import (
@@ -17,7 +17,7 @@ from obc_ros.cli.gallery.next_chapters.exact_filters import (
 )
 from obc_ros.cli.gallery.runner import Desk
 from obc_ros.core.estimation.kalman_gain import dlqe, KalmanDesign, lqe
-from obc_ros.core.library.figures.style import EXACT_LINE, get_line, LINE_COLOURS, THIN
+from obc_ros.core.library.figures.style import EXACT_LINE, get_line, LINE_COLOURS
 from obc_ros.core.numerics.arrays import Array
 from scipy.linalg import solve_discrete_are
 
@@ -101,20 +101,9 @@ def _draw(filters: list[KalmanDesign], trackers: list[KalmanDesign], run: Estima
     gains.plot([], [], label='closed form', **EXACT_LINE)
     label_axes(gains, 'gain', '$q/r$ [s$^{-4}$]', '$L_1$ [s$^{-1}$], $L_2$ [s$^{-2}$]',
                legend='upper left')
-    ray = np.array([-2.6, 0.0])
-    for sign in (1, -1):
-        plane.plot(ray, sign * ray, **EXACT_LINE)
-    for q, each in zip(RATIOS, filters, strict=True):
-        plane.plot(each.E.real, each.E.imag, 'o', color=LINE_COLOURS[0])
-        top = each.E[np.argmax(each.E.imag)]
-        if q >= 1:
-            plane.annotate(f'$q/r = {q:g}$', (top.real, top.imag), (7, 2),
-                           textcoords='offset points')
-    plane.axhline(0, **THIN)
-    plane.axvline(0, color='black', linewidth=1)
-    plane.set(xlim=(-2.7, 1.4), ylim=(-2.7, 2.7))
-    label_axes(plane, r'poles $\omega\,(-1 \pm i)/\sqrt{2}$', 'real part [s$^{-1}$]',
-               'imaginary part [s$^{-1}$]')
+    texts = [f'$q/r = {q:g}$' if q >= 1 else '' for q in RATIOS]
+    draw_pole_pairs(plane, zip((each.E for each in filters), texts, strict=True),
+                    r'poles $\omega\,(-1 \pm i)/\sqrt{2}$')
     _draw_tracking(tracking, trackers)
     _draw_run(time, run)
     return figure
