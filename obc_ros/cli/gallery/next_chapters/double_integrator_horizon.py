@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""A double integrator with a bounded input: the plan is piecewise affine, and not saturated."""
+"""A double integrator with a bounded input: the plan is not the saturated regulator."""
 
 from typing import Any
 
@@ -21,11 +21,11 @@ from obc_ros.core.receding.step_solver import StepSolver
 from obc_ros.core.systems.registry import get_system
 
 PERIOD, BOUND, QX, QU = 0.5, 1.0, (1.0, 0.0), 0.05
-SPAN = (6.0, 3.0)                      # of positions and velocities, both signs
-COUNTS = (17, 13)                      # states of the grid, at which the plans are compared
+SPAN = (6.0, 3.0)                      # [m], [m/s] largest magnitudes on the grids
+COUNTS = (17, 13)                      # of positions and velocities, where plans are compared
 X0, DURATION = (4.0, 0.0), 10.0        # of the runs
-LEVELS = (-1.25, -1.0, -0.75, -0.5, -0.25, -0.02, 0.02, 0.25, 0.5, 0.75, 1.0, 1.25)
-CHECKED = (1, 2, 4)                    # periods of plans on the grid
+LEVELS = (-1.25, -1.0, -0.75, -0.5, -0.25, -0.02, 0.02, 0.25, 0.5, 0.75, 1.0, 1.25)   # [m/s^2]
+CHECKED = (1, 2, 4)                    # horizons of the compared plans, in periods
 
 
 def state_bounded_problem(horizon: int) -> RecedingProblem:
@@ -63,17 +63,17 @@ def receding_horizon_2(desk: Desk) -> EntryResult:
         'system': 'double_integrator', 'Qx': list(QX), 'Qu': [QU], 'rate': 1.0 / PERIOD,
         'horizon': 2 * PERIOD, 'u_limits': [-BOUND, BOUND]}, DURATION)
     x, u = _follow(exact[2], len(run.t), is_planned=True)
-    rows += [ComparedRow('the same, $N = 1$', planned[1][:, 0], exact[1].saturate(grid),
-                         '$sat(-Kx)$'),
+    rows += [ComparedRow('the input of the plan, $N = 1$', planned[1][:, 0],
+                         exact[1].saturate(grid), '$sat(-Kx)$'),
              ComparedRow('`mpc_node`, $N = 2$: $x(t)$', run.x, x, 'recursion by enumeration'),
              ComparedRow('`mpc_node`, $N = 2$: $u(t)$', run.u[:, 0], u, 'the same recursion')]
     differs = float(np.abs(exact[2].find_inputs(grid)[0][:, 0] - exact[2].saturate(grid)).max())
     return EntryResult(rows, _draw(exact[2], run), (
         'Left: the active sets of $N = 2$. In each region the first input is an affine function '
-        'of $x$. Right: the first input minus $sat(-Kx)$. Where the second input will be at its '
-        f'bound, the first one brakes earlier, by up to {differs:.2g} on the grid of the table. '
-        'For $N = 1$ the plan is $sat(-Kx)$ exactly. Below: both laws from a state at rest. The '
-        'saturated regulator brakes too late, and overshoots more.',))
+        'of $x$. Right: the first input minus $sat(-Kx)$. Where the second input is at a bound, '
+        f'the first input differs from $sat(-Kx)$, by up to {differs:.2g} m/s² at the states of '
+        'the table. For $N = 1$ the plan is $sat(-Kx)$. Below: runs with both laws from rest. The '
+        'saturated regulator brakes later and overshoots more.',))
 
 
 def _plan(horizon: int, grid: Array) -> Array:
@@ -102,7 +102,7 @@ def _draw(plan: EnumeratedPlan, run: Run) -> Figure:
     gap = (found[:, 0] - plan.saturate(grid)).reshape(fine).T
     axes_of = [np.linspace(*extent[2 * i:2 * i + 2], fine[i]) for i in range(2)]
     image = difference.contourf(*axes_of, gap, levels=LEVELS, cmap='PuOr')
-    figure.colorbar(image, ax=difference, ticks=[-1.0, -0.5, 0.0, 0.5, 1.0])
+    figure.colorbar(image, ax=difference, ticks=[-1.0, -0.5, 0.0, 0.5, 1.0], label='[m/s$^2$]')
     label_axes(difference, r'first input $-\,\mathrm{sat}(-Kx)$', 'position $x_1$ [m]',
                'velocity $x_2$ [m/s]')
     x, u = _follow(plan, len(run.t), is_planned=False)
@@ -148,7 +148,8 @@ RECEDING_HORIZON_2 = GalleryEntry(
         "$x_1' = x_2$, $x_2' = u$, $|u| ≤ 1$ with an input that is held for half a second, and "
         '$J = ∫ (x_1^2 + 0.05 u^2) dt$ over $N$ periods plus the cost-to-go $x^T P x$ of the '
         'sampled regulator at the end.',
-        'The plan solves a quadratic program with $2N$ bounds. For each of the $3^N$ sets of '
-        'active bounds the conditions of Karush, Kuhn and Tucker are linear; at each state '
-        'one of their solutions fulfils them all. Is it the saturated regulator?'),
+        'The plan solves a quadratic program with $2N$ bounds. For each of the $3^N$ active sets '
+        'the equations of Karush, Kuhn and Tucker are linear. At each state the solution of one '
+        'active set fulfils the inequalities too: it is the plan. Is its first input that of the '
+        'saturated regulator?'),
     receding_horizon_2, in_book=False)

@@ -27,16 +27,16 @@ from scipy.optimize import brentq
 
 A, B, C = np.array([[1.0, 1.0], [0.0, 1.0]]), np.array([[0.0], [1.0]]), np.array([[1.0, 0.0]])
 ONES = np.ones((2, 2))
-WEIGHTS = (1.0, 10.0, 100.0, 1000.0)                # q, and sigma
-CASES = ((10.0, 10.0), (100.0, 100.0), (100.0, 1.0), (1.0, 100.0), (1000.0, 10.0))
-Q = 100.0            # of the figure and of the node
-ADDED = (0.0, *np.logspace(1, 8, 15))
-PERIOD = 0.002       # [s] of the node
+WEIGHTS = (1.0, 10.0, 100.0, 1000.0)                # values of q, and of sigma
+CASES = ((10.0, 10.0), (100.0, 100.0), (100.0, 1.0), (1.0, 100.0), (1000.0, 10.0))   # q and sigma
+Q = 100.0                       # q and sigma of the recovery and of the node
+ADDED = np.logspace(1, 8, 15)   # process noise q_a of the figure
+PERIOD = 0.002                  # [s] of the node
 
 
 def find_gain_interval(f: float, L: Array) -> tuple[float, float]:
     """
-    Return the gains m of the plant for which the loop is stable, by the criterion of Hurwitz.
+    Return the interval of gains m of the plant, around 1, in which the loop is stable.
 
     Parameters
     ----------
@@ -48,7 +48,8 @@ def find_gain_interval(f: float, L: Array) -> tuple[float, float]:
     Returns
     -------
     low, high : float
-        s^4 + a3 s^3 + a2 s^2 + a1 s + a0 has its roots on the left for low < m < high.
+        Edges of the interval, by the criterion of Hurwitz for the characteristic polynomial
+        s^4 + a3 s^3 + a2 s^2 + a1 s + a0, whose a1 and a0 are affine in m.
 
     """
     l1, l2 = map(float, L)   # NumPy numbers times a poly1d would be arrays
@@ -56,16 +57,16 @@ def find_gain_interval(f: float, L: Array) -> tuple[float, float]:
     a1 = np.poly1d([f * (l1 + l2), 3.0 * (l1 + f) - 4.0 - 2.0 * (l1 * f + f + l2)])   # of m
     a0 = np.poly1d([-f * l1, 1.0 - l1 + l1 * f + l2])
     last = a3 * a2 * a1 - a1 * a1 - a3**2 * a0
-    edges = np.real([*a1.roots, *a0.roots, *(each for each in last.roots if abs(each.imag) == 0)])
+    edges = np.real([*a1.roots, *a0.roots, *(each for each in last.roots if each.imag == 0.0)])
     return float(edges[edges < 1.0].max()), float(edges[edges > 1.0].min())
 
 
 def find_whole_state_margins(f: float) -> tuple[float, float]:
     """
-    Return the least gain and the phase margin [rad] of K = f (1, 1) with the whole state.
+    Return the smallest gain m and the phase margin [rad] of K = f (1, 1) with the whole state.
 
-    The loop is f s/(s - 1)^2. It is stable for m > 2/f. It crosses 1 at w^2 - f w + 1 = 0 with the
-    argument pi/2 + 2 atan(w); both roots have the same distance from pi.
+    The loop f s/(s - 1)^2 is stable for m > 2/f. Its magnitude is 1 at both roots of
+    w^2 - f w + 1 = 0, where its argument is pi/2 + 2 atan(w) and has the same distance from pi.
     """
     return 2.0 / f, 2.0 * atan(0.5 * (f + sqrt(f * f - 4.0))) - 0.5 * pi
 
@@ -97,7 +98,7 @@ def estimation_3(desk: Desk) -> EntryResult:
         ComparedRow('smallest gain $m$',
                     [each.figures.gain_reduction_margin[0] for each in loops],
                     [find_gain_interval(f_, np.array([d, d]))[0] for f_, d in pairs],
-                    'Hurwitz, a quadratic equation in $m$'),
+                    'criterion of Hurwitz, a quadratic equation in $m$'),
         ComparedRow('smallest gain with the whole state',
                     [each.full_state.gain_reduction_margin[0] for each in loops],
                     [2.0 / f_ for f_, _ in pairs], '$2/f$'),
@@ -110,7 +111,7 @@ def estimation_3(desk: Desk) -> EntryResult:
         ComparedRow('the same: smallest and largest gain $m$',
                     [recovered.loop.figures.gain_reduction_margin[0],
                      recovered.loop.figures.gain_margin[0]], find_gain_interval(f, wanted),
-                    'Hurwitz'),
+                    'criterion of Hurwitz'),
         ComparedRow('`estimator_node`: smallest gain of the sampled loop, before, after, and with '
                     'the whole state', answer.gain_reduction_margin,
                     [low for low, _ in sampled], 'spectral radius of the loop'),
@@ -123,7 +124,7 @@ def estimation_3(desk: Desk) -> EntryResult:
         'With the whole state every $m > 2/f$ is stable. Below, left: Nyquist curves of the loop, '
         'opened at the input of the plant. Right: with process noise $σ[[1, 1], [1, 1]] + q_a '
         'BB^T$ the interval grows with $q_a$ and tends to that of the whole state.',
-        f'`estimator_node`, sampled every {1e3 * PERIOD:g} ms, suggests to add '
+        f'`estimator_node`, sampled every {1e3 * PERIOD:g} ms, suggests adding '
         f'{answer.added:.0f} $BB^T$: the phase margin grows from {before:.3g} to {after:.3g} '
         f'degrees. With the whole state it is {whole:.3g} degrees.'))
 
@@ -140,24 +141,25 @@ def _sampled_interval(f: float, Qw: Array | None) -> tuple[float, float]:
     """Return the stable gains of the sampled loop with a filter, or with the whole state."""
     held = expm(PERIOD * np.block([[A, B], [np.zeros((1, 3))]]))
     Ad, Bd, K = held[:2, :2], held[:2, 2:], f * np.ones((1, 2))
+    # The loop is fixed + m scaled.
     if Qw is None:
-        def grow(m: float) -> float:
-            return float(abs(np.linalg.eigvals(Ad - m * Bd @ K)).max() - 1.0)
-    else:
+        fixed, scaled = Ad, -Bd @ K
+    else:   # states: x, and the estimate before a measurement
         Qd, R = sample_noise(A, Qw, PERIOD)[1], np.array([[1.0 / PERIOD]])
         P = solve_discrete_are(Ad.T, C.T, Qd, R)
-        M = P @ C.T @ np.linalg.inv(C @ P @ C.T + R)
+        M, zero = P @ C.T @ np.linalg.inv(C @ P @ C.T + R), np.zeros((2, 2))
+        estimate = np.hstack([M @ C, np.eye(2) - M @ C])
+        fixed = np.block([[Ad, zero], [(Ad - Bd @ K) @ estimate]])
+        scaled = np.vstack([-Bd @ K @ estimate, np.zeros((2, 4))])
 
-        def grow(m: float) -> float:   # states: x, and the estimate before a measurement
-            estimate = np.hstack([M @ C, np.eye(2) - M @ C])
-            ahead = (Ad - Bd @ K) @ estimate
-            plant = np.hstack([Ad, np.zeros((2, 2))]) - m * Bd @ K @ estimate
-            return float(abs(np.linalg.eigvals(np.vstack([plant, ahead]))).max() - 1.0)
+    def find_growth(m: float) -> float:
+        return float(abs(np.linalg.eigvals(fixed + m * scaled)).max() - 1.0)
+
     grid = np.concatenate([1.0 - np.logspace(-6, -1e-6, 400), 1.0 + np.logspace(-6, 4, 800)])
     found = []
     for side in (grid[:400], grid[400:]):
-        stable, unstable = 1.0, side[np.argmax([grow(m) >= 0.0 for m in side])]
-        found.append(brentq(grow, stable, unstable, xtol=1e-13, rtol=1e-14))
+        stable, unstable = 1.0, side[np.argmax([find_growth(m) >= 0.0 for m in side])]
+        found.append(brentq(find_growth, stable, unstable, xtol=1e-13, rtol=1e-14))
     return found[0], found[1]
 
 
@@ -232,16 +234,16 @@ def _respond(K: Array, L: Array, w: Array) -> Complex:
 def _draw_recovery(axes: Any, regulator: LqrDesign) -> None:
     """Draw the interval of stable gains over the added noise."""
     f, found = float(regulator.K[0, 0]), []
-    loops = [combine(regulator, lqe(A, C, Q * ONES + q * B @ B.T, [[1.0]])) for q in ADDED[1:]]
-    for q in ADDED[1:]:
+    loops = [combine(regulator, lqe(A, C, Q * ONES + q * B @ B.T, [[1.0]])) for q in ADDED]
+    for q in ADDED:
         found.append(find_gain_interval(f, solve_continuous_are(
             A.T, C.T, Q * ONES + q * B @ B.T, [[1.0]])[:, 0]))
     ends = np.array(found)
-    axes.loglog(ADDED[1:], ends[:, 1], label='Hurwitz', **EXACT_LINE)
-    axes.loglog(ADDED[1:], ends[:, 0], **EXACT_LINE)
-    axes.loglog(ADDED[1:], [each.figures.gain_margin[0] for each in loops], 'o',
+    axes.loglog(ADDED, ends[:, 1], label='Hurwitz', **EXACT_LINE)
+    axes.loglog(ADDED, ends[:, 0], **EXACT_LINE)
+    axes.loglog(ADDED, [each.figures.gain_margin[0] for each in loops], 'o',
                 color=LINE_COLOURS[0], label='largest $m$')
-    axes.loglog(ADDED[1:], [each.figures.gain_reduction_margin[0] for each in loops], 's',
+    axes.loglog(ADDED, [each.figures.gain_reduction_margin[0] for each in loops], 's',
                 color=LINE_COLOURS[1], label='smallest $m$')
     axes.axhline(2.0 / f, label='whole state, $2/f$', **THIN)
     label_axes(axes, rf'recovery, $q = \sigma = {Q:g}$', 'added noise $q_a$',

@@ -42,13 +42,13 @@ def solve_sampled_scalar_filter(a: float, q: float, R: float, h: float) -> tuple
     Returns
     -------
     before, after : float
-        before is the positive root of p^2 + (R - e^2 R - Q) p - Q R = 0 with e = exp(a h) and
-        Q = q (e^2 - 1)/(2 a); after = p R/(p + R).
+        before is the positive root of p^2 + (R - alpha^2 R - Q) p - Q R = 0 with alpha = exp(a h)
+        and Q = q (alpha^2 - 1)/(2 a); after = p R/(p + R).
 
     """
-    e = exp(2.0 * a * h)
-    Q = q * (e - 1.0) / (2.0 * a)
-    half = 0.5 * (R - e * R - Q)
+    square = exp(2.0 * a * h)   # of alpha
+    Q = q * (square - 1.0) / (2.0 * a)
+    half = 0.5 * (R - square * R - Q)
     before = -half + sqrt(half * half + Q * R)
     return before, before * R / (before + R)
 
@@ -60,8 +60,9 @@ def solve_tracking_filter(index: float) -> tuple[float, float]:
     Parameters
     ----------
     index : float
-        Tracking index s h^2/n of a random acceleration of deviation s that is constant for
-        periods h, and positions measured with deviation n.
+        Tracking index sigma_w h^2/sigma_v: the acceleration is random with the standard deviation
+        sigma_w and constant in each period h; positions are measured with the standard deviation
+        sigma_v.
 
     Returns
     -------
@@ -83,7 +84,7 @@ def sample_noise(A: Array, Qw: Array, h: float) -> tuple[Array, Array]:
     A, Qw : ndarray, shape (n, n)
         The plant and the intensity of its noise.
     h : float
-        [s]
+        Period [s].
 
     Returns
     -------
@@ -113,7 +114,7 @@ def run_filter(A: Array, C: Array, Qw: Array, Rv: Array, t: Array, y: Array, x: 
     Returns
     -------
     x, P : ndarray, shape (N, n) and (N, n, n)
-        In information form: P^-1 grows by C'Rv^-1 C with each measurement.
+        Computed in information form: each measurement adds C'Rv^-1 C to P^-1.
 
     """
     states, covariances = [x], [P]

@@ -10,7 +10,7 @@ from obc_ros.cli.gallery.next_chapters.exact_filters import sample_noise
 from obc_ros.core.numerics.arrays import Array
 from scipy.linalg import expm, solve_discrete_are
 
-ROUNDING_ERROR = 1e-9   # violation of a condition that is taken for rounding
+ROUNDING_ERROR = 1e-9   # violations of a condition up to this are rounding errors
 
 
 def solve_sampled_scalar(a: float, b: float, q: float, r: float, h: float
@@ -28,8 +28,9 @@ def solve_sampled_scalar(a: float, b: float, q: float, r: float, h: float
     Returns
     -------
     alpha, beta, P, K : float
-        x+ = alpha x + beta u, the cost-to-go P x^2 and the gain of u = -K x. The cost of a period
-        is integrated in closed form, and P is the positive root of a quadratic equation.
+        The plant is x+ = alpha x + beta u, the cost-to-go is P x^2, and the regulator is u = -K x.
+        The cost of a period is integrated in closed form. P is the positive root of a quadratic
+        equation.
 
     """
     one, two = (exp(a * h) - 1.0) / a, (exp(2.0 * a * h) - 1.0) / (2.0 * a)
@@ -89,7 +90,8 @@ class EnumeratedPlan:
         """
         Return the optimal inputs (k, N) and active sets (k, N) from states (k, n).
 
-        An active set has -1 for an input at its lower bound, 1 at the upper one, 0 inside.
+        An active set has -1 for an input at its lower bound, 1 for one at its upper bound, and 0
+        for one between them.
         """
         N = len(self._H)
         inputs, sets = np.full((len(x), N), np.nan), np.zeros((len(x), N), dtype=int)
@@ -101,7 +103,7 @@ class EnumeratedPlan:
             if free.any():
                 u[:, free] = -np.linalg.solve(self._H[np.ix_(free, free)], slope[:, free].T).T
                 slope = x @ self._F.T + u @ self._H
-            # The slope points out of the box at an active bound, and vanishes inside.
+            # At an active bound the cost falls outwards; for a free input the slope is zero.
             holds = (np.abs(u) <= self.bound + ROUNDING_ERROR).all(axis=1) & (
                 slope * signs <= ROUNDING_ERROR).all(axis=1)
             inputs[holds], sets[holds] = u[holds], signs

@@ -136,7 +136,8 @@ ESTIMATION_1 = GalleryEntry(
         '$p = r(a + √(a^2 + q/r))$. '
         "The filter $x_e' = ax_e + L(y - x_e)$ has the gain $L = p/r$ and the pole "
         '$-√(a^2 + q/r)$.',
-        'Measured once in each period $h$ with the variance $R_v$, the variance before a '
-        'measurement is the positive root of $p^2 + (R_v - e^2 R_v - Q)p - QR_v = 0$ with '
-        '$e = e^{ah}$ and $Q = q(e^2 - 1)/2a$.'),
+        'With one measurement of the variance $R_v$ in each period $h$, the variance of the '
+        'estimate before a measurement is the positive root of '
+        '$p^2 + (R_v - α^2 R_v - Q)p - QR_v = 0$ with $α = e^{ah}$ and $Q = q(α^2 - 1)/(2a)$, '
+        '$a ≠ 0$.'),
     estimation_1, in_book=False)

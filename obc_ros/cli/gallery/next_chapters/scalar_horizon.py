@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""A scalar plant with a bounded input: the plan of any length is the saturated regulator."""
+"""A scalar plant with a bounded input: the optimal first input is the saturated regulator's."""
 
 from matplotlib.figure import Figure
 import numpy as np
@@ -53,7 +53,7 @@ def receding_horizon_1(desk: Desk) -> EntryResult:
     return EntryResult(rows, _draw(first, K, run, x), (
         'Left: the first input of the plans. A longer horizon changes nothing: the saturated '
         f'regulator is optimal. Right: `mpc_node` from $x(0) = {X0:g}$. For $|x| > 1$ the '
-        'bounded input cannot stop the plant. From 0.9 it brakes at its bound for about two '
+        'bounded input cannot stop the plant. From 0.9 the input is at its bound for about two '
         'seconds.',))
 
 

@@ -23,7 +23,7 @@ from scipy.linalg import solve_discrete_are
 
 A, C = np.array([[0.0, 1.0], [0.0, 0.0]]), np.array([[1.0, 0.0]])
 RATIOS = (1e-2, 0.1, 1.0, 4.0, 16.0, 100.0)        # q/r [1/s^4]
-INDICES = (0.01, 0.1, 0.3, 1.0, 3.0, 10.0)         # of tracking
+INDICES = (0.01, 0.1, 0.3, 1.0, 3.0, 10.0)         # tracking indices
 # The run: a body at 1 m/s, its position measured at 20 Hz.
 Q, DEVIATION, RATE, COUNT = 0.01, 0.2, 20.0, 200
 
@@ -61,8 +61,9 @@ def estimation_2(desk: Desk) -> EntryResult:
                     [abs(each.E[0]) for each in filters], omega, '$ω = (q/r)^{1/4}$'),
         ComparedRow('damping ratio $ζ$', [-each.E[0].real / abs(each.E[0]) for each in filters],
                     np.full(len(RATIOS), 1 / sqrt(2)), '$1/√2$'),
-        ComparedRow('bandwidth of the filter [rad/s]', [each.bandwidth[0] for each in filters],
-                    omega * sqrt(1 + sqrt(2)), '$ω √(1 + √2)$'),
+        ComparedRow('crossover frequency of the filter [rad/s]',
+                    [each.bandwidth[0] for each in filters], omega * sqrt(1 + sqrt(2)),
+                    '$ω √(1 + √2)$'),
         ComparedRow('$K$ of the regulator for $(A^T, C^T, Q_w, R_v)$',
                     [each.K.ravel() for each in duals],
                     np.column_stack([sqrt(2.0) * omega, omega**2]), '$L^T$, duality'),
@@ -75,16 +76,17 @@ def estimation_2(desk: Desk) -> EntryResult:
         ComparedRow('`estimator_node`: position and velocity', run.x, again[0],
                     'recursion with the same measurements')]
     return EntryResult(rows, _draw(filters, trackers, run), (
-        'Above: the poles of the filter are on two rays: the damping is the same for every $q/r$, '
-        'and the gain depends on $ω$ only. This is the dual of Example 2.4. Below, left: with an '
-        'acceleration that is constant in each period $h$, of the deviation $σ_w$, and '
-        'measurements of the deviation $σ_v$, the gain of the sampled filter is $(α, β/h)$ and '
-        'depends on the tracking index $σ_w h^2/σ_v$. Right: a body at a constant velocity of 1 '
-        'm/s, whose position is measured 20 times a second; the velocity is not measured.',))
+        'Above: the gain depends on $ω$ only. The poles of the filter are on two rays: the '
+        'damping ratio is the same for every $q/r$. This is the dual of Example 2.4. Below, left: '
+        'the acceleration is constant in each period $h$ and has the standard deviation $σ_w$. '
+        'The measurements have the standard deviation $σ_v$. The gain of the sampled filter is '
+        '$(α, β/h)$; $α$ and $β$ depend on the tracking index $σ_w h^2/σ_v$ only. Right: a body '
+        'has a constant velocity of 1 m/s, which is not measured. Its position is measured 20 '
+        'times a second.',))
 
 
 def _design_tracker(index: float) -> KalmanDesign:
-    """Return the filter with h = 1, the deviation 1 of a measurement, and this tracking index."""
+    """Return the filter of a tracking index, with h = 1 s and sigma_v = 1 m."""
     push = index * np.array([[0.5], [1.0]])
     return dlqe([[1.0, 1.0], [0.0, 1.0]], C, push @ push.T, [[1.0]])
 
