@@ -10,7 +10,9 @@ const SLOW = 3; // frames of the body for one of the signals
 const [TRAIL_COLOUR, PLAN, REFERENCE] = ["#0072B2", "#009E73", "#CC79A7"];
 const [PREDICTION, ELLIPSE] = ["#E69F00", "#56B4E9"];
 const BAND = "38"; // opacity of the surface of a band or an ellipse
+const JUMP = 100; // ratio of scales from which the plane does not move smoothly
 const SAID = 1000; // [ms] between two texts for screen readers
+const STALE = 1000; // [ms] without a frame, after which the picture says so
 
 const finite = (rows) => rows.filter((row) => row.every(Number.isFinite));
 
@@ -19,7 +21,7 @@ export default {
     <canvas ref="plane" class="obc-plane" role="img" aria-label="no state yet" @click="click"></canvas>
     <canvas ref="plots" class="obc-plots" role="img" aria-label="signals over the last 20 s"></canvas>
   </div>`,
-  props: { scene: Object },
+  props: { scene: Object, live: Boolean },
   watch: {
     scene() {
       this.read();
@@ -36,10 +38,14 @@ export default {
     this.drawing = false;
     this.drawn = 0;
     this.said = -Infinity;
+    this.arrived = 0;
+    // A connection that dies sends nothing more: the page looks at its own clock.
+    this.clock = setInterval(() => this.sayStale() && this.draw(true), STALE / 2);
     this.observer = new ResizeObserver(() => this.draw(true));
     this.observer.observe(this.$el);
   },
   unmounted() {
+    clearInterval(this.clock);
     this.observer.disconnect();
   },
   methods: {
@@ -52,6 +58,7 @@ export default {
       const last = this.frames[this.frames.length - 1];
       if (last && frame.t < last.t) [this.frames, this.prediction] = [[], []];
       if (frame.prediction) this.prediction = finite(frame.prediction);
+      this.arrived = performance.now();
       this.frames.push(frame);
       if (this.frames.length > TRAIL) this.frames.splice(0, this.frames.length - TRAIL);
       if (frame.n % ACK === 0) this.$emit("ack", frame.n);
@@ -64,6 +71,17 @@ export default {
     refer(rows) {
       this.reference = finite(rows);
       this.draw(true);
+    },
+    // How long no frame has come; empty: not long, or a recording, which may be paused.
+    sayStale() {
+      const age = performance.now() - this.arrived;
+      return this.live && this.frames.length && age > STALE
+        ? `no new state for ${Math.floor(age / 1000)} s` : "";
+    },
+    // The place of a state or a set point; null: not known.
+    locate(values) {
+      const place = [values[this.plain.plane.x], values[this.plain.plane.y]];
+      return place.every(Number.isFinite) ? place : null;
     },
     // The places of the reference, or of the prediction, that are still ahead.
     ahead(rows, frame) {
@@ -94,8 +112,8 @@ export default {
       context.setTransform(ratio, 0, 0, ratio, 0, 0);
       const dark = document.body.classList.contains("body--dark");
       const colours = dark
-        ? { paper: "#15181c", ink: "#e6e9ec", grid: "#343a40", faint: "#9aa3ab" }
-        : { paper: "#ffffff", ink: "#1b1f24", grid: "#dde2e6", faint: "#5c656d" };
+        ? { paper: "#15181c", ink: "#e6e9ec", grid: "#343a40", faint: "#9aa3ab", warn: "#ff9b66" }
+        : { paper: "#ffffff", ink: "#1b1f24", grid: "#dde2e6", faint: "#5c656d", warn: "#b03a00" };
       context.fillStyle = colours.paper;
       context.fillRect(0, 0, width, height);
       context.font = "12px system-ui, sans-serif";
@@ -108,30 +126,38 @@ export default {
       const height = Math.max(220, Math.min(430, this.$el.clientWidth * 0.62));
       const { context, width, colours } = this.prepare(this.$refs.plane, height);
       const frame = this.frames[this.frames.length - 1];
-      this.follow(frame, width, height);
+      const trail = this.frames.map((f) => this.locate(f.x)).filter(Boolean);
+      const [here, goal] = frame ? [this.locate(frame.x), this.locate(frame.goal)] : [null, null];
+      const ahead = this.ahead(this.reference, frame);
+      const predicted = this.ahead(this.prediction, frame);
+      if (here && predicted.length) predicted.unshift(here);
+      this.follow([...this.path, ...ahead, ...predicted, ...trail.slice(-90), ...(goal ? [goal] : [])],
+        width, height);
       const [left, bottom, scale] = this.box;
       const place = (x, y) => [(x - left) * scale, height - (y - bottom) * scale];
       this.drawGrid(context, width, height, colours, place);
-      const ahead = this.ahead(this.reference, frame);
-      const predicted = this.ahead(this.prediction, frame);
-      if (frame && predicted.length) predicted.unshift([frame.x[plane.x], frame.x[plane.y]]);
       this.line(context, this.path.map((p) => place(p[0], p[1])), PLAN, [6, 4], 2);
       this.line(context, ahead.map((p) => place(p[0], p[1])), REFERENCE, [2, 3], 2.5);
-      this.line(context, this.frames.map((f) => place(f.x[plane.x], f.x[plane.y])), TRAIL_COLOUR, [], 1.5);
+      this.line(context, trail.map((p) => place(p[0], p[1])), TRAIL_COLOUR, [], 1.5);
       this.drawKey(context, width, colours, [["trail", TRAIL_COLOUR, []],
         ...(this.path.length ? [["plan", PLAN, [6, 4]]] : []),
         ...(ahead.length ? [["reference", REFERENCE, [2, 3]]] : []),
         ...(predicted.length ? [["prediction", PREDICTION, []]] : []),
-        ...(frame && frame.ellipse.length ? [["95 % region", ELLIPSE, []]] : [])]);
+        ...(here && frame.ellipse.length ? [["95 % region", ELLIPSE, []]] : [])]);
       if (!frame) return;
-      this.drawEllipse(context, frame, place, scale);
-      if (frame.goal.length) this.drawGoal(context, place(frame.goal[plane.x], frame.goal[plane.y]));
-      this.drawBody(context, frame, place, scale, colours);
+      if (here && frame.ellipse.length) this.drawEllipse(context, frame.ellipse, place(...here), scale);
+      if (goal) this.drawGoal(context, place(...goal));
+      if (here) this.drawBody(context, frame, place, colours);
       this.line(context, predicted.map((p) => place(p[0], p[1])), PREDICTION, [], 2.5);
       this.say(frame, predicted);
       context.fillStyle = colours.ink;
       context.font = "14px system-ui, sans-serif";
-      context.fillText(`t = ${frame.t.toFixed(1)} s`, 10, 20);
+      const time = `t = ${frame.t.toFixed(1)} s`;
+      context.fillText(time, 10, 20);
+      const after = 18 + context.measureText(time).width;
+      context.fillStyle = colours.warn;
+      context.font = "12px system-ui, sans-serif";
+      context.fillText(this.sayStale(), after, 20);
     },
     drawKey(context, width, colours, rows) {
       context.font = "12px system-ui, sans-serif";
@@ -146,22 +172,15 @@ export default {
       const now = performance.now();
       if (now < this.said + SAID) return;
       this.said = now;
-      const words = this.plain.states.map((s, i) => `${s.name} ${(frame.x[i] ?? NaN).toFixed(2)} ${s.unit}`);
+      const words = [this.sayStale()].filter(Boolean).concat(this.plain.states.map((s, i) => `${s.name} ${(frame.x[i] ?? NaN).toFixed(2)} ${s.unit}`));
       const [x, y] = predicted[predicted.length - 1] || [];
       if (predicted.length) words.push(`predicted: px ${x.toFixed(2)}, py ${y.toFixed(2)}`);
       const [a, b] = frame.ellipse;
       if (frame.ellipse.length) words.push(`95 % region: half axes ${b.toFixed(2)} m and ${a.toFixed(2)} m`);
       this.$refs.plane.setAttribute("aria-label", words.join(", "));
     },
-    follow(frame, width, height) {
-      const plane = this.plain.plane;
-      const points = this.path.map((p) => [p[0], p[1]]).concat(
-        this.ahead(this.reference, frame), this.ahead(this.prediction, frame));
-      if (frame) {
-        points.push([frame.x[plane.x], frame.x[plane.y]]);
-        if (frame.goal.length) points.push([frame.goal[plane.x], frame.goal[plane.y]]);
-        this.frames.slice(-90).forEach((f) => points.push([f.x[plane.x], f.x[plane.y]]));
-      }
+    // Moves the visible part of the plane towards the one that shows all points.
+    follow(points, width, height) {
       if (!points.length) points.push([0, 0]);
       const xs = points.map((p) => p[0]);
       const ys = points.map((p) => p[1]);
@@ -170,7 +189,13 @@ export default {
       const size = this.plain.size;
       const scale = Math.min(width / (x1 - x0 + 1.2 * size), height / (y1 - y0 + 1.2 * size));
       const wanted = [(x0 + x1) / 2 - width / scale / 2, (y0 + y1) / 2 - height / scale / 2, scale];
-      this.box = this.box ? this.box.map((v, i) => v + 0.12 * (wanted[i] - v)) : wanted;
+      if (!wanted.every(Number.isFinite) || !(scale > 0)) {
+        this.box ||= [0, 0, height / size]; // the points are too far from each other
+        return;
+      }
+      const zoom = this.box ? scale / this.box[2] : Infinity;
+      const isNear = Math.max(zoom, 1 / zoom) < JUMP;
+      this.box = isNear ? this.box.map((v, i) => v + 0.12 * (wanted[i] - v)) : wanted;
     },
     drawGrid(context, width, height, colours, place) {
       const [left, bottom, scale] = this.box;
@@ -206,19 +231,16 @@ export default {
       this.line(context, [[x - 9, y], [x + 9, y]], "#D55E00", [], 2.5);
       this.line(context, [[x, y - 9], [x, y + 9]], "#D55E00", [], 2.5);
     },
-    drawEllipse(context, frame, place, scale) {
-      if (!frame.ellipse.length) return;
-      const { x, y } = this.plain.plane;
-      const [a, b, angle] = frame.ellipse;
+    drawEllipse(context, [a, b, angle], [x, y], scale) {
       context.beginPath();
-      context.ellipse(...place(frame.x[x], frame.x[y]), a * scale, b * scale, -angle, 0, 2 * Math.PI);
+      context.ellipse(x, y, a * scale, b * scale, -angle, 0, 2 * Math.PI);
       context.fillStyle = ELLIPSE + BAND;
       context.fill();
       context.strokeStyle = ELLIPSE;
       context.lineWidth = 2;
       context.stroke();
     },
-    drawBody(context, frame, place, scale, colours) {
+    drawBody(context, frame, place, colours) {
       const plane = this.plain.plane;
       const [ox, oy] = [frame.x[plane.x], frame.x[plane.y]];
       const angle = plane.theta === null ? 0 : frame.x[plane.theta];
@@ -280,6 +302,8 @@ export default {
         this.drawPanel(context, panel, row, shown, end, later, width, colours));
       context.fillStyle = colours.faint;
       context.fillText("time [s]", width - 60, panels.length * PANEL + 13);
+      context.fillStyle = colours.warn;
+      context.fillText(this.sayStale(), 52, panels.length * PANEL + 13);
     },
     drawPanel(context, panel, row, frames, end, later, width, colours) {
       const [left, right, top, height] = [52, width - 96, row * PANEL + 8, PANEL - 16];

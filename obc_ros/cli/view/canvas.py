@@ -34,12 +34,15 @@ class LoopCanvas(Element, component='canvas.js'):
         From `describe_scene`.
     on_goal : callable
         Called with x and y [m] of a click.
+    live : bool
+        Whether the picture says so when no state has come for more than a second.
 
     """
 
-    def __init__(self, scene: dict[str, Any], on_goal: Callable[[float, float], Any]) -> None:
+    def __init__(self, scene: dict[str, Any], on_goal: Callable[[float, float], Any], *,
+                 live: bool) -> None:
         super().__init__()
-        self._props['scene'] = scene
+        self._props['scene'], self._props['live'] = scene, live
         self._sent = self._seen = 0
         self._predicted: Sequence[Any] = ()   # the last prediction that was sent
         self.on('ack', self._acknowledge, throttle=0.0)

@@ -97,7 +97,8 @@ class LoopPage:
         with ui.row().classes('w-full items-start gap-4'):
             with ui.column().classes('obc-left gap-1'):
                 self._status = ui.label('waiting for a loop').props('role=status')
-                self._canvas = LoopCanvas(_empty_scene(), self._click)
+                self._canvas = LoopCanvas(_empty_scene(), self._click,
+                                          live=isinstance(viewer.source, LoopClient))
                 self._canvas.classes('w-full')
                 if isinstance(viewer.source, Playback):
                     self._build_player(viewer.source)

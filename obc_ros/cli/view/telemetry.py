@@ -209,7 +209,7 @@ def describe_uncertainty(plant: Plant, estimate: Estimate) -> Uncertainty | None
     P = np.reshape(estimate.covariance, (n, n))
     if not np.isfinite(P).all():
         return None
-    P = (P + P.T) / 2.0
+    P = 0.5 * P + 0.5 * P.T   # no overflow
     width = NormalDist().inv_cdf(0.5 + COVERED / 2.0)
     band = width * np.sqrt(np.maximum(P.diagonal(), 0.0))
     if not plant.plane or not {'px', 'py'} <= set(names):
@@ -217,7 +217,9 @@ def describe_uncertainty(plant: Plant, estimate: Estimate) -> Uncertainty | None
     places = [names.index('px'), names.index('py')]
     squares, axes = np.linalg.eigh(P[np.ix_(places, places)])
     # The square of the distance has a chi-square distribution with two degrees of freedom.
-    halves = np.sqrt(np.maximum(-2.0 * math.log(1.0 - COVERED) * squares, 0.0))
+    halves = math.sqrt(-2.0 * math.log(1.0 - COVERED)) * np.sqrt(np.maximum(squares, 0.0))
+    if not np.isfinite(halves).all():
+        return Uncertainty(band.tolist())
     return Uncertainty(band.tolist(), [*halves.tolist(), math.atan2(axes[1, 0], axes[0, 0])])
 
 

@@ -48,6 +48,13 @@ PICTURE = 'canvas => canvas.toDataURL()'
 PICTURE_CHANGED = 'shown => document.querySelector(".obc-plane").toDataURL() !== shown'
 COUNT_REFERENCE = COUNT_PIXELS % (0xcc, 0x79, 0xa7)
 COUNT_ELLIPSE = COUNT_PIXELS % (0x56, 0xb4, 0xe9)
+# Draws one more frame with a state; returns the left and lower end of the plane, and its scale.
+PUSH_STATE = """async x => {
+    const id = Number(document.querySelector('.obc-view').id.slice(1));
+    const view = getElement(id);
+    view.push({ ...view.frames[view.frames.length - 1], x });
+    await new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)));
+    return view.box; }"""
 PROBLEMS = find_example('x').parent
 AIRCRAFT = {'system': 'aircraft', 'publish_rate': 200.0, 'publish_clock': True}
 
@@ -300,6 +307,13 @@ def test_a_goal_by_click_is_planned_certified_and_flown(site, page):
                         and np.abs(site.states[-1].x[3:5]).max() < 0.01, 40.0)
 
 
+def test_a_state_whose_place_is_not_known_leaves_the_picture_in_sight(site, page):
+    for x in ([], [None] * 6, [-1e308] * 6, [1e308] * 6):
+        assert np.isfinite(page.evaluate(PUSH_STATE, x)).all()
+    here = site.settle()
+    site.probe.wait_for(lambda: abs(page.evaluate(PUSH_STATE, here.tolist())[0] - here[0]) < 10.0)
+
+
 @pytest.mark.parametrize('way', ['button', 'space bar'])
 def test_stop_is_one_click_or_the_space_bar(site, page, way):
     if way == 'button':
@@ -347,8 +361,11 @@ def test_the_plant_is_paused_and_disturbed(site, page):
     site.states.clear()
     site.probe.spin_for(0.3)
     assert not site.states
+    plane = page.locator('.obc-plane')
+    site.probe.wait_for(lambda: 'no new state for 2 s' in plane.get_attribute('aria-label'))
     page.get_by_role('button', name='Continue').click()
     site.probe.wait_for(lambda: site.states)
+    site.probe.wait_for(lambda: 'no new state' not in plane.get_attribute('aria-label'))
     before = site.settle()
     page.get_by_label('peak of its rate').fill('3')
     page.get_by_role('button', name='Gust', exact=True).click()

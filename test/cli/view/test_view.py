@@ -418,6 +418,21 @@ def test_a_covariance_of_other_states_is_not_shown(covariance):
     assert describe_uncertainty(plant, Estimate(covariance=covariance)) is None
 
 
+def test_an_ellipse_that_is_too_large_for_a_number_is_not_shown():
+    plant = Plant('a', (Named('px'), Named('py')), (), 'vertical')
+    shown = describe_uncertainty(plant, Estimate(covariance=[1e308] * 4))
+    assert shown.ellipse == () and np.isfinite(shown.band).all()
+
+
+@pytest.mark.parametrize('covariance', [[0.0] * 4, [4.0, 2.0, 2.0, 1.0], [-1e-20, 0.0, 0.0, 0.0]])
+def test_an_ellipse_may_be_a_line_or_a_point(covariance):
+    plant = Plant('a', (Named('px'), Named('py')), (), 'vertical')
+    a, b, _ = describe_uncertainty(plant, Estimate(covariance=covariance)).ellipse
+    trace = max(covariance[0] + covariance[3], 0.0)   # the larger variance: the other one is 0
+    assert a == pytest.approx(0.0, abs=1e-7)
+    assert b**2 == pytest.approx(chi2.ppf(0.95, 2) * trace)
+
+
 def test_a_plant_without_a_plane_has_bands_only():
     plant = Plant('a', (Named('p'), Named('v')), ())
     shown = describe_uncertainty(plant, Estimate(covariance=[4.0, 0.0, 0.0, -1e-20]))
