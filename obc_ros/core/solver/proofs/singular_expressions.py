@@ -11,6 +11,7 @@ and terminal constraints whose gradient vanishes where they are met.
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import chain
+from typing import TypeVar
 
 import casadi as ca
 import numpy as np
@@ -19,6 +20,7 @@ from obc_ros.core.numerics.instructions import apply_to_expressions, Instruction
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.ocp.wording import format_number
 
+_Place = TypeVar('_Place')
 _TOUCHED = 1e-6  # of an operand's largest value: below it counts as 0
 _NEAR_END = 1e-4   # the same for terminal_cost, whose kinks are smoothed in the search
 _AT_END = 'terminal_cost'
@@ -59,12 +61,9 @@ def explain_undefined(problem: Problem, t: Array, x: Array, u: Array) -> str:
         A sentence; '' if all expressions are defined.
 
     """
-    found = find_suspects(problem)
-    if not found or not t.size or not (np.isfinite(x).all() and np.isfinite(u).all()):
-        return ''
-    values = _values(problem, [each.value for each in found], x, u)
     first: tuple[int, str] | None = None
-    for each, row in zip(found, values, strict=True):
+    suspects = [(each, each.value) for each in find_suspects(problem)]
+    for each, _, row in _follow(problem, suspects, x, u):
         bad = ~np.isfinite(row) | ((row == 0) if each.may_be_negative else (row < 0))
         if each.may_be_negative:
             bad[1:] |= (row[:-1] * row[1:] < 0) & (t[1:] > t[:-1])
@@ -99,10 +98,7 @@ def explain_kink(problem: Problem, t: Array, x: Array, u: Array) -> str:
     found = [(where, operands[0]) for where, operation, operands in chain(
                  _operations(problem), ((_AT_END, *each) for each in _done_in(problem, problem.V)))
              if operation == ca.OP_FABS and ca.depends_on(operands[0], problem.x)]
-    if not found or not t.size or not (np.isfinite(x).all() and np.isfinite(u).all()):
-        return ''
-    for (where, value), row in zip(
-            found, _values(problem, [value for _, value in found], x, u), strict=True):
+    for where, value, row in _follow(problem, found, x, u):
         size = float(np.abs(row).max())
         at = np.abs(row) <= _TOUCHED * size
         at[1:] |= row[:-1] * row[1:] < 0
@@ -134,11 +130,7 @@ def explain_steep_root(problem: Problem, t: Array, x: Array, u: Array) -> str:
         A sentence; '' if there is none.
 
     """
-    found = [*find_roots(problem)]
-    if not found or not t.size or not (np.isfinite(x).all() and np.isfinite(u).all()):
-        return ''
-    for (where, value), row in zip(
-            found, _values(problem, [value for _, value in found], x, u), strict=True):
+    for where, value, row in _follow(problem, list(find_roots(problem)), x, u):
         size = float(np.abs(row).max())
         k = int(np.argmin(np.abs(row)))
         if size > 0 and abs(row[k]) <= _TOUCHED * size:
@@ -340,10 +332,16 @@ def find_suspects(problem: Problem) -> list[Suspect]:
     return [each for each in found if not each.value.is_constant()]
 
 
-def _values(problem: Problem, expressions: list[ca.SX], x: Array, u: Array) -> Array:
-    """Return the values of expressions along a path, one row per expression."""
-    look = ca.Function('look', [problem.x, problem.u, problem.p], [ca.vertcat(*expressions)])
-    return np.asarray(look.map(len(x))(x.T, u.T, ca.repmat(problem.p_value, 1, len(x))).full())
+def _follow(problem: Problem, found: list[tuple[_Place, ca.SX]], x: Array, u: Array
+            ) -> Iterator[tuple[_Place, ca.SX, Array]]:
+    """Yield expressions with their values (N,) along a path; none on a path with NaN or inf."""
+    if not found or not len(x) or not (np.isfinite(x).all() and np.isfinite(u).all()):
+        return
+    look = ca.Function('look', [problem.x, problem.u, problem.p],
+                       [ca.vertcat(*(value for _, value in found))])
+    rows = look.map(len(x))(x.T, u.T, ca.repmat(problem.p_value, 1, len(x))).full()
+    for (where, value), row in zip(found, np.asarray(rows), strict=True):
+        yield where, value, row
 
 
 def _of(operation: int, operands: list[ca.SX], where: str) -> list[Suspect]:

@@ -10,6 +10,7 @@ from obc_ros.core.solver.proofs.singular_expressions import (
     explain_escape,
     explain_kink,
     explain_level_terminal,
+    explain_steep_root,
     explain_undefined,
 )
 from obc_ros.core.solver.solve import solve
@@ -110,6 +111,26 @@ def test_the_advice_about_a_kink_of_states_helps():
     assert smoothed.status is Status.SOLVED
     # The smoothed cost is higher by e T at most.
     assert 0 <= smoothed.objective - found.objective <= 6 * float(advice[2])
+
+
+@pytest.mark.parametrize(('cost', 'is_steep'), [
+    ('sqrt(x)', True), ('(2 - x)**0.5', True), ('sqrt(x + 1)', False), ('x**1.5', False),
+    ('sqrt(u**2 + 1)', False)])
+def test_roots_that_vanish_on_a_path_are_reported(cost, is_steep):
+    problem = problems.pose({'x': 'v', 'v': 'u'}, cost, (0, 1), 2)
+    sentence = explain_steep_root(problem, T, PATH, np.ones((len(T), 1)))
+    assert sentence.startswith('running_cost contains a root of ' if is_steep else '')
+    assert bool(sentence) == is_steep
+
+
+@pytest.mark.parametrize('explain', [explain_kink, explain_steep_root, explain_undefined])
+def test_a_path_that_is_not_finite_has_no_explanation(explain):
+    problem = problems.pose(
+        {'x': 'v', 'v': 'u'}, 'abs(x - 1) + sqrt(2 - x) + 1/(x - 1)', (0, 1), 2)
+    inputs = np.ones((len(T), 1))
+    assert explain(problem, T, PATH, inputs)
+    assert explain(problem, T, PATH, inputs * np.inf) == ''
+    assert explain(problem, T[:0], PATH[:0], inputs[:0]) == ''
 
 
 @pytest.mark.slow
