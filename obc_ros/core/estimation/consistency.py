@@ -72,11 +72,6 @@ class Consistency:
     upper: float
     count: int
 
-    @property
-    def is_consistent(self) -> bool:
-        """Return whether the ratio is in the band, or nothing has been measured."""
-        return not self.count or self.lower <= self.ratio <= self.upper
-
     def __str__(self) -> str:
         """Return the verdict in words."""
         if not self.count:

@@ -55,11 +55,6 @@ class SampledDesign:
     loop: Array
     robustness: float
 
-    @property
-    def spectral_radius(self) -> float:
-        """Return the largest modulus of the closed-loop poles."""
-        return compute_spectral_radius(self.loop)
-
 
 @np.errstate(all='ignore')  # an overflow is rejected
 def sampled_lqr(A: Array, B: Array, weights: Weights, period: float, delay: float = 0.0

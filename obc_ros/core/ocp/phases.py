@@ -27,7 +27,6 @@ MOST_PHASES = 20
 # What a phase may have for itself; in its absence that of the file holds.
 _SHARED = 'dynamics', 'running_cost', 'path_constraints', 'input_bounds', 'state_bounds'
 _OWN = 'name', 'duration', 'link', 'terminal_cost', 'terminal_constraints', 'initial_guess'
-_OF_THE_FILE = 'terminal_cost', 'terminal_constraints'   # these are those of the last phase
 _UNUSED = 'system', 'final_time', 'periodic', 'boundary_constraints', 'initial_guess'
 _DURATION = 'duration'
 _IDENTIFIER = re.compile(r'(?<![\w.])[A-Za-z_]\w*', re.ASCII)

@@ -33,8 +33,7 @@ def test_monitor_says_what_is_wrong():
         for _ in range(200):
             monitor.add(scale * chi2.rvs(2, random_state=rng), 2)
         assert str(monitor.judge()).startswith(word)
-        assert monitor.judge().is_consistent == (scale == 1.0)
-    assert InnovationMonitor().judge().is_consistent
+    assert str(InnovationMonitor().judge()) == 'no innovation yet'
 
 
 @pytest.mark.slow
