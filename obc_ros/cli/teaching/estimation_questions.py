@@ -34,7 +34,7 @@ ESTIMATION_QUESTIONS = (
          ('2*a + sqrt(a**2 + q/r)', 'the pole is a - L, not a + L')),
         'the error of the estimate has the dynamics a - L'),
     FormulaQuestion(
-        'estimation-2-gain', "Estimation 2: x1' = x2, x2' = w, y = x1 + v, intensities q of w and "
+        'estimation-2-gain', "Estimation 2: x1' = x2, x2' = d, y = x1 + v, intensities q of d and "
         'r of v, w = (q/r)^(1/4). Give the gain of the steady Kalman filter.',
         '[l1, l2], formulas of w', (('sqrt(2)*w', 'w**2'),), OMEGA,
         ((('w**2', 'sqrt(2)*w'), 'the rows are exchanged: the position is corrected by '
@@ -52,8 +52,8 @@ ESTIMATION_QUESTIONS = (
         'Qx = q [[1, 1], [1, 1]], Qu = 1. Give the f of the gain K = f [1, 1].', 'formula of q',
         '2 + sqrt(4 + q)', DOYLE,
         (('2 - sqrt(4 + q)', 'the other root of the Riccati equation: the loop would be unstable'),
-         ('sqrt(4 + q)', 'the sum of the poles of the plant is 2: f^2 - 4 f - q = 0'),
-         ('2 + sqrt(q)', 'f^2 - 4 f - q = 0 has the roots 2 +- sqrt(4 + q)')),
+         ('sqrt(4 + q)', 'the roots of f^2 - 4 f - q = 0 are 2 +- sqrt(4 + q)'),
+         ('2 + sqrt(q)', 'the roots of f^2 - 4 f - q = 0 are 2 +- sqrt(4 + q)')),
         'f^2 - 4 f - q = 0'),
     FormulaQuestion(
         'estimation-3-margin', 'Estimation 3: with the filter L = d [1, 1]^T, the plant has the '
