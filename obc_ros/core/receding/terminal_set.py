@@ -25,8 +25,8 @@ import casadi as ca
 import numpy as np
 from obc_ros.core.lqr.sampled import discretize_plant
 from obc_ros.core.numerics.arrays import Array, linalg
+from obc_ros.core.numerics.enclosures.interval_arithmetic import enclose_outputs
 from obc_ros.core.numerics.instructions import Instructions
-from obc_ros.core.numerics.interval_arithmetic import enclose_outputs
 from obc_ros.core.receding.formulation import RecedingProblem
 from obc_ros.core.text.errors import RefusedDesignError
 

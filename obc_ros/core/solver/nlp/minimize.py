@@ -18,7 +18,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 from obc_ros.core.numerics.arrays import Array
-from obc_ros.core.numerics.interval_arithmetic import enclose_outputs
+from obc_ros.core.numerics.enclosures.interval_arithmetic import enclose_outputs
 from obc_ros.core.ocp.affine_constraints import eliminate_rows, read_affine_rows
 from obc_ros.core.ocp.certificate import kkt
 from obc_ros.core.ocp.certificate.kkt import KktCondition

@@ -19,13 +19,13 @@ from fractions import Fraction
 import casadi as ca
 import numpy as np
 from obc_ros.core.numerics.arrays import Array, Mask, optimize
-from obc_ros.core.numerics.instructions import find_dependence
-from obc_ros.core.numerics.interval_arithmetic import (
+from obc_ros.core.numerics.enclosures.interval_arithmetic import (
     add_intervals,
     enclose_outputs,
     Interval,
     multiply_intervals,
 )
+from obc_ros.core.numerics.instructions import find_dependence
 from obc_ros.core.numerics.rational_polynomials import convert_to_rational, find_null_space
 from obc_ros.core.ocp.affine_constraints import End, find_affine_end
 from obc_ros.core.ocp.least_time_form import find_affine_dynamics

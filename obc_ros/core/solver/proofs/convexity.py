@@ -15,8 +15,8 @@ from dataclasses import dataclass, replace
 
 import casadi as ca
 import numpy as np
+from obc_ros.core.numerics.enclosures.interval_arithmetic import enclose_outputs
 from obc_ros.core.numerics.instructions import Instructions
-from obc_ros.core.numerics.interval_arithmetic import enclose_outputs
 from obc_ros.core.ocp.nonconvexity import is_semidefinite
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.ocp.structure import find_clocks

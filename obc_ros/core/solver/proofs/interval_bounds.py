@@ -13,13 +13,13 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 from obc_ros.core.numerics.arrays import Array
-from obc_ros.core.numerics.instructions import find_dependence
-from obc_ros.core.numerics.interval_arithmetic import (
+from obc_ros.core.numerics.enclosures.interval_arithmetic import (
     add_intervals,
     enclose_outputs,
     Interval,
     multiply_intervals,
 )
+from obc_ros.core.numerics.instructions import find_dependence
 from obc_ros.core.ocp.least_time_form import find_affine_dynamics
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.ocp.wording import describe_terminal, format_number

@@ -16,13 +16,14 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 from obc_ros.core.numerics.arrays import Array, Mask
-from obc_ros.core.numerics.instructions import find_dependence
-from obc_ros.core.numerics.interval_arithmetic import (
+from obc_ros.core.numerics.enclosures.interval_arithmetic import (
     add_intervals,
     enclose_outputs,
     Interval,
     multiply_intervals,
 )
+from obc_ros.core.numerics.enclosures.taylor_enclosure import Box, TaylorStep, Tube
+from obc_ros.core.numerics.instructions import find_dependence
 from obc_ros.core.numerics.rational_polynomials import (
     convert_to_rational,
     find_null_space,
@@ -32,7 +33,6 @@ from obc_ros.core.numerics.rational_polynomials import (
     split_affine,
     TooHardError,
 )
-from obc_ros.core.numerics.taylor_enclosure import Box, TaylorStep, Tube
 from obc_ros.core.ocp.affine_constraints import End
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.ocp.wording import format_number

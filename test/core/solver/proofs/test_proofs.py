@@ -10,8 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 import mpmath
 import numpy as np
+from obc_ros.core.numerics.enclosures.taylor_enclosure import Tube
 from obc_ros.core.numerics.rational_polynomials import find_null_space, read_polynomials
-from obc_ros.core.numerics.taylor_enclosure import Tube
 from obc_ros.core.ocp.affine_constraints import find_affine_end
 from obc_ros.core.solver.exact.reachable_set import compute_exponential, Reach
 from obc_ros.core.solver.exact.weak_duality import is_excluded, is_never_met

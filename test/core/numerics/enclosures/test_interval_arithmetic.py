@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 import mpmath
 import numpy as np
-from obc_ros.core.numerics.interval_arithmetic import enclose_outputs, WHOLE
+from obc_ros.core.numerics.enclosures.interval_arithmetic import enclose_outputs, WHOLE
 from obc_ros.core.text.expressions import parse_expression
 import pytest
 

@@ -16,13 +16,13 @@ from math import exp, factorial, inf
 import casadi as ca
 import numpy as np
 from obc_ros.core.numerics.arrays import Array
-from obc_ros.core.numerics.instructions import Instructions
-from obc_ros.core.numerics.interval_arithmetic import (
+from obc_ros.core.numerics.enclosures.interval_arithmetic import (
     add_intervals,
     enclose_outputs,
     Interval,
     multiply_intervals,
 )
+from obc_ros.core.numerics.instructions import Instructions
 
 Box = tuple[Array, Array]
 
