@@ -2,12 +2,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """CasADi functions of scalars, instruction by instruction: other arithmetics, and structure."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+import math
 from typing import TypeVar
 
 import casadi as ca
 import numpy as np
-from obc_ros.core.numerics.arrays import Mask
+from obc_ros.core.numerics.arrays import Array, Mask
 
 Number = TypeVar('Number')
 
@@ -91,3 +92,37 @@ def find_dependence(expressions: ca.SX, symbols: ca.SX) -> Mask:
     found: Mask = np.zeros((expressions.numel(), symbols.numel()), dtype=bool)
     found[ca.jacobian_sparsity(expressions, symbols).get_triplet()] = True
     return found
+
+
+def separate_numbers(expressions: ca.SX, arguments: Sequence[ca.SX]
+                     ) -> tuple[ca.SX, ca.SX, Array]:
+    """
+    Return expressions with symbols in place of their numbers.
+
+    While it differentiates, CasADi combines numbers in double precision, but no symbols. Powers of
+    2 and 0 remain, since their products are exact.
+
+    Parameters
+    ----------
+    expressions : casadi.SX
+        A column of length r.
+    arguments : sequence of casadi.SX
+        Columns of all symbols that occur.
+
+    Returns
+    -------
+    tuple of casadi.SX, casadi.SX and ndarray
+        The expressions (r,), the symbols (k,) and their numbers (k,).
+
+    """
+    symbols: dict[float, ca.SX] = {}
+
+    def name(value: float) -> ca.SX:
+        if value == 0.0 or math.frexp(abs(value))[0] == 0.5:
+            return ca.SX(value)
+        return symbols.setdefault(value, ca.SX.sym(f'number_{len(symbols)}'))
+
+    function = ca.Function('expressions', list(arguments), [ca.densify(expressions)])
+    found = Instructions(function).evaluate(
+        lambda i, k: arguments[i][k], name, apply_to_expressions)[0]
+    return ca.vertcat(*found), ca.vertcat(ca.SX(0, 1), *symbols.values()), np.array([*symbols])
