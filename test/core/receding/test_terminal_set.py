@@ -4,6 +4,7 @@
 
 from dataclasses import replace
 
+import mpmath
 import numpy as np
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.ocp.statement import build_problem
@@ -51,7 +52,7 @@ def test_the_level_of_a_scalar_with_a_bounded_input_is_its_closed_form() -> None
         'input_bounds': {'u': [-1, 2]}}), horizon=5, period=0.1)
     found = find_terminal_set(problem)
     assert found.level == pytest.approx(problem.P[0, 0] / problem.K[0, 0]**2, rel=1e-6)
-    assert found.proof.limit == 'u' and found.proof.remainder == 0.0
+    assert found.proof.limit == 'u' and found.proof.remainder == found.proof.offset == 0.0
     assert found.proof.decrease == pytest.approx(abs(1 - 0.1 * problem.K[0, 0]), rel=1e-6)
 
 
@@ -86,6 +87,82 @@ def test_the_bound_of_the_remainder_holds_at_random_errors() -> None:
     for e in draw(found, 50):
         r = FLYING.model(e, -FLYING.K @ e).full()[:, 0] - Acl @ e
         assert np.sqrt(r @ found.P @ r) <= found.proof.remainder * (e @ found.P @ e) + 1e-10
+
+
+def test_the_contraction_of_the_vehicle_is_that_of_its_closed_form() -> None:
+    """With 50 digits: A and B by hand, A^2 = 0, so that Ad = I + A h and Bd = B h + A B h^2/2."""
+    found = find_terminal_set(DRIVING)
+    with mpmath.workdps(50):
+        h, v = mpmath.mpf(DRIVING.period), mpmath.mpf(float(DRIVING.ue[0]))
+        [base] = (mpmath.mpf(each.value) for each in DRIVING.system.parameters)
+        A, B = mpmath.zeros(3), mpmath.zeros(3, 2)
+        A[1, 2], B[0, 0], B[2, 1] = v, 1, v / base
+        K, P = (mpmath.matrix(each.tolist()) for each in (DRIVING.K, found.P))
+        loop = mpmath.eye(3) + A * h - (B * h + A * B * (h * h / 2)) * K
+        L = mpmath.cholesky(P)
+        image = L.T * loop * mpmath.inverse(L).T
+        exact = mpmath.sqrt(max(mpmath.eigsy(image.T * image, eigvals_only=True)))
+        bound = mpmath.mpf(found.proof.contraction)
+        assert exact <= bound <= exact * (1 + mpmath.mpf(1e-12))
+
+
+def move_set_point(problem: RecedingProblem, by: float) -> RecedingProblem:
+    """Return a problem whose set point is no equilibrium: its first input is moved."""
+    plant = problem.design.plant
+    u = plant.equilibrium.u + by * (np.arange(len(problem.ue)) == 0)
+    return replace(problem, design=replace(problem.design, plant=replace(
+        plant, equilibrium=replace(plant.equilibrium, u=u))))
+
+
+def test_a_set_point_beside_the_equilibrium_is_part_of_the_bound() -> None:
+    """The error that a period makes of 0 is below the offset; V falls outside of a small set."""
+    problem = move_set_point(FLYING, 1e-6)
+    found = find_terminal_set(problem)
+    moved = problem.model(np.zeros(6), np.zeros(2)).full()[:, 0]
+    assert 0.0 < np.sqrt(moved @ found.P @ moved) <= found.proof.offset
+    for e in draw(found, 50):
+        before = np.sqrt(e @ found.P @ e)
+        e = problem.model(e, -problem.K @ e).full()[:, 0]
+        reached = np.sqrt(e @ found.P @ e)
+        assert reached <= found.proof.decrease * before + found.proof.offset + 1e-10
+        assert reached <= np.sqrt(found.level)
+    assert 'since the set point is rounded' in found.proof.words
+
+
+def test_a_set_point_far_from_the_equilibrium_is_refused() -> None:
+    """A force of 0.5 N drives the aircraft out of any small set."""
+    with pytest.raises(RefusedDesignError, match='decrease of V cannot be proved'):
+        find_terminal_set(move_set_point(FLYING, 0.5))
+
+
+def test_a_cost_to_go_that_is_too_ill_conditioned_is_refused() -> None:
+    """Five times the same row and a rest below the rounding error."""
+    design = FLYING.design
+    P = np.ones((6, 6)) + 1e-16 * np.diag(np.arange(6))
+    with pytest.raises(RefusedDesignError, match='terminal set: P cannot be proved'):
+        find_terminal_set(replace(FLYING, design=replace(design, lqr=replace(design.lqr, P=P))))
+
+
+def state_scalar(rate: str) -> RecedingProblem:
+    """Return a problem with one state x, its rate and one input u without bounds."""
+    return restate_problem(build_problem({
+        'states': ['x'], 'inputs': ['u'], 'dynamics': {'x': rate},
+        'running_cost': 'x**2 + u**2', 'initial_state': {'x': 0},
+        'final_time': {'free': False, 'value': 1}}), horizon=5, period=0.1)
+
+
+def test_an_exact_set_point_adds_no_offset() -> None:
+    """The rate 0.3 x^2 + u is exactly 0 at 0: V falls to 0."""
+    found = find_terminal_set(state_scalar('0.3*x**2 + u'))
+    assert found.proof.offset == 0.0 < found.proof.remainder
+    assert 'rounded' not in found.proof.words
+
+
+def test_dynamics_with_jumps_are_refused() -> None:
+    """The derivatives of atan2 do not show its jump, so that they prove nothing."""
+    problem = state_scalar('atan2(x, 1) + u')
+    with pytest.raises(RefusedDesignError, match='where its rate is only known to be below 3.1'):
+        find_terminal_set(problem)
 
 
 def test_a_limit_along_the_motion_of_the_set_point_is_refused() -> None:
