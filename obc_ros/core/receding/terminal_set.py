@@ -7,7 +7,7 @@ In the error e about the set point, V(e) = e'P e, and over a period h with v = -
 
     e+ = Acl e + r(e),   r(e) = integral over tau of exp(A (h - tau)) (rho(e(tau), v) + r0),
 
-where r0 is f at the set point less its drift, which double precision does not make 0, and rho is
+where r0 is f at the set point less its drift, which double precision seldom makes 0, and rho is
 the remainder of f after its linear part. Let s = sqrt(V(e)) and S = sqrt(alpha). In {V <= alpha},
 |e| <= s w0 with w0_i^2 = (P^-1)_ii, and |v| <= s wv likewise. The Jacobian of f, bounded by
 interval arithmetic over a box, bounds the motion during the period, |(e(tau), v)| <= s a + b, if

@@ -189,20 +189,25 @@ def _power(a: Interval, b: Interval) -> Interval:
     return WHOLE
 
 
+def _turned(function: Callable[[float], float], x: float, towards: float) -> float:
+    """Return a bound of sin, cos or tan of x, which are exact at 0."""
+    value = function(x)
+    return value if x == 0.0 else _outward(value, towards, _UNITS)
+
+
 def _wave(function: Callable[[float], float], peak: float) -> Callable[[Interval], Interval]:
     """Return the enclosure of sin or cos, whose maximum is at `peak`."""
     def enclose(a: Interval) -> Interval:
         if not a.high - a.low < 2 * pi or max(abs(a.low), abs(a.high)) > _FAR:
             return Interval(-1.0, 1.0)
-        ends = function(a.low), function(a.high)
         near = _TURN * (1 + max(abs(a.low), abs(a.high)))
 
         def passes(at: float) -> bool:
             turn = at + 2 * pi * math.ceil((a.low - near - at) / (2 * pi))
             return turn <= a.high + near or turn - 2 * pi >= a.low - near
         return Interval(
-            -1.0 if passes(peak + pi) else max(-1.0, _outward(min(ends), -inf, _UNITS)),
-            1.0 if passes(peak) else min(1.0, _outward(max(ends), inf, _UNITS)))
+            -1.0 if passes(peak + pi) else max(-1.0, min(_turned(function, x, -inf) for x in a)),
+            1.0 if passes(peak) else min(1.0, max(_turned(function, x, inf) for x in a)))
     return enclose
 
 
@@ -213,8 +218,7 @@ def _tangent(a: Interval) -> Interval:
     branch = math.floor((a.low - near) / pi + 0.5)
     if branch != math.floor((a.high + near) / pi + 0.5):
         return WHOLE
-    return Interval(_outward(math.tan(a.low), -inf, _UNITS),
-                    _outward(math.tan(a.high), inf, _UNITS))
+    return Interval(_turned(math.tan, a.low, -inf), _turned(math.tan, a.high, inf))
 
 
 def _rising(function: Callable[[float], float], within: tuple[float, float] = (-inf, inf),

@@ -82,9 +82,10 @@ def test_enclosures_at_points_have_a_width_of_a_few_ulp(text):
 
 
 @pytest.mark.parametrize(('text', 'low', 'high'), [
-    ('0*x', 0, 0), ('x*y - x*y*1', 0, 0), ('2*y', 0, 0), ('y/x', 0, 0), ('x*y + y', 0, 0)])
+    ('0*x', 0, 0), ('x*y - x*y*1', 0, 0), ('2*y', 0, 0), ('y/x', 0, 0), ('x*y + y', 0, 0),
+    ('sin(y)', 0, 0), ('tan(y)', 0, 0), ('1 - cos(y)', 0, 0)])
 def test_expressions_that_are_exactly_zero_stay_zero(text, low, high):
-    """The test for nonnegative states relies on rates that are exactly 0 at x = 0."""
+    """Rates that are exactly 0 at 0 are needed for nonnegative states, and at set points."""
     found = enclose_expression(text, (0.1, 0.7), (0, 0))
     assert (found.low, found.high) == (low, high)
 
