@@ -283,7 +283,7 @@ class _PeriodBounds:
             raise RefusedDesignError(
                 'terminal set: the rate of the state at the set point or its derivatives cannot '
                 f'be bounded over a period of {self._h:g} s; wanted a higher rate, and dynamics '
-                'without jumps (sign, floor, atan2)')
+                'without jumps or kinks (atan2, abs)')
         loop = sampled[0] - sampled[1] @ B @ MatrixBall.exact(K)
         try:
             self.norm = DefiniteNorm(problem.P, loop.middle)
