@@ -12,6 +12,9 @@ in `controller_node`.
 At a state the command of the plan made for this instant is sent; then a process of its own plans
 from the state that is predicted for the next instant. Without a new plan the present one is
 followed to its end, then the regulator inside the terminal set, then `on_stale` acts.
+
+With `priority`, the solver process has a real-time priority one less than that of the node's
+threads. Where the system does not allow it, the log says so.
 """
 
 from dataclasses import replace
@@ -30,7 +33,12 @@ from obc_ros.nodes.control.controller_node import CHECK_PERIOD, ControllerNode
 from obc_ros.nodes.mpc.plan_legs import make_leg, select_legs
 from obc_ros.nodes.mpc.plan_messages import make_plan_message
 from obc_ros.nodes.mpc.plan_monitor import PlanMonitor
-from obc_ros.nodes.mpc.settings import judge_mpc_settings, MpcCandidate, Settings
+from obc_ros.nodes.mpc.settings import (
+    find_solver_priority,
+    judge_mpc_settings,
+    MpcCandidate,
+    Settings,
+)
 from obc_ros.ros.conversions import read_nanoseconds
 from obc_ros.ros.executor import run
 from obc_ros.workers.steps.step_link import StepLink
@@ -104,7 +112,7 @@ class MpcNode(ControllerNode):
         if now and pack(candidate.problem) == pack(now.problem):
             same = replace(candidate, link=now.link)
             return same if now.ready is None else same.with_terminal_set(now.ready)
-        link = StepLink(self.STEPS, candidate.problem)
+        link = StepLink(self.STEPS, candidate.problem, find_solver_priority(settings.priority))
         candidate = replace(candidate, link=link)
         if not self._is_active:
             return candidate

@@ -10,11 +10,11 @@ service nor a timer delays a state.
 
 from collections.abc import Callable, Iterable
 import gc
-import os
 import sys
 import threading
 from typing import Any
 
+from obc_ros.workers.real_time import raise_priority
 from rclpy.callback_groups import CallbackGroup
 from rclpy.event_handler import EventHandler
 from rclpy.guard_condition import GuardCondition
@@ -25,7 +25,8 @@ from rclpy.subscription import Subscription
 # [s] after which a thread that runs Python code yields to a waiting one; 5 ms by default.
 SWITCH_INTERVAL = 2e-4
 PRIORITY = ('real-time priority (SCHED_FIFO) of the process; 0: none. Threads of the node have '
-            'one less than those of DDS. Needs an rtprio limit, or root')
+            'one less than those of DDS, and the solver process of mpc_node has one less again. '
+            'Needs an rtprio limit, or root')
 
 
 class Apart(CallbackGroup):  # type: ignore[misc] # rclpy's classes are untyped
@@ -80,7 +81,9 @@ class OwnThread:
         """Begin to take messages."""
         gc.collect()
         gc.freeze()  # later collections skip the objects of the start, and are shorter
-        if self._priority and (reason := _raise(self._priority)):
+        # Messages are delivered before the node continues. With equal priorities on one core a
+        # message waits for its turn, and a plant at 1 kHz missed ten times as many commands.
+        if self._priority and (reason := raise_priority(self._priority, self._priority - 1)):
             self._node.get_logger().warning(reason)
         self._running = True
         self._thread = threading.Thread(target=self._run, name='states', daemon=True)
@@ -126,53 +129,3 @@ class OwnThread:
                 for event in events:
                     if event.is_ready(wait_set):
                         event.callback(event.take_data())
-
-
-def _raise(priority: int) -> str:
-    """
-    Give this process a real-time priority; return the reason of a failure, else ''.
-
-    The main thread, and threads that it starts later, have one less than the threads of DDS, so
-    that messages are delivered before nodes continue. With equal priorities on one core a message
-    waits for its turn, and a plant at 1 kHz missed ten times as many commands.
-    """
-    try:
-        for thread in map(int, os.listdir('/proc/self/task')):
-            mine = max(1, priority - (thread == threading.get_native_id()))
-            os.sched_setscheduler(thread, os.SCHED_FIFO, os.sched_param(mine))
-    except OSError as error:
-        return _explain(priority, error)
-    return ''
-
-
-def _explain(priority: int, error: OSError) -> str:
-    return (f'priority = {priority}: {error.strerror}; the priority is not set. Allow '
-            f"it by a line '@realtime - rtprio 99' in /etc/security/limits.conf")
-
-
-def find_priority_refusal(priority: int) -> str:
-    """
-    Return why the system does not allow a real-time priority; empty: it allows it.
-
-    A thread that ends at once tries it: the process keeps its own priority.
-
-    Parameters
-    ----------
-    priority : int
-        As in `PRIORITY`, above 0.
-
-    """
-    if not hasattr(os, 'sched_setscheduler'):
-        return f'priority = {priority}: this system has no real-time priorities'
-    reasons = []
-
-    def attempt() -> None:
-        try:
-            os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
-        except OSError as error:
-            reasons.append(_explain(priority, error))
-
-    thread = threading.Thread(target=attempt)
-    thread.start()
-    thread.join()
-    return ''.join(reasons)

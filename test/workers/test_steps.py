@@ -11,6 +11,7 @@ import time
 
 import numpy as np
 from obc_ros.core.text.errors import ObcError
+from obc_ros.workers.real_time import find_priority_refusal
 from obc_ros.workers.steps.step_link import StepLink
 from obc_ros.workers.steps.step_supervisor import StepSupervisor
 from obc_ros.workers.wire import Packet
@@ -57,10 +58,10 @@ class Watched:
 
 
 @contextmanager
-def supervised(system='aircraft'):
+def supervised(system='aircraft', priority=0):
     """Yield a supervisor at work; check that it leaves no process."""
     watched = Watched()
-    link = StepLink('stand_in_steps', make_problem(system))
+    link = StepLink('stand_in_steps', make_problem(system), priority)
     watched.steps.use(link)
     watched.steps.start()
     try:
@@ -157,6 +158,23 @@ def test_a_lost_process_is_replaced_and_told(number, kind, words):
         assert words in watched.news[0]
         assert watched.news[-1] == 'the solver process has been replaced'
         assert not alive(first)
+
+
+def test_a_process_and_its_successor_have_the_priority_or_it_is_said_why_not():
+    """Each has it when it is ready; one that ends with a priority starts its successor."""
+    refusal = find_priority_refusal(3)
+    with supervised(priority=3) as watched:
+        assert watched.ready.wait(DEADLINE)
+        for _ in range(2):
+            pid = watched.steps.link.pid
+            found = os.sched_getscheduler(pid), os.sched_getparam(pid).sched_priority
+            assert found == ((os.SCHED_OTHER, 0) if refusal else (os.SCHED_FIFO, 3))
+            watched.ready.clear()
+            os.kill(pid, signal.SIGKILL)
+            assert watched.ready.wait(DEADLINE)
+        assert watched.steps.link.pid != pid
+    said = [each for each in watched.news if 'limits.conf' in each]
+    assert said == ([f'the solver process: {refusal}'] if refusal else [])
 
 
 def test_a_refused_problem_is_not_tried_again():

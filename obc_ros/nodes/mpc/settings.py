@@ -105,6 +105,11 @@ class MpcCandidate:
         return replace(self, control=replace(self.control, regulator=regulator), ready=ready)
 
 
+def find_solver_priority(priority: int) -> int:
+    """Return the real-time priority of the solver process for that of the node; 0: none."""
+    return max(1, priority - 2) if priority else 0   # the threads of the node have one less
+
+
 def judge_mpc_settings(settings: Settings) -> MpcCandidate:
     """
     Return the regulator, the control and the problem for a set of parameters.

@@ -34,11 +34,15 @@ class StepLink:
         Module of the process that prepares the problem.
     problem : Packet
         The problem.
+    priority : int
+        Real-time priority of the process once it is prepared; 0: none.
 
     Attributes
     ----------
     ready : Packet or None
         Reply of the process when it is prepared.
+    priority_refusal : str
+        Why the system does not allow the priority; empty before `ready`, and if it does.
     is_broken : bool
         Whether a request was sent in part: the process cannot read another one.
 
@@ -51,12 +55,13 @@ class StepLink:
 
     """
 
-    def __init__(self, module: str, problem: Packet) -> None:
+    def __init__(self, module: str, problem: Packet, priority: int = 0) -> None:
         if sys.platform == 'win32':
             raise ObcError('the solver process needs Linux or macOS: on Windows, use the Windows '
                            'Subsystem for Linux')
-        self.module, self.problem = module, problem
+        self.module, self.problem, self.priority = module, problem, priority
         self.ready: Packet | None = None
+        self.priority_refusal = ''
         self.is_broken = False
         self._ids = itertools.count(1)
         ours, theirs = socket.socketpair()
@@ -65,7 +70,7 @@ class StepLink:
             with theirs:
                 self._process = subprocess.Popen(
                     [sys.executable, '-m', 'obc_ros.workers.steps.step_process',
-                     str(theirs.fileno()), module, str(os.getpid())],
+                     str(theirs.fileno()), module, str(os.getpid()), str(priority)],
                     pass_fds=[theirs.fileno()], stdin=subprocess.DEVNULL,
                     stdout=subprocess.DEVNULL, env={**os.environ, **ENVIRONMENT})
             undo.callback(self._process.wait)
@@ -104,6 +109,7 @@ class StepLink:
         if packet is not None and 'refused' in packet.plain:
             raise ObcError(str(packet.plain['refused']))
         if packet is not None and 'ready' in packet.plain:
+            self.priority_refusal = str(packet.plain['priority'])
             self.ready = Packet(packet.plain['ready'], packet.arrays)
 
     def send(self, plain: Mapping[str, Any], arrays: Mapping[str, Array]) -> int:

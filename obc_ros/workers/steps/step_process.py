@@ -3,9 +3,13 @@
 """
 A process that solves one step of a receding horizon after another.
 
-Started by `step_link.StepLink`: ``python -m obc_ros.workers.steps.step_process FD MODULE PARENT``.
-MODULE offers ``prepare(problem: Packet) -> StepAnswerer``. The first packet is the problem; its
-reply has `ready` or `refused`. Of the requests that wait, the newest is answered.
+Started by `step_link.StepLink`:
+``python -m obc_ros.workers.steps.step_process FD MODULE PARENT PRIORITY``. MODULE offers
+``prepare(problem: Packet) -> StepAnswerer``. The first packet is the problem; its reply has
+`ready` or `refused`. Of the requests that wait, the newest is answered.
+
+The process has its real-time priority once it is prepared: building and compiling must not delay
+others.
 """
 
 from contextlib import suppress
@@ -19,6 +23,7 @@ from typing import Protocol
 
 from obc_ros.core.text.errors import ObcError
 from obc_ros.workers.process import end_with_parent
+from obc_ros.workers.real_time import drop_priority, raise_priority
 from obc_ros.workers.wire import Channel, Packet
 
 
@@ -33,7 +38,7 @@ class StepAnswerer(Protocol):
         """Return the reply to a request; ObcError: it is refused."""
 
 
-def serve_steps(channel: Channel, module: str) -> None:
+def serve_steps(channel: Channel, module: str, priority: int) -> None:
     """
     Prepare the first packet, and answer the newest request until the channel is closed.
 
@@ -43,6 +48,8 @@ def serve_steps(channel: Channel, module: str) -> None:
         To the node.
     module : str
         Name of the module that prepares the problem.
+    priority : int
+        Real-time priority of the prepared process; 0: none.
 
     """
     problem = channel.receive()
@@ -54,7 +61,8 @@ def serve_steps(channel: Channel, module: str) -> None:
         return
     gc.collect()
     gc.freeze()   # a collection with the objects of the start takes a period, 20 ms
-    channel.send({'ready': answerer.ready.plain}, answerer.ready.arrays)
+    refusal = raise_priority(priority, priority) if priority else ''
+    channel.send({'ready': answerer.ready.plain, 'priority': refusal}, answerer.ready.arrays)
     while True:
         request = channel.receive()
         while request is not None and (newer := channel.receive(timeout=0.0)) is not None:
@@ -70,12 +78,14 @@ def serve_steps(channel: Channel, module: str) -> None:
 
 def main() -> int:
     """Serve the node that has started this process; it ends with the node."""
-    descriptor, module, parent = sys.argv[1:]
+    descriptor, module, parent, priority = sys.argv[1:]
     signal.signal(signal.SIGINT, signal.SIG_IGN)   # the node ends this process
     end_with_parent(int(parent))
+    if int(priority):
+        drop_priority()   # that of the thread which has started it
     channel = Channel(socket.socket(fileno=int(descriptor)))
     with suppress(EOFError, BrokenPipeError):   # the node has closed the channel
-        serve_steps(channel, module)
+        serve_steps(channel, module, int(priority))
     os._exit(0)   # without the destructors of CasADi: nothing is left to keep
 
 

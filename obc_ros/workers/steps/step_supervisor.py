@@ -35,7 +35,8 @@ class StepSupervisor:
     on_ready : callable
         Called in the thread with the reply of a prepared process.
     on_news : callable
-        Called in the thread with a sentence when a process is lost, and when it has been replaced.
+        Called in the thread with a sentence when a process is lost, when it has been replaced, and
+        if the system does not allow its priority.
 
     Attributes
     ----------
@@ -143,6 +144,8 @@ class StepSupervisor:
         if self._lost:
             self._lost, self._pause = False, START_PAUSE
             self._on_news('the solver process has been replaced')
+        elif link.priority_refusal:
+            self._on_news(f'the solver process: {link.priority_refusal}')
         self._on_ready(link.ready)
 
     def _take(self, link: StepLink, packet: Packet) -> None:
@@ -189,7 +192,7 @@ class StepSupervisor:
                 return None
             at_once = False
             try:
-                return StepLink(link.module, link.problem)
+                return StepLink(link.module, link.problem, link.priority)
             except OSError as error:
                 self._on_news(f'the solver process cannot be started: {error}; it is tried again')
         return None

@@ -15,8 +15,8 @@ from obc_ros.cli.examples import find_example
 from obc_ros.cli.processes import reserve_domain
 from obc_ros.cli.view.command import LOOP_PRIORITY
 from obc_ros.msg import Estimate, LqrDesign, State, Trajectory
-from obc_ros.ros.subscription_thread import find_priority_refusal
 from obc_ros.srv import PlanMotion
+from obc_ros.workers.real_time import find_priority_refusal
 from probes import Probe
 import pytest
 from rcl_interfaces.msg import Log

@@ -1,12 +1,16 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""Whether the system allows a real-time priority, asked without a change of the process."""
+"""Real-time priorities: what the system allows, and what a process then has."""
 
 import os
 import subprocess
 import sys
 
-from obc_ros.ros.subscription_thread import find_priority_refusal
+from obc_ros.workers.real_time import (
+    drop_priority,
+    find_priority_refusal,
+    raise_priority,
+)
 import pytest
 
 LOWEST, HIGHEST = os.sched_get_priority_min(os.SCHED_FIFO), os.sched_get_priority_max(
@@ -38,3 +42,34 @@ def test_a_refusal_says_what_to_do(monkeypatch):
 def test_a_system_without_such_priorities_is_named(monkeypatch):
     monkeypatch.delattr(os, 'sched_setscheduler')
     assert 'no real-time priorities' in find_priority_refusal(50)
+
+
+def test_the_threads_of_a_process_have_their_priorities_or_it_is_said_why_not():
+    """A process of its own, with a thread beside the calling one; then it gives its own up."""
+    program = """
+import os, threading
+from obc_ros.workers.real_time import drop_priority, raise_priority
+ended = threading.Event()
+other = threading.Thread(target=ended.wait)
+other.start()
+def find(thread):
+    return os.sched_getscheduler(thread), os.sched_getparam(thread).sched_priority
+print(raise_priority(5, 0))
+print(find(0), find(other.native_id))
+drop_priority()
+print(find(0))
+ended.set()
+"""
+    said, raised, dropped = subprocess.run(
+        [sys.executable, '-c', program], capture_output=True, text=True, check=True
+    ).stdout.splitlines()
+    assert said == find_priority_refusal(5)
+    fifo, other = os.SCHED_FIFO, (os.SCHED_OTHER, 0)
+    assert raised == (f'{other} {other}' if said else f'{(fifo, 1)} {(fifo, 5)}')
+    assert dropped == f'{other}'
+
+
+def test_without_such_priorities_nothing_is_changed(monkeypatch):
+    monkeypatch.delattr(os, 'sched_setscheduler')
+    assert 'no real-time priorities' in raise_priority(5, 5)
+    drop_priority()

@@ -1,0 +1,79 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""Real-time priorities of processes, where the system allows them."""
+
+from contextlib import suppress
+import os
+import threading
+
+
+def raise_priority(priority: int, own: int) -> str:
+    """
+    Give the threads of this process a real-time priority (SCHED_FIFO).
+
+    Parameters
+    ----------
+    priority : int
+        Of all threads but the calling one, 1 to 99; a lower number counts as 1.
+    own : int
+        Of the calling thread, and of threads and processes that it starts later.
+
+    Returns
+    -------
+    str
+        Why the system does not allow it; empty: it is done.
+
+    """
+    if not hasattr(os, 'sched_setscheduler'):
+        return _explain_absence(priority)
+    try:
+        for thread in map(int, os.listdir('/proc/self/task')):
+            wanted = own if thread == threading.get_native_id() else priority
+            with suppress(ProcessLookupError):   # it has ended meanwhile
+                os.sched_setscheduler(thread, os.SCHED_FIFO, os.sched_param(max(1, wanted)))
+    except OSError as error:
+        return _explain(priority, error)
+    return ''
+
+
+def drop_priority() -> None:
+    """Give up the real-time priority of the calling thread, such as an inherited one, if any."""
+    if hasattr(os, 'sched_setscheduler') and os.sched_getscheduler(0) == os.SCHED_FIFO:
+        os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+
+
+def find_priority_refusal(priority: int) -> str:
+    """
+    Return why the system does not allow a real-time priority; empty: it allows it.
+
+    A thread that ends at once tries it: the process keeps its own priority.
+
+    Parameters
+    ----------
+    priority : int
+        The priority, 1 to 99.
+
+    """
+    if not hasattr(os, 'sched_setscheduler'):
+        return _explain_absence(priority)
+    reasons = []
+
+    def attempt() -> None:
+        try:
+            os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
+        except OSError as error:
+            reasons.append(_explain(priority, error))
+
+    thread = threading.Thread(target=attempt)
+    thread.start()
+    thread.join()
+    return ''.join(reasons)
+
+
+def _explain(priority: int, error: OSError) -> str:
+    return (f'priority = {priority}: {error.strerror}; the priority is not set. Allow '
+            f"it by a line '@realtime - rtprio 99' in /etc/security/limits.conf")
+
+
+def _explain_absence(priority: int) -> str:
+    return f'priority = {priority}: this system has no real-time priorities'
