@@ -17,10 +17,9 @@ from typing import Any
 
 from obc_ros.cli.console.tables import print_table
 from obc_ros.core.text.errors import ObcError, quote, suggest_name
+from obc_ros.core.text.example_files import find_example, list_examples
 from obc_ros.core.text.tables import format_value
 import yaml
-
-FOLDER = Path(__file__).resolve().parents[1] / 'examples'
 
 
 @dataclass(frozen=True)
@@ -78,31 +77,6 @@ def run(args: argparse.Namespace) -> int:
     else:
         _list([read_example(name) for name in chosen], args.long)
     return 0
-
-
-def list_examples() -> list[str]:
-    """Return the names of the examples."""
-    return sorted(path.stem for path in FOLDER.glob('*.yaml'))
-
-
-def find_example(name: str) -> Path:
-    """Return the file of an example."""
-    return FOLDER / f'{name}.yaml'
-
-
-def choose_file(given: Path) -> Path:
-    """Return a file that a user named: of that path, else the example of that name."""
-    is_name = given.name == str(given) and not given.suffix
-    if is_name and not given.exists() and find_example(given.name).is_file():
-        return find_example(given.name)
-    return given
-
-
-def suggest_file(given: Path) -> str:
-    """Return a suggestion for a file that does not exist; empty if nothing is similar."""
-    beside = given.parent if given.parent.is_dir() else Path()
-    names = [path.name for path in beside.glob('*.y*ml')] if given.name else []
-    return suggest_name(given.name, names if given.suffix else [*names, *list_examples()])
 
 
 def read_example(name: str) -> ProblemExample:

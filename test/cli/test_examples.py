@@ -7,6 +7,7 @@ import math
 from obc_ros.cli import examples
 from obc_ros.cli.obc import main
 from obc_ros.core.ocp.statement import build_problem, load_file
+from obc_ros.core.text.example_files import find_example, list_examples
 import pytest
 import yaml
 
@@ -15,14 +16,14 @@ CATEGORIES = {'time-optimal', 'singular', 'state-constraint', 'calculus-of-varia
 
 
 def test_every_example_says_what_it_is_and_where_it_is_from():
-    known = [examples.read_example(name) for name in examples.list_examples()]
+    known = [examples.read_example(name) for name in list_examples()]
     assert len(known) > 100
     for each in known:
         assert each.title
         assert len(each.source) > 9, each.name
         assert each.category in CATEGORIES, each.name
         assert math.isfinite(each.cost), each.name
-        [statement] = load_file(examples.find_example(each.name))
+        [statement] = load_file(find_example(each.name))
         assert statement['name'] == each.name
         assert build_problem(statement).states
 
@@ -30,7 +31,7 @@ def test_every_example_says_what_it_is_and_where_it_is_from():
 def test_the_list_has_every_example(capsys):
     assert main(['examples']) == 0
     output = capsys.readouterr().out
-    for name in examples.list_examples():
+    for name in list_examples():
         assert f'\n{name} ' in output
     assert all(f'{category}:\n' in output for category in CATEGORIES)
 
@@ -42,7 +43,7 @@ def test_words_choose_from_the_list(capsys, words, found):
     assert main(['examples', '--long', *(part for word in words for part in (
         '--match', word))]) == 0
     output = capsys.readouterr().out
-    assert [name for name in examples.list_examples() if f'\n{name} ' in output] == found
+    assert [name for name in list_examples() if f'\n{name} ' in output] == found
     assert f'\n{len(found)} examples' in output
 
 
@@ -54,7 +55,7 @@ def test_a_word_that_nothing_has_is_said(capsys):
 def test_a_printed_example_is_its_file(capsys):
     assert main(['examples', 'dido']) == 0
     output = capsys.readouterr().out
-    assert output == examples.find_example('dido').read_text(encoding='utf-8')
+    assert output == find_example('dido').read_text(encoding='utf-8')
     assert yaml.safe_load(output)['name'] == 'dido'
 
 
@@ -65,7 +66,7 @@ def test_examples_are_copied_and_nothing_is_overwritten(tmp_path, capsys):
     assert told.out == f'1 files copied to {tmp_path}\n'
     assert told.err == 'obc examples: kept, as they exist: dido\n'
     assert (tmp_path / 'dido.yaml').read_text() == 'mine'
-    assert (tmp_path / 'fuller.yaml').read_bytes() == examples.find_example('fuller').read_bytes()
+    assert (tmp_path / 'fuller.yaml').read_bytes() == find_example('fuller').read_bytes()
 
 
 def test_a_folder_that_cannot_be_written_is_an_error_in_words(tmp_path, capsys):

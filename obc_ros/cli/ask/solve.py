@@ -15,11 +15,11 @@ from obc_ros.cli.ask.pool_batch import answer_all
 from obc_ros.cli.ask.problem_requests import Question
 from obc_ros.cli.console import tables
 from obc_ros.cli.console.streams import get_width
-from obc_ros.cli.examples import choose_file
 from obc_ros.core.library.figures.files import save_figure
 from obc_ros.core.ocp.method_names import get_method, NAMES
 from obc_ros.core.ocp.solution import Condition, Optimality, Solution
 from obc_ros.core.text.errors import quote, StatementError
+from obc_ros.core.text.example_files import choose_file
 from obc_ros.core.text.tables import format_value
 from obc_ros.workers.pool import LONGEST_LIMIT, TIME_LIMIT
 

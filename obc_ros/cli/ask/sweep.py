@@ -13,8 +13,8 @@ from typing import Any
 from obc_ros.cli import results
 from obc_ros.cli.console.progress import Lines, show_progress
 from obc_ros.cli.console.tables import print_table
-from obc_ros.cli.examples import choose_file
 from obc_ros.core.text.errors import DynamicsError, ObcError, quote, StatementError
+from obc_ros.core.text.example_files import choose_file
 from obc_ros.sweep.axes import make_axes, make_draws, parse_axes, parse_draws
 from obc_ros.sweep.sweep import (
     choose_workers,

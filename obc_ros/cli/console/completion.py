@@ -13,9 +13,9 @@ from typing import Any
 from zlib import crc32
 
 from obc_ros.cli.bench import find_benchmarks
-from obc_ros.cli.examples import list_examples
 from obc_ros.cli.obc import build_parser, find_subcommands, NEED_ROS
 from obc_ros.core.text.errors import ObcError
+from obc_ros.core.text.example_files import list_examples
 from obc_ros.ros.installation import explain_missing_ros
 
 SHELLS = ('bash', 'zsh', 'fish')

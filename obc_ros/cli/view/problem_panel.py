@@ -6,7 +6,6 @@ from collections.abc import Callable
 from typing import Any
 
 from nicegui import run, ui
-from obc_ros.cli.examples import find_example, list_examples
 from obc_ros.cli.view.charts import (
     draw_path_lines,
     find_switching_functions,
@@ -19,6 +18,7 @@ from obc_ros.core.ocp.augmentation import restore_added_states
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.ocp.statement import build_problem
 from obc_ros.core.text.errors import ObcError
+from obc_ros.core.text.example_files import find_example, list_examples
 from obc_ros.core.text.yaml_files import MAX_BYTES, read_text_entries
 from obc_ros.ros.messages import build_problem_message, read_solution
 

@@ -11,9 +11,9 @@ import socket
 from typing import Any
 
 import numpy as np
-from obc_ros.cli.examples import find_example
 from obc_ros.cli.processes import reserve_domain
 from obc_ros.cli.view.command import LOOP_PRIORITY
+from obc_ros.core.text.example_files import find_example
 from obc_ros.msg import Estimate, LqrDesign, State, Trajectory
 from obc_ros.srv import PlanMotion
 from obc_ros.workers.real_time import find_priority_refusal

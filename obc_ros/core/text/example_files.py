@@ -1,0 +1,34 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""The problem files of the package by their names, which a user may write in place of a file."""
+
+from pathlib import Path
+
+from obc_ros.core.text.errors import suggest_name
+
+FOLDER = Path(__file__).resolve().parents[2] / 'examples'
+
+
+def list_examples() -> list[str]:
+    """Return the names of the examples."""
+    return sorted(path.stem for path in FOLDER.glob('*.yaml'))
+
+
+def find_example(name: str) -> Path:
+    """Return the file of an example."""
+    return FOLDER / f'{name}.yaml'
+
+
+def choose_file(given: Path) -> Path:
+    """Return a file that a user named: of that path, else the example of that name."""
+    is_name = given.name == str(given) and not given.suffix
+    if is_name and not given.exists() and find_example(given.name).is_file():
+        return find_example(given.name)
+    return given
+
+
+def suggest_file(given: Path) -> str:
+    """Return a suggestion for a file that does not exist; empty if nothing is similar."""
+    beside = given.parent if given.parent.is_dir() else Path()
+    names = [path.name for path in beside.glob('*.y*ml')] if given.name else []
+    return suggest_name(given.name, names if given.suffix else [*names, *list_examples()])
