@@ -179,8 +179,8 @@ def _rows(source: Source, settings: ast.AST) -> dict[str, Row]:
 def _row(source: Source, field: str, call: ast.Call) -> Row:
     given: dict[str, Any] = dict(zip(
         ('default', 'description', 'unit'), map(source.value, call.args), strict=False))
-    given |= {each.arg: source.value(each.value) for each in call.keywords}
-    given = {key: given[key] for key in Row.__annotations__ if key in given}
+    given |= {each.arg: source.value(each.value) for each in call.keywords
+              if each.arg in Row.__annotations__}
     return Row(**{'name': field, **given})
 
 

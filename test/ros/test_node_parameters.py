@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Parameters of a node: accepted values, and the reason for each refusal."""
 
+import ast
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 import math
@@ -15,6 +16,7 @@ from obc_ros.ros.parameters.node_parameters import (
     group,
     ParameterRow,
     Parameters,
+    StartValues,
     Value,
 )
 import pytest
@@ -44,10 +46,26 @@ class Settings:
     gust: float = declare_field(0.0, 'gust', name='disturbance.gust')
 
 
+def give(text: str) -> StartValues:
+    """Return the start values of a text such as ``rate=2.0 Qx=(3.0,)``."""
+    if text == 'nothing':
+        raise StatementError('nothing: it gives no value')
+    return StartValues({name: ast.literal_eval(value) for name, value in (
+        each.split('=') for each in text.split())}, 'values for a test')
+
+
+@dataclass(frozen=True)
+class StartSettings(Settings):
+    """The table with a parameter that gives others."""
+
+    start: str = declare_field('', 'start values of the others', read_only=True, gives=give)
+
+
 class Target:
     """A node with the table; it refuses sum(Qx) + sum(Qu) > 100."""
 
-    def __init__(self, context: Any, given: Mapping[str, Any] | None = None) -> None:
+    def __init__(self, context: Any, given: Mapping[str, Any] | None = None,
+                 table: type[Settings] = Settings) -> None:
         self.node = Node(
             'lqr_node', context=context, allow_undeclared_parameters=True,
             parameter_overrides=[Parameter(name, value=value)
@@ -55,7 +73,7 @@ class Target:
         self.adopted: list[Settings] = []
         self.refused: list[str] = []
         self.parameters = Parameters(
-            self.node, Settings, self.judge, self.adopted.append, self.refused.append)
+            self.node, table, self.judge, self.adopted.append, self.refused.append)
 
     def judge(self, settings: Settings) -> Settings:
         if sum(settings.Qx) + sum(settings.Qu) > 100.0:
@@ -307,6 +325,29 @@ def test_initial_values_are_checked(probe: Any) -> None:
         Target(probe.context, {'Qx': [99, 99]})
     with pytest.raises(ObcError, match="did you mean 'aircraft'"):
         Target(probe.context, {'system': 'aircaft'})
+
+
+def test_start_values_take_the_place_of_defaults(probe: Any) -> None:
+    """Also those of parameters that are declared before; given values override them."""
+    target = Target(probe.context, {
+        'start': "system='vehicle' system_parameters.l=3.0 Qx=(3.0,) rate=2.0 delay=0.5",
+        'rate': 4.0}, StartSettings)
+    settings = target.parameters.settings
+    assert (settings.system, settings.system_parameters) == ('vehicle', {'l': 3.0})
+    assert (settings.Qx, settings.rate, settings.delay) == ((3.0,), 4.0, 0.5)
+    assert target.set(Qx=[5.0], delay=0.0).successful
+    assert target.parameters.settings.Qx == (5.0,)
+    target.node.destroy_node()
+
+
+@pytest.mark.parametrize(('text', 'words'), [
+    ('nothing', "^start = 'nothing': it gives no value"),
+    ('delay=5.0', 'delay = 5: wanted between 0 and 1'), ('rate=1e999', 'rate = inf'),
+    ('system_parameters.l=3.0', '^start = .* gives system_parameters.l, but there is no such'),
+    ("system='no_such'", 'no_such')])
+def test_start_values_are_checked(probe: Any, text: str, words: str) -> None:
+    with pytest.raises(ObcError, match=words):
+        Target(probe.context, {'start': text}, StartSettings)
 
 
 def test_options_of_a_system_are_parameters(probe: Any) -> None:

@@ -16,6 +16,9 @@ A change has two steps. *Judge* builds the candidate from all proposed values an
 or raises ObcError; nothing has changed then. *Adopt* receives the candidate once every parameter
 is set. The same *judge* checks the values at the start.
 
+A value that one parameter gives others at the start (`gives`), such as those of a file, takes the
+place of their defaults. A value that the user gives explicitly overrides it.
+
 A parameter without an effect under the present settings (`used_when`) is at its default. Another
 value is rejected, also at the start. A change that removes its effect resets it to the default.
 """
@@ -34,13 +37,19 @@ from obc_ros.ros.parameters.conditions import (
     Value,
 )
 from obc_ros.ros.parameters.services import serve_parameters
-from obc_ros.ros.parameters.table import declare_field, group, ParameterRow, suggest_key
+from obc_ros.ros.parameters.table import (
+    declare_field,
+    group,
+    ParameterRow,
+    StartValues,
+    suggest_key,
+)
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.node import Node
 from rclpy.parameter import get_parameter_value, Parameter
 from yaml import YAMLError
 
-__all__ = ['ParameterRow', 'declare_field', 'group', 'Parameters', 'Value']
+__all__ = ['ParameterRow', 'declare_field', 'group', 'Parameters', 'StartValues', 'Value']
 
 Settings = TypeVar('Settings')
 Judged = TypeVar('Judged')
@@ -98,6 +107,7 @@ class Parameters(Generic[Settings, Judged]):
         self._judge, self._adopt, self._refused = judge, adopt, refused
         self._entries: dict[str, ParameterRow] = {}
         self._values: dict[str, Value] = {}
+        self._start: dict[str, tuple[Value, str]] = {}  # in place of a default, and what gives it
         self._pending: tuple[dict[str, Value], Settings, Judged] | None = None
         self._asked: list[Parameter] = []  # as given, before `_normalise`
         self._is_attempt = False  # whose rejection is not reported
@@ -121,7 +131,9 @@ class Parameters(Generic[Settings, Judged]):
         guard(node)
 
     def _rows(self) -> Iterable[ParameterRow]:
-        for each in fields(self._table):  # type: ignore[arg-type] # a dataclass type
+        rows = fields(self._table)  # type: ignore[arg-type] # a dataclass type
+        # What gives start values is declared before the parameters that get them.
+        for each in sorted(rows, key=lambda each: not _gives(each.metadata.get('entry'))):
             if 'group' in each.metadata:
                 for member in each.metadata['group'](self._values):
                     yield _renamed(member, f'{each.name}.{member.name}')
@@ -132,6 +144,8 @@ class Parameters(Generic[Settings, Judged]):
     def _declare(self, entry: ParameterRow) -> None:
         if entry.default_when and condition_holds(entry.default_when[0], self._values):
             entry = replace(entry, default=entry.default_when[1])
+        if entry.name in self._start:
+            entry = replace(entry, default=entry.value(entry.ros(self._start[entry.name][0])))
         name, value = entry.name, entry.default
         if name in self._overrides:
             value = entry.value(self._overrides[name])
@@ -139,9 +153,21 @@ class Parameters(Generic[Settings, Judged]):
         self._node.declare_parameter(name, value, entry.descriptor(), ignore_override=True)
         if value == () and not entry.read_only:
             self._node.set_parameters([entry.ros(value)])  # an empty list was declared as bytes
+        if entry.gives and value:
+            giver = f"{name} = '{quote(str(value))}'"
+            try:
+                found = entry.gives(str(value))
+            except ObcError as error:   # of a file: it may begin with its path
+                raise StatementError(f'{giver}: {str(error).removeprefix(f"{value}: ")}') from None
+            self._start |= {each: (given, giver) for each, given in found.values.items()}
+            self._node.get_logger().info(f'{giver}: {found.note}')
 
     def _check_start(self) -> None:
         """Reject values at the start that would have no effect."""
+        for name, (_, giver) in self._start.items():
+            if name not in self._entries:
+                raise StatementError(f'{giver} gives {name}, but there is no such parameter: '
+                                     'another given value, such as system, does not fit')
         given = {name: each.value for name, each in self._overrides.items()}
         if advice := self._former(given, self._values):
             raise StatementError(advice)
@@ -294,6 +320,10 @@ class Parameters(Generic[Settings, Judged]):
             else:
                 values[change.name] = entry.value(change)
         return values
+
+
+def _gives(entry: ParameterRow | None) -> bool:
+    return entry is not None and entry.gives is not None
 
 
 def _renamed(entry: ParameterRow, name: str) -> ParameterRow:

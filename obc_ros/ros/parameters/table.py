@@ -38,6 +38,18 @@ _ROWS = re.compile(r'\[(\[[^\[\]]*\],?)+\]|\[[^\[\]]*\]')
 
 
 @dataclass(frozen=True)
+class StartValues:
+    """
+    What the value of one parameter gives others at the start, in place of their defaults.
+
+    `values` are by name, of the types of their rows; `note` tells the user what is given.
+    """
+
+    values: Mapping[str, Value]
+    note: str
+
+
+@dataclass(frozen=True)
 class ParameterRow:
     """A row of the table: one parameter, see `declare_field`."""
 
@@ -53,6 +65,7 @@ class ParameterRow:
     texts: bool = False
     used_when: UsedWhen = ()
     default_when: tuple[ParameterCondition, Value] | None = None
+    gives: Callable[[str], StartValues] | None = None
 
     @property
     def type(self) -> Parameter.Type:
@@ -171,6 +184,7 @@ def declare_field(
     texts: bool = False,
     used_when: UsedWhen = (),
     default_when: tuple[ParameterCondition, Value] | None = None,
+    gives: Callable[[str], StartValues] | None = None,
 ) -> Any:
     """
     Return a field of a table that is one ROS parameter.
@@ -200,6 +214,9 @@ def declare_field(
         them holds; empty: always.
     default_when : tuple, optional
         A condition on parameters declared before, and the default if it holds.
+    gives : callable, optional
+        Returns the `StartValues` of a text that is not empty. They become the defaults of the
+        other parameters. Raises ObcError for a text that gives none.
 
     Returns
     -------
@@ -210,7 +227,7 @@ def declare_field(
     entry = ParameterRow(
         name=name, default=default, description=description, unit=unit, lower=lower, upper=upper,
         choices=choices, read_only=read_only, finite=finite, texts=texts, used_when=used_when,
-        default_when=default_when)
+        default_when=default_when, gives=gives)
     return field(default=default, metadata={'entry': entry})
 
 
