@@ -29,6 +29,8 @@ ARGUMENTS = (
     ('speed', '1.0', 'simulated seconds per second; 0: as fast as possible'),
     ('lockstep', 'false', 'true: each step of the plant waits for its command'),
     ('controller', 'lqr', 'lqr: lqr_node; mpc: mpc_node', ['lqr', 'mpc']),
+    ('problem', '', 'problem file, or name of an example, for plant_simulator and mpc_node, in '
+     'place of the scenario; empty: none'),
     ('plant', 'true', 'false: no simulator, as a real robot replaces it'),
     ('server', 'true', 'false: without trajectory_server'),
     ('state_source', '', 'topic of the states; empty: that of the parameter files',
@@ -64,10 +66,16 @@ def _nodes(context: LaunchContext) -> list[Node]:
         raise ValueError(f'params_file:={given}: there is no such file')
     sensors = CONFIG / 'sensors' / f'{LaunchConfiguration("scenario").perform(context)}.yaml'
     estimates = IfCondition(LaunchConfiguration('estimator')).evaluate(context)
+    problem = LaunchConfiguration('problem').perform(context)
+    controller = LaunchConfiguration('controller').perform(context)
+    if problem and (estimates or controller != 'mpc'):
+        raise ValueError(f'problem:={problem}: wanted controller:=mpc, and no estimator')
     if estimates and not sensors.is_file():
         raise ValueError(f'estimator:=true: there is no {sensors}, with sensors of the scenario')
-    files = (ParameterFile(SCENARIO), *([ParameterFile(str(sensors))] if estimates else ()),
-             ParameterFile(given))
+    scenario = str(CONFIG / f'{sensors.stem}.yaml')
+    files = [ParameterFile(each) for each in (
+        scenario, *([str(sensors)] if estimates else ()), given)
+        if not (problem and each == scenario)]
     hidden = [(name, f'true_{name}') for name in ('state', 'odom') if estimates]
 
     def argument(name: str, value_type: type) -> ParameterValue:
@@ -85,6 +93,7 @@ def _nodes(context: LaunchContext) -> list[Node]:
         plant['publish_tf'] = argument('publish_tf', bool)
     topics = {name: argument(name, str) for name in ('state_source', 'command_sink')
               if LaunchConfiguration(name).perform(context)}
+    stated = {'problem': argument('problem', str)} if problem else {}
     source = {name: value for name, value in topics.items() if name == 'state_source'}
     options = {'respawn': is_true('respawn'), 'respawn_delay': 1.0}
 
@@ -96,7 +105,7 @@ def _nodes(context: LaunchContext) -> list[Node]:
                     remappings=remappings, **options)
 
     return [
-        *([node('plant_simulator', plant, hidden)] if is_true('plant') else ()),
+        *([node('plant_simulator', plant | stated, hidden)] if is_true('plant') else ()),
         *([node('estimator_node', {})] if estimates else ()),
-        node(f'{LaunchConfiguration("controller").perform(context)}_node', topics),
+        node(f'{controller}_node', topics | stated),
         *([node('trajectory_server', source)] if is_true('server') else ())]

@@ -19,7 +19,7 @@ from obc_ros.cli.ros2.launch_file import LaunchFile, Started
 from obc_ros.core.text.errors import ObcError
 
 ROOT = Path(__file__).resolve().parents[1]
-EXECUTABLES = ('plant_simulator', 'lqr_node', 'trajectory_server')
+EXECUTABLES = ('plant_simulator', 'lqr_node', 'mpc_node', 'trajectory_server')
 VARIABLE = 'ROS_AUTOMATIC_DISCOVERY_RANGE'
 # The launch ends once every node has been started a second time, if nodes are respawned.
 LAUNCH = """

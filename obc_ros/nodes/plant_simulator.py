@@ -51,7 +51,13 @@ from obc_ros.ros import conversions
 from obc_ros.ros.executor import run
 from obc_ros.ros.hardware_id import HARDWARE, identify
 from obc_ros.ros.messages import flatten_doubles
-from obc_ros.ros.parameters.node_parameters import declare_field, group, ParameterRow, Parameters
+from obc_ros.ros.parameters.node_parameters import (
+    declare_field,
+    group,
+    ParameterRow,
+    Parameters,
+    StartValues,
+)
 from obc_ros.ros.subscription_thread import Apart, OwnThread, PRIORITY
 from obc_ros.ros.throttled_log import ThrottledLog
 from rclpy.clock import Clock
@@ -67,14 +73,14 @@ LONGEST_WAIT = 0.5  # [s] between two checks in the thread
 
 
 def _of_states(values: Mapping[str, Any]) -> Iterator[ParameterRow]:
-    for signal in _system(values).states:
+    for signal in conversions.choose_node_system(values).states:
         yield ParameterRow(
             signal.name, 0.0, 'standard deviation of the measurement noise', signal.unit,
             lower=0.0, upper=1e9)
 
 
 def _of_disturbances(values: Mapping[str, Any]) -> Iterator[ParameterRow]:
-    for signal in _system(values).states:
+    for signal in conversions.choose_node_system(values).states:
         unit = f'{signal.unit or "1"}/s'
         yield ParameterRow(
             f'constant.{signal.name}', 0.0, 'constant added to the derivative', unit)
@@ -89,7 +95,7 @@ def _of_disturbances(values: Mapping[str, Any]) -> Iterator[ParameterRow]:
 
 
 def _of_outputs(values: Mapping[str, Any]) -> Iterator[ParameterRow]:
-    for signal in _system(values).outputs:
+    for signal in conversions.choose_node_system(values).outputs:
         yield ParameterRow(
             f'{signal.name}.rate', 0.0, 'measurements per simulated second, published on '
             'measurement: publish_rate divided by a whole number; 0: none', 'Hz', lower=0.0,
@@ -108,11 +114,14 @@ def _of_outputs(values: Mapping[str, Any]) -> Iterator[ParameterRow]:
             lower=0.0, upper=10.0, used_when=((f'measurement.{signal.name}.rate',),))
 
 
-def _system(values: Mapping[str, Any]) -> System:
-    prefix = 'system_parameters.'
-    return conversions.choose_system(values['system'], {
-        name.removeprefix(prefix): value for name, value in values.items()
-        if name.startswith(prefix)})
+def _read_problem(name: str) -> StartValues:
+    """Return the plant of a problem file and its initial state, if that is given."""
+    from obc_ros.ros.problem_files import list_plant_values, read_problem_file
+    found = read_problem_file(name)
+    values, problem = list_plant_values(found), found.problem
+    if problem.start is None:
+        values['x0'] = tuple(problem.x0[:problem.stated].tolist())
+    return StartValues(values, f'it gives {", ".join(values)}')
 
 
 @dataclass(frozen=True)
@@ -122,6 +131,10 @@ class Settings:
     system: str = declare_field(
         'aircraft', 'name of a registered system, or path of a YAML file', read_only=True)
     system_parameters: Mapping[str, Any] = group(conversions.list_system_parameters)
+    problem: str = declare_field(
+        '', 'problem file, or name of an example, that gives system, system_parameters and x0; '
+        'values that are given besides override it. Empty: none', read_only=True,
+        gives=_read_problem)
     x0: tuple[float, ...] = declare_field(
         (), 'initial state, also after ~/reset; empty: the set point')
     dt: float = declare_field(

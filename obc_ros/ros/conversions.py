@@ -31,6 +31,7 @@ from obc_ros.ros.state_sources import Body
 Read = Callable[[Any], Sequence[float]]
 
 ODOM, BASE = 'odom', 'base_link'  # REP 105
+SYSTEM_PARAMETERS = 'system_parameters.'   # begins the names of the parameters of a node's system
 _POSE, _TWIST = ('px', 'py', 'theta'), ('vx', 'vy', 'omega')
 _XX, _YY, _ZZ, _PITCH, _YAW = 0, 7, 14, 28, 35  # of a 6 x 6 covariance
 
@@ -135,6 +136,26 @@ def choose_system(name: str, values: Mapping[str, Any]) -> System:
     declared = {entry.name: entry.default for entry in list_system_parameters({'system': name})}
     return registry.get_system(name, {key: value for key, value in values.items()
                                       if value != declared.get(key)})
+
+
+def choose_node_system(values: Mapping[str, Any]) -> System:
+    """
+    Return the system of a node.
+
+    Parameters
+    ----------
+    values : mapping
+        Parameters of the node by name: ``system``, ``system_parameters.*`` and any others.
+
+    Raises
+    ------
+    ObcError
+        If there is no such system, or a value is invalid.
+
+    """
+    return choose_system(str(values['system']), {
+        name.removeprefix(SYSTEM_PARAMETERS): value for name, value in values.items()
+        if name.startswith(SYSTEM_PARAMETERS)})
 
 
 class OdometryMap:

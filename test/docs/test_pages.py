@@ -34,6 +34,8 @@ STAYS = ('launch', 'run')      # verbs that run until they are ended
 WORD = f'ros2|obc(?= (?:{"|".join(ROS2)}) )'
 # A line of a console block, or a span of code.
 LINE = re.compile(rf'^ *(?:\$ )?((?:{WORD}) .*)$|`((?:{WORD}) \w+ \w+ [^`\n]+)`', re.MULTILINE)
+# A file that the commands of its page name.
+FILE = re.compile(r'`(\w+\.yaml)`:\n\n```yaml\n(.*?)```', re.DOTALL)
 
 
 def lines(page: str) -> list[str]:
@@ -58,6 +60,9 @@ def test_the_commands_of_a_page_succeed(page: str, terminal: Terminal) -> None:
     with ExitStack() as stack:
         loop = _Loop(terminal)
         stack.callback(loop.end)
+        text = (ROOT / page).read_text(encoding='utf-8')
+        for name, content in FILE.findall(text):
+            (terminal.folder / name).write_text(content, encoding='utf-8')
         for line in lines(page):
             typed = re.sub('^(ros2|obc)', terminal.word, line)
             if line.split()[1] in STAYS:

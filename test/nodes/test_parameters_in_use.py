@@ -83,7 +83,7 @@ LQR: dict[str, tuple[Any, Values]] = {
     'transition_time': (0.5, {}), 'frame_id': ('map', {})}
 MPC: dict[str, tuple[Any, Values]] = {
     **{name: LQR[name] for name in LQR if name not in (
-        'cross', 'stability', 'integral', 'Qi', 'design', 'rate', 'sample_time', 'delay', 'P1',
+        'stability', 'integral', 'Qi', 'design', 'rate', 'sample_time', 'delay', 'P1',
         'horizon', 'schedule', 'schedule_range', 'start_tolerance')},
     'horizon': (2.0, {}), 'x_bounds': ([-1.0, 1.0] * 6, {}),
     'path_constraints': (['px - 3'], {}), 'deadline': (0.01, {}), 'plan_rate': (1.0, {})}

@@ -22,7 +22,7 @@ def steps() -> RecedingSteps:
     return prepare(Packet(
         {'system': 'aircraft', 'parameters': {}, 'setpoint': [], 'setpoint_input': [],
          'period': 0.02, 'steps': 20, 'path_constraints': [], 'deadline': 10.0},
-        {'Qx': np.eye(6), 'Qu': np.eye(2), 'u_lower': np.array([-6.0, 20.0]),
+        {'Qx': np.eye(6), 'Qu': np.eye(2), 'cross': np.zeros(0), 'u_lower': np.array([-6.0, 20.0]),
          'u_upper': np.array([6.0, 60.0]), 'x_lower': -upper, 'x_upper': upper}))
 
 
@@ -34,7 +34,7 @@ def moving() -> RecedingSteps:
         {'system': 'vehicle', 'parameters': {}, 'setpoint': [0.0, 0.0, 0.0],
          'setpoint_input': [10.0, 0.0], 'period': 0.02, 'steps': 30, 'path_constraints': [],
          'deadline': 10.0},
-        {'Qx': np.eye(3), 'Qu': np.eye(2), 'u_lower': np.array([5.0, -0.1]),
+        {'Qx': np.eye(3), 'Qu': np.eye(2), 'cross': np.zeros(0), 'u_lower': np.array([5.0, -0.1]),
          'u_upper': np.array([15.0, 0.1]), 'x_lower': -upper, 'x_upper': upper}))
 
 

@@ -13,7 +13,7 @@ weights. State bounds and path constraints are softened; see docs/receding_horiz
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 import math
 from typing import Any
@@ -27,7 +27,7 @@ from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.numerics.runge_kutta import BUTCHER, take_step
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.ocp.statement import build_problem
-from obc_ros.core.systems.system import Signal, System
+from obc_ros.core.systems.system import System
 from obc_ros.core.text.errors import DynamicsError, StatementError
 
 LONGEST = 1000         # periods of a horizon
@@ -220,7 +220,7 @@ def state_receding_problem(system: System, *, horizon: int, period: float,
     period : float
         Time for which an input is held [s].
     weights : mapping, optional
-        As for the regulator: Qx, Qu, or others of `weights.choose`.
+        As for the regulator: Qx, Qu, cross, or others of `weights.choose`.
     setpoint, setpoint_input : sequence of float
         State (n,) and input (m,); empty: those of the system.
     limits : mapping, optional
@@ -251,81 +251,11 @@ def state_receding_problem(system: System, *, horizon: int, period: float,
     problem = build_problem({
         'system': system, **given, 'final_time': {'free': False, 'value': horizon * period},
         'initial_state': dict(zip(system.state_names, plant.equilibrium.x.tolist(), strict=True))})
-    _check_stated(problem)
+    if problem.has_clock:
+        raise StatementError('t: a receding horizon does not depend on the time; remove t')
     made = RecedingProblem(found, problem, horizon)
     _check_set_point(made)
     return made
-
-
-def restate_problem(problem: Problem, *, horizon: int, period: float,
-                    setpoint: Sequence[float] = (), setpoint_input: Sequence[float] = ()
-                    ) -> RecedingProblem:
-    """
-    Return the receding horizon of an optimal control problem with a quadratic running cost.
-
-    Parameters
-    ----------
-    problem : Problem
-        From a problem file; its terminal cost is replaced by that of the regulator.
-    horizon, period, setpoint, setpoint_input
-        As for `state_receding_problem`.
-
-    Raises
-    ------
-    StatementError
-        If a receding horizon cannot take the problem: free final time, terminal constraints,
-        phases, free parameters, explicit time, or a running cost that is not quadratic about the
-        set point.
-
-    """
-    _check_stated(problem)
-    system = System(
-        name=problem.name,
-        states=tuple(Signal(name, problem.units.get(name, ''), angle=angle)
-                     for name, angle in zip(problem.states, problem.angles, strict=True)),
-        inputs=tuple(Signal(name, problem.units.get(name, ''), lower, upper)
-                     for name, lower, upper in zip(problem.inputs, problem.u_lower.tolist(),
-                                                   problem.u_upper.tolist(), strict=True)),
-        parameters=(), x=problem.x, u=problem.u, p=ca.SX(0, 1),
-        xdot=ca.substitute(problem.f, problem.p, ca.DM(problem.p_value)),
-        setpoint=(0.0,) * problem.n, setpoint_input=(0.0,) * problem.m)
-    z = ca.vertcat(problem.x, problem.u)
-    L = ca.substitute(problem.L, problem.p, ca.DM(problem.p_value))
-    hessian, gradient = ca.hessian(L, z)
-    if ca.symvar(hessian):
-        raise StatementError('running_cost: wanted a quadratic function of states and inputs')
-    H, n = 0.5 * ca.DM(hessian).full(), problem.n
-    made = state_receding_problem(
-        system, horizon=horizon, period=period, setpoint=setpoint, setpoint_input=setpoint_input,
-        weights={'Qx': H[:n, :n].ravel().tolist(), 'Qu': H[n:, n:].ravel().tolist(),
-                 'cross': H[:n, n:].ravel().tolist() if H[:n, n:].any() else ()})
-    slope = np.abs(ca.Function('slope', [z], [gradient])(
-        np.concatenate([made.xe, made.ue])).full()).max()
-    if slope > 1e-9 * (1.0 + np.abs(H).max() * (1.0 + np.abs(made.xe).max())):
-        raise StatementError('running_cost: its minimum is not at the set point; wanted the '
-                             'weights of x - xe and u - ue')
-    made = replace(made, limits=problem)
-    _check_set_point(made)
-    return made
-
-
-def _check_stated(problem: Problem) -> None:
-    """Raise StatementError for what a receding horizon cannot take."""
-    if problem.phases is not None:
-        raise StatementError('phases: a receding horizon has one phase')
-    if problem.free_parameters:
-        raise StatementError('free_parameters: a receding horizon has none; give their values')
-    if problem.final_time.free:
-        raise StatementError('final_time: a receding horizon has a given length; wanted '
-                             '{free: false, value: ...}')
-    if problem.has_clock or problem.added:
-        raise StatementError('t: a receding horizon does not depend on the time of its problem')
-    if problem.q:
-        raise StatementError('terminal_constraints: a receding horizon ends with the cost of the '
-                             'regulator; remove them')
-    if problem.start is not None:
-        raise StatementError('initial_state: a receding horizon begins at the measured state; '
-                             'wanted a number for each state')
 
 
 def _check_set_point(made: RecedingProblem) -> None:

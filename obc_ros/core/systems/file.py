@@ -37,8 +37,9 @@ OF_A_PLANT = ('units', 'angles', 'setpoint', 'setpoint_input', 'parameter_bounds
 PLANT = ('name', 'states', 'inputs', 'parameters', 'dynamics', 'input_bounds', 'state_bounds',
          *OF_A_PLANT)
 TASK = (
-    'running_cost', 'terminal_cost', 'initial_state', 'terminal_constraints', 'path_constraints',
-    'final_time', 'initial_guess', 'method')
+    'running_cost', 'terminal_cost', 'initial_cost', 'initial_state', 'initial_constraints',
+    'terminal_constraints', 'boundary_constraints', 'periodic', 'path_constraints', 'final_time',
+    'initial_guess', 'method')
 FOR_PEOPLE = ('title', 'source', 'tags', 'notes', 'difficulty', 'kind', 'expected')
 PLANES = ('horizontal', 'vertical')
 

@@ -171,6 +171,30 @@ def parse_number(text: object, values: Mapping[str, float], where: str) -> float
     return _bounded_number(float(_value(text, _Numeric(values), where)), where)
 
 
+def insert_numbers(text: object, values: Mapping[str, float]) -> str:
+    """
+    Return an expression in which numbers stand in place of some names.
+
+    Parameters
+    ----------
+    text : str, int or float
+        A valid expression, as in `parse_expression`.
+    values : mapping of str to float
+        The number of each of these names.
+
+    Returns
+    -------
+    str
+        On one line.
+
+    """
+    def write(token: re.Match[str]) -> str:
+        name = token['name']
+        return f'({values[name]!r})' if name in values else token[0]
+
+    return ' '.join(_TOKEN.sub(write, str(text)).split())
+
+
 def check_name(name: object, where: str) -> str:
     """
     Return `name` if it is a valid name of a state, input or parameter.

@@ -19,7 +19,7 @@ from obc_ros.core.lqr.design.set_point import describe_set_point
 from obc_ros.core.lqr.weights import count, WEIGHT_KINDS
 from obc_ros.core.text.errors import StatementError
 from obc_ros.nodes.control.command_sinks import ROBOTS, SINKS
-from obc_ros.ros.conversions import choose_system, list_system_parameters
+from obc_ros.ros.conversions import choose_node_system, choose_system, list_system_parameters
 from obc_ros.ros.hardware_id import HARDWARE
 from obc_ros.ros.parameters.node_parameters import declare_field, group, Value
 from obc_ros.ros.state_sources import SOURCES, STATE_SOURCE
@@ -57,6 +57,8 @@ class ControllerSettings:
         used_when=(('weights', 'output'),))
     rho: float = declare_field(
         1.0, "weight of u'u relative to z'z", lower=0.0, used_when=(('weights', 'output'),))
+    cross: Vector = declare_field((),
+                                  "cross weight N of 2 x'N u: n*m numbers row by row; empty: none")
     state_timeout: float = declare_field(
         0.5, 'age of the last valid state at which on_stale acts; 0: never', 's', lower=0.0)
     stamp_timeout: float = declare_field(
@@ -247,10 +249,8 @@ def explain_former_limits(given: Mapping[str, Any], values: Mapping[str, Value])
              and not (name == 'u_max' and (values['weights'] == 'bryson' or not values['u_max']))]
     if not names:
         return ''
-    system = choose_system(str(values['system']), {
-        name.partition('.')[2]: value for name, value in values.items()
-        if name.startswith('system_parameters.')})
-    return translate_former_limits(system, {name: given[name] for name in names})
+    return translate_former_limits(
+        choose_node_system(values), {name: given[name] for name in names})
 
 
 def describe_opening(candidate: ControllerCandidate) -> str:

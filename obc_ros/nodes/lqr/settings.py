@@ -44,8 +44,6 @@ DESIGNS = ('continuous', 'sampled')
 class Settings(ControllerSettings):
     """The parameters of lqr_node."""
 
-    cross: Vector = declare_field((),
-                                  "cross weight N of 2 x'N u: n*m numbers row by row; empty: none")
     stability: float = declare_field(
         0.0, 'prescribed degree of stability: the real parts of all poles are below its negative',
         '1/s', lower=0.0)

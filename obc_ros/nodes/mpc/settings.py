@@ -6,7 +6,7 @@ Parameters of mpc_node, and the problem and the control that they specify.
 The rows that lqr_node has too are in `controller_settings`.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 import functools
 import math
 from typing import Any
@@ -27,13 +27,27 @@ from obc_ros.nodes.control.controller_settings import (
     make_key,
     make_rules,
 )
-from obc_ros.ros.conversions import list_system_parameters
-from obc_ros.ros.parameters.node_parameters import declare_field
+from obc_ros.ros.conversions import choose_node_system, list_system_parameters
+from obc_ros.ros.parameters.node_parameters import declare_field, StartValues
 from obc_ros.workers.steps.step_link import StepLink
 from obc_ros.workers.wire import Packet
 
 FEWEST_STEPS, MOST_STEPS = 2, 1000
 SHARE = 0.8   # of a period: the time of a solve without `deadline`
+
+
+def _read_problem(name: str) -> StartValues:
+    """Return what a problem file gives the node."""
+    from obc_ros.core.receding.restatement import check_restatable, restate_problem
+    from obc_ros.ros.problem_files import list_plant_values, read_problem_file
+    found = read_problem_file(name)
+    check_restatable(found.problem, found.statement)
+    values: dict[str, Any] = list_plant_values(found)
+    taken = asdict(restate_problem(found.problem, found.statement, choose_node_system(values)))
+    replaced = taken.pop('replaced')
+    values |= taken
+    given = ', '.join(name for name, value in values.items() if value != ())
+    return StartValues(values, f'it gives {given}{"; " * bool(replaced)}{replaced}')
 
 
 @dataclass(frozen=True)
@@ -50,12 +64,17 @@ class Settings(ControllerSettings):
         'and exceeded only if nothing else is possible; infinite: none; empty: none',
         finite=False)
     path_constraints: tuple[str, ...] = declare_field(
-        (), 'expressions of states that are at most 0 along the plan, such as an obstacle: '
-        "'0.25 - (px - 2)**2 - py**2'; exceeded only if nothing else is possible", texts=True)
+        (), 'expressions of states and inputs that are at most 0 along the plan, such as an '
+        "obstacle: '0.25 - (px - 2)**2 - py**2'; exceeded only if nothing else is possible",
+        texts=True)
     deadline: float = declare_field(
         0.0, 'time that a solve may take; 0: 0.8 of the period', 's', lower=0.0, upper=10.0)
     plan_rate: float = declare_field(
         10.0, 'maximum rate of ~/plan; 0: none is published', 'Hz', lower=0.0)
+    problem: str = declare_field(
+        '', 'problem file, or name of an example, that gives system, system_parameters, setpoint, '
+        'setpoint_input, Qx, Qu, cross, u_limits, x_bounds, path_constraints and horizon; values '
+        'that are given besides override it. Empty: none', read_only=True, gives=_read_problem)
 
 
 @dataclass(frozen=True, eq=False)
@@ -165,7 +184,9 @@ def _state_problem(settings: Settings, found: Design, limits: InputLimits) -> Pa
          'period': 1.0 / settings.rate, 'steps': steps,
          'path_constraints': list(settings.path_constraints),
          'deadline': settings.deadline or SHARE / settings.rate},
-        {'Qx': found.weights.Qx, 'Qu': found.weights.Qu, 'xe': np.array(equilibrium.x),
+        {'Qx': found.weights.Qx, 'Qu': found.weights.Qu,
+         'cross': np.zeros(0) if found.weights.cross is None else found.weights.cross,
+         'xe': np.array(equilibrium.x),
          'ue': np.array(equilibrium.u), 'u_lower': np.array(limits.lower),
          'u_upper': np.array(limits.upper), 'x_lower': np.array(lower),
          'x_upper': np.array(upper)})
@@ -186,7 +207,7 @@ def _bounds(given: Vector, names: tuple[str, ...]) -> tuple[Vector, Vector]:
 
 
 _PLANT = ('system', 'system_parameters', 'setpoint', 'setpoint_input')
-_WEIGHTS = ('weights', 'Qx', 'Qu', 'x_max', 'u_max', 'H', 'rho')
+_WEIGHTS = ('weights', 'Qx', 'Qu', 'cross', 'x_max', 'u_max', 'H', 'rho')
 _DESIGN = (*_PLANT, *_WEIGHTS, 'rate')
 
 
@@ -195,5 +216,5 @@ def _design(*values: Any) -> Design:
     given = dict(zip(_DESIGN, values, strict=True))
     held = linearize_system(*(given[name] for name in _PLANT))
     fill_deviations(given, held)
-    weights = {**{name: given[name] for name in _WEIGHTS}, 'cross': (), 'stability': 0.0}
-    return design(held, weights, (), (), Sampling(1.0 / given['rate'], 0.0, True))
+    return design(held, {name: given[name] for name in _WEIGHTS}, (), (),
+                  Sampling(1.0 / given['rate'], 0.0, True))

@@ -29,8 +29,8 @@ def prepare(problem: Packet) -> 'RecedingSteps':
     ----------
     problem : Packet
         ``system``, ``parameters``, ``setpoint``, ``setpoint_input``, ``period`` [s], ``steps``,
-        ``path_constraints`` and ``deadline`` [s]; arrays Qx (n, n), Qu (m, m), u_lower, u_upper
-        (m,), x_lower, x_upper (n,).
+        ``path_constraints`` and ``deadline`` [s]; arrays Qx (n, n), Qu (m, m), cross (n, m) or
+        empty, u_lower, u_upper (m,), x_lower, x_upper (n,).
 
     Returns
     -------
@@ -46,7 +46,7 @@ def prepare(problem: Packet) -> 'RecedingSteps':
     system = get_system(plain['system'], plain['parameters'])
     made = state_receding_problem(
         system, horizon=plain['steps'], period=plain['period'],
-        weights={name: tuple(arrays[name].ravel().tolist()) for name in ('Qx', 'Qu')},
+        weights={name: tuple(arrays[name].ravel().tolist()) for name in ('Qx', 'Qu', 'cross')},
         setpoint=plain['setpoint'], setpoint_input=plain['setpoint_input'],
         limits={
             'state_bounds': _bounds(system.state_names, arrays['x_lower'], arrays['x_upper']),

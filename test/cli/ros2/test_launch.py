@@ -9,7 +9,7 @@ import subprocess
 import sys
 from typing import Any
 
-from launched import nodes
+from launched import nodes, RefusedError
 from obc_ros.cli.obc import main
 from obc_ros.cli.ros2.launch_file import LaunchFile
 from obc_ros.core.text.errors import ObcError
@@ -44,6 +44,26 @@ def test_publish_tf_is_that_of_the_parameter_files_unless_it_is_given(words: dic
     assert started['plant_simulator'].values.get('publish_tf') == wanted
     assert not any('publish_tf' in started[each].values
                    for each in ('lqr_node', 'trajectory_server'))
+
+
+def test_a_problem_takes_the_place_of_the_scenario(tmp_path: Path) -> None:
+    """Its plant and its controller get the file, and only parameter files that are given."""
+    started = {each.executable: each for each in nodes(
+        'loop.launch.py', problem='boat.yaml', controller='mpc')}
+    assert {name: each.values.get('problem') for name, each in started.items()} == {
+        'plant_simulator': 'boat.yaml', 'mpc_node': 'boat.yaml', 'trajectory_server': None}
+    assert not any(each.files for each in started.values())
+    given = tmp_path / 'given.yaml'
+    given.write_text('/**/mpc_node: {ros__parameters: {rate: 20.0}}')
+    for each in nodes('loop.launch.py', problem='boat.yaml', controller='mpc',
+                      params_file=str(given)):
+        assert each.files == (given,)
+
+
+@pytest.mark.parametrize('words', [{}, {'controller': 'mpc', 'estimator': 'true'}])
+def test_a_problem_is_for_mpc_node_without_an_estimator(words: dict[str, str]) -> None:
+    with pytest.raises(RefusedError, match='problem:=boat.yaml: wanted controller:=mpc'):
+        nodes('loop.launch.py', problem='boat.yaml', **words)
 
 
 def test_a_loop_is_launched_with_parameters_and_ended(start: Any, probe: Any, tmp_path: Path

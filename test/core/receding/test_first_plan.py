@@ -7,17 +7,17 @@ from dataclasses import replace
 import numpy as np
 from obc_ros.core.ocp.statement import build_problem
 from obc_ros.core.receding.first_plan import check_first_plan
-from obc_ros.core.receding.formulation import restate_problem
 from obc_ros.core.receding.step_solver import StepSolver
 from obc_ros.core.receding.terminal_set import find_terminal_set
 from obc_ros.core.solver.solve import solve
 import pytest
+from receding_problems import make_receding
 
 STATED = {'states': ['p', 'v'], 'inputs': ['a'], 'dynamics': {'p': 'v', 'v': 'a'},
           'running_cost': 'p**2 + 0.1*v**2 + 0.1*a**2', 'initial_state': {'p': 2, 'v': 0},
           'final_time': {'free': False, 'value': 4}, 'input_bounds': {'a': [-1, 1]},
           'state_bounds': {'v': [-0.8, 0.8]}}
-PROBLEM = restate_problem(build_problem(STATED), horizon=200, period=0.02)
+PROBLEM = make_receding(STATED, horizon=200, period=0.02)
 SOLVER = StepSolver(PROBLEM, compiled=False)
 START = np.array([2.0, 0.0])
 
@@ -44,9 +44,9 @@ def test_limits_are_computed_from_the_plan_itself() -> None:
     """A plan whose step tells no excess is checked against narrower bounds."""
     result = SOLVER.solve(START)
     assert result.plan is not None and result.plan.slack == {}
-    narrow = restate_problem(build_problem({
+    narrow = make_receding({
         **STATED, 'state_bounds': {'v': [-0.5, 0.8]},
-        'path_constraints': [{'expr': 'p*p', 'upper': 3.9}]}), horizon=200, period=0.02)
+        'path_constraints': [{'expr': 'p*p', 'upper': 3.9}]}, horizon=200, period=0.02)
     assert check_first_plan(narrow, result).reasons == (
         'v is exceeded by 0.3', 'path_constraints[0] is exceeded by 0.1')
 

@@ -7,11 +7,11 @@ import math
 
 import casadi as ca
 import numpy as np
-from obc_ros.core.ocp.statement import build_problem
-from obc_ros.core.receding.formulation import RecedingProblem, restate_problem
+from obc_ros.core.receding.formulation import RecedingProblem
 from obc_ros.core.receding.horizon_program import HorizonProgram
 from obc_ros.core.receding.step_kernel import StepKernel
 import pytest
+from receding_problems import make_receding
 
 STATED = {'states': ['p', 'v'], 'inputs': ['a'], 'dynamics': {'p': 'v', 'v': 'a - 0.1*v**3'},
           'running_cost': 'p**2 + 0.1*v**2 + 0.1*a**2', 'initial_state': {'p': 0, 'v': 0},
@@ -24,7 +24,7 @@ SIGMA = 50.0
 
 def state_problem() -> RecedingProblem:
     """Return a double integrator with drag, an input bound, a state bound and a mixed limit."""
-    return restate_problem(build_problem(STATED), horizon=8, period=0.1)
+    return make_receding(STATED, horizon=8, period=0.1)
 
 
 def begin() -> tuple[HorizonProgram, StepKernel]:

@@ -3,28 +3,27 @@
 """Steps of the receding horizon: the regulator without limits, limits, deadlines, refusals."""
 
 import time
+from typing import Any
 
 import numpy as np
-from obc_ros.core.ocp.statement import build_problem
-from obc_ros.core.receding.formulation import (
-    RecedingProblem,
-    restate_problem,
-    state_receding_problem,
-)
+from obc_ros.core.receding.formulation import RecedingProblem, state_receding_problem
 from obc_ros.core.receding.step_solver import STEP_TOLERANCE, StepSolver
 from obc_ros.core.systems import aircraft
+from obc_ros.core.systems.file import build_system
 from obc_ros.core.systems.registry import get_system
 from obc_ros.core.text.errors import StatementError
 import pytest
+from receding_problems import make_receding
 
-INTEGRATOR = {'states': ['p', 'v'], 'inputs': ['a'], 'dynamics': {'p': 'v', 'v': 'a'},
-              'running_cost': 'p**2 + 0.1*v**2 + 0.1*a**2', 'initial_state': {'p': 0, 'v': 0},
-              'final_time': {'free': False, 'value': 1}}
+INTEGRATOR: dict[str, Any] = {
+    'states': ['p', 'v'], 'inputs': ['a'], 'dynamics': {'p': 'v', 'v': 'a'},
+    'running_cost': 'p**2 + 0.1*v**2 + 0.1*a**2', 'initial_state': {'p': 0, 'v': 0},
+    'final_time': {'free': False, 'value': 1}}
 
 
-def integrator(**limits: object) -> RecedingProblem:
-    """Return the double integrator with limits."""
-    return restate_problem(build_problem({**INTEGRATOR, **limits}), horizon=30, period=0.05)
+def integrator(**change: object) -> RecedingProblem:
+    """Return the double integrator with limits or another cost."""
+    return make_receding({**INTEGRATOR, **change}, horizon=30, period=0.05)
 
 
 def flying(**limits: object) -> RecedingProblem:
@@ -34,9 +33,10 @@ def flying(**limits: object) -> RecedingProblem:
         weights={'Qx': [10, 10, 1, 1, 1, 1], 'Qu': [0.1, 0.1]})
 
 
-def test_without_limits_the_input_is_that_of_the_regulator() -> None:
+@pytest.mark.parametrize('cross', ['', ' + 0.1*v*a - 0.2*p*a'])
+def test_without_limits_the_input_is_that_of_the_regulator(cross: str) -> None:
     """The cost-to-go of the regulator ends the horizon, so that its length has no effect."""
-    problem = integrator()
+    problem = integrator(running_cost=INTEGRATOR['running_cost'] + cross)
     solver = StepSolver(problem, compiled=False)
     x, plan = np.array([3.0, -1.0]), None
     for k in range(20):
@@ -131,16 +131,16 @@ def test_a_moving_set_point_is_followed() -> None:
     np.testing.assert_allclose(result.plan.x[:, 0], 30.0 + 10.0 * 0.02 * np.arange(21), atol=1e-6)
 
 
-@pytest.mark.parametrize('change, words', [
-    ({'final_time': {'free': True, 'lower': 0.1, 'upper': 2}}, 'final_time'),
-    ({'terminal_constraints': ['p']}, 'terminal_constraints'),
-    ({'running_cost': 'p**4 + a**2'}, 'quadratic'),
-    ({'running_cost': '(p - 1)**2 + a**2'}, 'set point'),
-    ({'state_bounds': {'p': [1, 2]}}, 'p: 0 at the set point')])
-def test_what_a_horizon_cannot_take_is_refused(change: dict[str, object], words: str) -> None:
+@pytest.mark.parametrize('limits, words', [
+    ({'state_bounds': {'p': [1, 2]}}, 'p: 0 at the set point'),
+    ({'input_bounds': {'a': [1, 2]}}, 'input_bounds.a: the set point needs 0'),
+    ({'path_constraints': [{'expr': 'p - t', 'upper': 1}]}, '^t: ')])
+def test_limits_that_a_horizon_cannot_take_are_refused(limits: dict[str, object], words: str
+                                                       ) -> None:
     """The message names the key."""
+    system = build_system({key: INTEGRATOR[key] for key in ('states', 'inputs', 'dynamics')})
     with pytest.raises(StatementError, match=words):
-        integrator(**change)
+        state_receding_problem(system, horizon=5, period=0.05, limits=limits)
 
 
 def test_a_state_that_is_not_finite_is_refused() -> None:

@@ -7,16 +7,12 @@ from dataclasses import replace
 import mpmath
 import numpy as np
 from obc_ros.core.numerics.arrays import Array
-from obc_ros.core.ocp.statement import build_problem
-from obc_ros.core.receding.formulation import (
-    RecedingProblem,
-    restate_problem,
-    state_receding_problem,
-)
+from obc_ros.core.receding.formulation import RecedingProblem, state_receding_problem
 from obc_ros.core.receding.terminal_set import find_terminal_set, TerminalSet
 from obc_ros.core.systems.registry import get_system
 from obc_ros.core.text.errors import RefusedDesignError
 import pytest
+from receding_problems import make_receding
 
 STARTS = 200
 
@@ -46,10 +42,10 @@ def draw(found: TerminalSet, number: int) -> Array:
 
 def test_the_level_of_a_scalar_with_a_bounded_input_is_its_closed_form() -> None:
     """For dx/dt = u the input reaches its bound 1 where |K e| = 1, that is at V = P / K^2."""
-    problem = restate_problem(build_problem({
+    problem = make_receding({
         'states': ['x'], 'inputs': ['u'], 'dynamics': {'x': 'u'}, 'running_cost': 'x**2 + u**2',
         'initial_state': {'x': 0}, 'final_time': {'free': False, 'value': 1},
-        'input_bounds': {'u': [-1, 2]}}), horizon=5, period=0.1)
+        'input_bounds': {'u': [-1, 2]}}, horizon=5, period=0.1)
     found = find_terminal_set(problem)
     assert found.level == pytest.approx(problem.P[0, 0] / problem.K[0, 0]**2, rel=1e-6)
     assert found.proof.limit == 'u' and found.proof.remainder == found.proof.offset == 0.0

@@ -10,7 +10,13 @@ import casadi as ca
 from hypothesis import given
 from hypothesis import strategies as st
 from obc_ros.core.text.errors import StatementError
-from obc_ros.core.text.expressions import check_name, MAX_DEPTH, parse_expression, parse_number
+from obc_ros.core.text.expressions import (
+    check_name,
+    insert_numbers,
+    MAX_DEPTH,
+    parse_expression,
+    parse_number,
+)
 import pytest
 
 VALUES = {'x': 0.7, 'v': -1.3, 'theta_1': 0.4}
@@ -195,3 +201,17 @@ def test_invalid_names_are_rejected(name):
 @pytest.mark.parametrize('name', ['x', 'x_1', '_x', 'L', 't', 'e', 'theta', 'match'])
 def test_valid_names_are_accepted(name):
     assert check_name(name, 'states') == name
+
+
+@pytest.mark.parametrize(('text', 'wanted'), [
+    ('-r**2 + x*r', '-(-0.5)**2 + x*(-0.5)'), ('2.e5*e5 + e5x', '2.e5*(7.0) + e5x'),
+    ('sin(x)\n  + r', 'sin(x) + (-0.5)'), ('xr', 'xr'), (3, '3'), (0.25, '0.25')])
+def test_numbers_take_the_place_of_names(text, wanted):
+    assert insert_numbers(text, {'r': -0.5, 'e5': 7.0}) == wanted
+
+
+@given(st.floats(-1e50, 1e50), st.floats(-2.0, 2.0))
+def test_an_expression_with_a_number_in_place_of_a_name_has_its_value(r, x):
+    text = 'x - r + (x*r - 2*r)/(1 + r**2) - -r'
+    inserted = insert_numbers(text, {'r': r})
+    assert parse_number(inserted, {'x': x}, 'it') == parse_number(text, {'x': x, 'r': r}, 'it')
