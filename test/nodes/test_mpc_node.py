@@ -12,6 +12,7 @@ from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState, GetState
 import numpy as np
 from obc_ros.msg import Command, LqrDesign, State, Trajectory
+from obc_ros.workers.real_time import find_priority_refusal
 import pytest
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from std_srvs.srv import Trigger
@@ -111,6 +112,20 @@ def test_a_lost_solver_is_replaced_while_the_loop_goes_on(spawn, probe, number, 
     assert np.abs([state.x for state in loop.states]).max() < 0.1
     del loop.commands[:], loop.states[:]
     probe.wait_for(lambda: len(loop.states) > 50 and len(loop.commands) > 40, LONG, 'commands')
+
+
+def test_each_solver_process_has_the_priority_or_the_log_says_why_not(spawn, probe):
+    """One less than the threads of the node, which have one less than those of DDS."""
+    loop = Loop(spawn, probe, priority=7)
+    loop.wait_until_planned()
+    refusal = find_priority_refusal(5)
+    for _ in range(2):
+        pid = loop.solver()
+        found = os.sched_getscheduler(pid), os.sched_getparam(pid).sched_priority
+        assert found == ((os.SCHED_OTHER, 0) if refusal else (os.SCHED_FIFO, 5))
+        os.kill(pid, signal.SIGKILL)
+        loop.node.wait_for_output('the solver process has been replaced', LONG)
+    assert (f'the solver process: {refusal}' in loop.node.output()) == bool(refusal)
 
 
 def test_a_solver_that_uses_its_deadline_of_seconds_is_not_replaced(spawn, probe):

@@ -163,7 +163,7 @@ class Parameters(Generic[Settings, Judged]):
             self._node.get_logger().info(f'{giver}: {found.note}')
 
     def _check_start(self) -> None:
-        """Reject values at the start that would have no effect."""
+        """Reject values at the start that no parameter takes, or that would have no effect."""
         for name, (_, giver) in self._start.items():
             if name not in self._entries:
                 raise StatementError(f'{giver} gives {name}, but there is no such parameter: '
