@@ -18,6 +18,7 @@ from obc_ros.core.lqr.design.design import linearize_plant
 from obc_ros.core.lqr.design.set_point import check_set_point
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.numerics.instructions import Instructions
+from obc_ros.core.numerics.rounding import EPS
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.systems.system import System
 from obc_ros.core.text.errors import ObcError, StatementError
@@ -156,9 +157,10 @@ def _find_minimum(problem: Problem, near: Array) -> tuple[Array, Array]:
                              f'{wanted}')
     H, there = ca.DM(hessian).full() + 0.0, slope(near).full().ravel()
     unit = np.sqrt(np.where(H.diagonal(), np.abs(H.diagonal()), 1.0))
-    step = np.linalg.lstsq(H / unit / unit[:, None], -there / unit)[0] / unit
-    # 15 digits: 2 in place of 1.9999999999999998.
-    least = np.array([float(f'{value:.15g}') for value in near + step]) + 0.0
+    step = np.linalg.lstsq(H / unit / unit[:, None], -there / unit)[0]
+    # Without rounding errors: 2 in place of 1.9999999999999998, and 0 in place of 4e-17.
+    least = np.array([float(f'{value:.15g}') for value in near + step / unit]) + 0.0
+    least[np.abs(least) * unit < 8 * EPS * np.abs(step).max()] = 0.0
     left = np.abs(slope(least).full().ravel())
     loose = left > _EXACT * (np.abs(there) + np.abs(H) @ (1.0 + np.abs(least)))
     if loose.any():
