@@ -14,6 +14,7 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
+from obc_ros.core.closed_loop.feedback import Vector
 from obc_ros.core.lqr.design.design import linearize_plant
 from obc_ros.core.lqr.design.set_point import check_set_point
 from obc_ros.core.numerics.arrays import Array
@@ -23,8 +24,6 @@ from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.systems.system import System
 from obc_ros.core.text.errors import ObcError, StatementError
 from obc_ros.core.text.expressions import insert_numbers
-
-Numbers = tuple[float, ...]
 
 _EXACT = 1e-9       # relative: rounding errors of the cost
 _AS_GIVEN = 1e-5    # relative: an input in the cost may be written with six digits
@@ -58,13 +57,13 @@ class Restatement:
 
     """
 
-    setpoint: Numbers
-    setpoint_input: Numbers
-    Qx: Numbers
-    Qu: Numbers
-    cross: Numbers
-    x_bounds: Numbers
-    u_limits: Numbers
+    setpoint: Vector
+    setpoint_input: Vector
+    Qx: Vector
+    Qu: Vector
+    cross: Vector
+    x_bounds: Vector
+    u_limits: Vector
     path_constraints: tuple[str, ...]
     horizon: float
     replaced: str
@@ -170,7 +169,7 @@ def _find_minimum(problem: Problem, near: Array) -> tuple[Array, Array]:
     return H, least
 
 
-def _find_setpoint_input(system: System, x: Numbers, u: Numbers) -> Numbers:
+def _find_setpoint_input(system: System, x: Vector, u: Vector) -> Vector:
     """Return the input with which the plant stays at a set point; empty if x determines it."""
     try:
         held = linearize_plant(system, x, u).equilibrium.u
@@ -190,13 +189,13 @@ def _find_setpoint_input(system: System, x: Numbers, u: Numbers) -> Numbers:
     return () if np.allclose(plant.equilibrium.u, held, rtol=_EXACT, atol=_EXACT) else u
 
 
-def _list_weights(M: Array) -> Numbers:
+def _list_weights(M: Array) -> Vector:
     """Return the diagonal of a weight that has nothing else, or all entries row by row."""
     is_diagonal = not (M - np.diag(M.diagonal())).any()
     return tuple((M.diagonal() if is_diagonal else M.ravel()).tolist())
 
 
-def _interleave(lower: Array, upper: Array) -> Numbers:
+def _interleave(lower: Array, upper: Array) -> Vector:
     """Return lower and upper bounds in turn; empty if all are infinite."""
     pairs = np.stack([lower, upper], axis=1)
     return tuple(pairs.ravel().tolist()) if np.isfinite(pairs).any() else ()
