@@ -141,10 +141,10 @@ def test_a_cost_to_go_that_is_too_ill_conditioned_is_refused() -> None:
 
 def state_scalar(rate: str) -> RecedingProblem:
     """Return a problem with one state x, its rate and one input u without bounds."""
-    return restate_problem(build_problem({
+    return make_receding({
         'states': ['x'], 'inputs': ['u'], 'dynamics': {'x': rate},
         'running_cost': 'x**2 + u**2', 'initial_state': {'x': 0},
-        'final_time': {'free': False, 'value': 1}}), horizon=5, period=0.1)
+        'final_time': {'free': False, 'value': 1}}, horizon=5, period=0.1)
 
 
 def test_an_exact_set_point_adds_no_offset() -> None:
