@@ -8,7 +8,8 @@ A plant of the simulator begins outside the terminal set. It waits at each state
 with ``--lockstep 0`` it does not wait. The costs are sums of the sampled cost
 over all states, until the states have settled; the optimum is that of one plan over the whole
 time on the model of the plant, computed without a deadline. The figures are those of this machine
-under its present load. ``--seconds S`` sets the length of each run.
+under its present load. ``--seconds S`` sets the length of each run, ``--priority N`` the real-time
+priority of the nodes and of the solver process (0: none).
 """
 
 import timing  # isort: skip - before numpy
@@ -81,9 +82,10 @@ def _yaml(values: Array) -> str:
                            for v in values) + ']'
 
 
-def fly(case: Case, seconds: float, lockstep: bool, folder: Path
+def fly(case: Case, seconds: float, lockstep: bool, priority: int, folder: Path
         ) -> tuple[Array, dict[str, float]]:
     """Return the states (k, n) from the first command on, and the figures of the node."""
+    raised = ('-p', f'priority:={priority}')
     states: list[Array] = []
     told: dict[str, float] = {}
 
@@ -102,9 +104,9 @@ def fly(case: Case, seconds: float, lockstep: bool, folder: Path
         with Children(folder) as children:
             children.start('plant_simulator', '-p', f'system:={case.system}', '-p',
                            f'x0:={_yaml(np.array(case.x0))}', '-p', f'publish_rate:={RATE}',
-                           '-p', f'lockstep:={str(lockstep).lower()}')
+                           '-p', f'lockstep:={str(lockstep).lower()}', *raised)
             children.start('mpc_node', '-p', f'system:={case.system}', '-p',
-                           f'horizon:={case.horizon}', *case.options())
+                           f'horizon:={case.horizon}', *case.options(), *raised)
             end = time.monotonic() + START
             while not (states and np.abs(states[-1] - case.x0).max() > 0.0):
                 if time.monotonic() > end:
@@ -161,7 +163,8 @@ def follow_regulator(problem: RecedingProblem, x0: tuple[float, ...], count: int
 
 def main() -> int:
     """Measure and print; return the exit status."""
-    args = timing.arguments('mpc_node in real time over DDS', seconds=SECONDS, lockstep=1)
+    args = timing.arguments('mpc_node in real time over DDS', seconds=SECONDS, lockstep=1,
+                            priority=0)
     rows = []
     for case in CASES:
         problem = case.state_problem(OPTIMUM)
@@ -169,7 +172,8 @@ def main() -> int:
         best = StepSolver(problem).solve(np.array(case.x0))
         with reserve_domain() as domain, tempfile.TemporaryDirectory() as folder:
             isolate(domain)
-            x, told = fly(case, float(args.seconds), bool(args.lockstep), Path(folder))
+            x, told = fly(case, float(args.seconds), bool(args.lockstep), args.priority,
+                          Path(folder))
         wanted = best.plan.cost if best.plan is not None and best.status == 'optimal' else np.nan
         ratio = find_cost(problem, x[:count + 1]) / wanted
         excess = find_excess(case, x)
