@@ -119,11 +119,22 @@ class MpcNode(ControllerNode):
         try:   # the present plan is followed meanwhile
             candidate = candidate.with_terminal_set(link.wait_until_ready(READY))
             if (x := self._loop.x) is not None:
-                link.call({'kind': 'first'}, {'x': np.array(x)}, FIRST)
+                link.call({'kind': 'first', 'present': self._find_excess(candidate.problem)},
+                          {'x': np.array(x)}, FIRST)
         except ObcError:
             link.close()
             raise
         return candidate
+
+    def _find_excess(self, problem: Packet) -> dict[str, float] | None:
+        """Return by how much the last plan exceeds the limits; None: `problem` has others."""
+        now, last = self._adopted.problem, self._plans.last
+        is_same = (problem.plain['path_constraints'] == now.plain['path_constraints']
+                   and all(np.array_equal(problem.arrays[name], now.arrays[name])
+                           for name in ('x_lower', 'x_upper')))
+        if not is_same:
+            return None
+        return {} if last is None else dict(last.plain['slack'])
 
     def _adopt(self, candidate: MpcCandidate) -> None:
         is_new = candidate.link is not self._adopted.link

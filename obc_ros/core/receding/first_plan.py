@@ -7,6 +7,7 @@ The plan is checked against the problem alone: its model, the bounds, the limits
 its end. Only the residual of the optimality conditions is that of the step.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import casadi as ca
@@ -17,7 +18,7 @@ from obc_ros.core.receding.step_solver import STEP_TOLERANCE, StepResult
 from obc_ros.core.receding.terminal_set import TerminalSet
 
 _GAP = 1e-8    # relative gap of the model that rounding may leave
-_KEPT = 1e-9   # excess that rounding may leave, relative to 1 + the size of the limit
+_KEPT = 1e-6   # excess that an optimal plan may have, relative to 1 + the size of the limit
 
 
 @dataclass(frozen=True)
@@ -46,8 +47,8 @@ class FirstPlanReport:
 
 
 def check_first_plan(problem: RecedingProblem, result: StepResult,
-                     terminal: TerminalSet | None = None, *, must_end_in_set: bool = True
-                     ) -> FirstPlanReport:
+                     terminal: TerminalSet | None = None, *, must_end_in_set: bool = True,
+                     present: Mapping[str, float] | None = None) -> FirstPlanReport:
     """
     Check the first plan of a receding horizon.
 
@@ -65,6 +66,10 @@ def check_first_plan(problem: RecedingProblem, result: StepResult,
         The set of `find_terminal_set`.
     must_end_in_set : bool
         Whether a plan that ends outside of the set is refused.
+    present : mapping of str to float, optional
+        By how much the plan that is followed exceeds limits, by their names. The new plan may
+        exceed them as much, or as the state at its beginning, which no plan changes. None: it may
+        not exceed any.
 
     Returns
     -------
@@ -85,7 +90,7 @@ def check_first_plan(problem: RecedingProblem, result: StepResult,
     low, high = problem.limits.u_lower, problem.limits.u_upper
     if not ((plan.u >= low).all() and (plan.u <= high).all()):
         reasons.append('an input is outside its bounds')
-    reasons += _find_exceeded(problem, plan.stamp, E, V)
+    reasons += _find_exceeded(problem, plan.stamp, E, V, present)
     if not plan.residual <= STEP_TOLERANCE:
         reasons.append(f'it is not optimal: {result.words} (residual {plan.residual:.2g})')
     end = None if terminal is None else terminal.measure(E[-1])
@@ -97,8 +102,9 @@ def check_first_plan(problem: RecedingProblem, result: StepResult,
     return FirstPlanReport(not reasons, tuple(reasons), words, end)
 
 
-def _find_exceeded(problem: RecedingProblem, stamp: float, E: Array, V: Array) -> list[str]:
-    """Return the limits that errors (N + 1, n) and inputs (N, m) exceed, with the numbers."""
+def _find_exceeded(problem: RecedingProblem, stamp: float, E: Array, V: Array,
+                   present: Mapping[str, float] | None) -> list[str]:
+    """Return the limits that errors (N + 1, n) and inputs (N, m) exceed by more than `present`."""
     soft = problem.soft
     rows = ca.Function('rows', [soft.e, soft.v, soft.shift], [soft.rows])
     shifts = np.outer(stamp + problem.period * np.arange(len(E)), problem.drift)
@@ -107,9 +113,12 @@ def _find_exceeded(problem: RecedingProblem, stamp: float, E: Array, V: Array) -
     found = []
     for i, (name, low, high) in enumerate(zip(soft.names, soft.lower, soft.upper, strict=True)):
         at = np.append(values[i], last[i]) if i in soft.of_states else values[i]
-        over = float(np.maximum(low - at, at - high).max())
+        excess = np.maximum(low - at, at - high)
+        over, allowed = float(excess.max()), 0.0
+        if present is not None:
+            allowed = max(present.get(name, 0.0), float(excess[0]) if i in soft.of_states else 0.0)
         size = 1.0 + max(abs(each) for each in (low, high) if np.isfinite(each))
-        if not over <= _KEPT * size:
+        if not over <= allowed + _KEPT * size:
             found.append(f'{name} is exceeded by {over:.3g}')
     return found
 

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The steps of a receding horizon about a set point, as `step_process` asks for them."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 import math
 import time
 from typing import Any
@@ -102,8 +102,9 @@ class RecedingSteps:
         Parameters
         ----------
         request : Packet
-            ``kind`` 'first': a plan without excess from the state x, with what was checked of it
-            in ``words``, or a refusal. 'step': the plan from the instant ``stamp`` [ns] on, a
+            ``kind`` 'first': a plan from the state x without excess, or with no more than that of
+            the plan that is followed (``present``, by limit), with what was checked of it in
+            ``words``, or a refusal. 'step': the plan from the instant ``stamp`` [ns] on, a
             period after the state x at which u acts.
 
         Raises
@@ -114,7 +115,7 @@ class RecedingSteps:
         """
         x = request.arrays['x']
         if request.plain['kind'] == 'first':
-            return self._plan_first(x)
+            return self._plan_first(x, request.plain.get('present'))
         begun, stamp = time.monotonic(), int(request.plain['stamp'])
         period = self._problem.period
         if is_first := self._origin is None:
@@ -146,11 +147,12 @@ class RecedingSteps:
             raise DynamicsError('no plan: the predicted state is not finite')
         return np.asarray(ahead)
 
-    def _plan_first(self, x: Array) -> Packet:
-        """Return a plan without excess from the state x (n,)."""
+    def _plan_first(self, x: Array, present: Mapping[str, float] | None) -> Packet:
+        """Return a plan from the state x (n,) with no more excess than at present."""
         self._place(x, 0.0)
         found = self._solver.solve(x - self._moved, stamp=0.0)
-        report = check_first_plan(self._problem, found, self._set, must_end_in_set=False)
+        report = check_first_plan(self._problem, found, self._set, must_end_in_set=False,
+                                  present=present)
         if found.plan is None or not report.accepted:
             raise DynamicsError('no plan from the present state keeps all limits: '
                                 f'{"; ".join(report.reasons)}')

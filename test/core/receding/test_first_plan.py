@@ -51,6 +51,23 @@ def test_limits_are_computed_from_the_plan_itself() -> None:
         'v is exceeded by 0.3', 'path_constraints[0] is exceeded by 0.1')
 
 
+def test_a_plan_in_flight_may_exceed_a_limit_as_the_state_or_the_plan_before_it() -> None:
+    """The state begins 0.2 outside of a bound; a plan from there exceeds it at its beginning."""
+    problem = make_receding({**STATED, 'state_bounds': {'v': [-1.0, 0.8]}}, horizon=200,
+                            period=0.02)
+    result = StepSolver(problem, compiled=False).solve([0.5, 1.0])
+    assert result.plan is not None
+    assert check_first_plan(problem, result).reasons == ('v is exceeded by 0.2',)
+    assert check_first_plan(problem, result, present={}).accepted
+    narrow = make_receding({**STATED, 'state_bounds': {'v': [-1.0, 0.8], 'p': [None, 0.5]}},
+                           horizon=200, period=0.02)
+    over = float(result.plan.x[:, 0].max()) - 0.5
+    assert over > 1e-3
+    assert check_first_plan(narrow, result, present={}).reasons == (
+        f'p is exceeded by {over:.3g}',)
+    assert check_first_plan(narrow, result, present={'p': over}).accepted
+
+
 def test_a_plan_that_ends_outside_the_terminal_set_is_refused() -> None:
     """Three periods are too few to get there."""
     short = replace(PROBLEM, horizon=3)
