@@ -44,7 +44,7 @@ def collect(*start: str) -> set[str]:
     done = subprocess.run(
         [sys.executable, *start, '--collect-only', '-q', '-m', 'not nodes and not ros'], cwd=ROOT,
         capture_output=True, text=True, check=False,
-        env={**os.environ, 'PYTHONPATH': str(ROOT / 'test')})
+        env={**os.environ, 'PYTHONPATH': str(ROOT / 'test'), 'PYTEST_ADDOPTS': ''})
     assert done.returncode == 0, done.stdout[-3000:] + done.stderr
     return {line for line in done.stdout.splitlines() if line.startswith('test/')}
 
