@@ -6,7 +6,8 @@ Pacing of a simulated plant: when it advances, when its state is published, whic
 The caller passes the time: `now` is a steady time [s], `wall` is the time of the node's clock at
 that moment [ns]. States are published on an absolute time grid. A plant that was delayed omits no
 state and gives the controller its time for each: it continues where it was and reduces the delay
-a little with each state. In lockstep each state waits for its command.
+a little with each state. In lockstep each state waits for its command; after one that comes
+later than the next state was due, a whole period passes until that state.
 """
 
 from collections import Counter
@@ -246,6 +247,8 @@ class PacedPlant:
         self.accepted += 1
         self.repeated += 0 < stamp == self._last_stamp
         self.answered = self.answered or stamp >= self.stamp or stamp == 0
+        if self.pacing.lockstep and now > self._due_time():
+            self._anchor(now)   # time stood still: the next state is due a period from now
         self._last_stamp = min(stamp, self.stamp)
         self._last_command, self._resting = self.simulator.time, False
         return ''

@@ -272,6 +272,20 @@ def test_lockstep_is_no_faster_than_the_speed():
     assert bench.plant.simulator.time == pytest.approx(2.0, abs=0.01)
 
 
+@pytest.mark.parametrize('late', [1.5 * PERIOD, 0.3, 7.0])
+def test_a_late_answer_in_lockstep_leaves_a_period_for_the_next_state(late):
+    bench = Bench(lockstep=True, simulated_stamps=True)
+    bench.run(late)
+    assert bench.plant.command(bench.stamps[-1], [1.0], bench.now) == ''
+    assert bench.plant.wait(bench.now) == pytest.approx(PERIOD, abs=1e-9)
+    bench.now += 0.9 * PERIOD
+    assert not bench.poll()
+    bench.now += 0.2 * PERIOD
+    assert bench.poll()
+    assert bench.plant.stamp == 5_000_000
+    assert_allclose(bench.plant.sample, [PERIOD**2 / 2, PERIOD], rtol=1e-9)
+
+
 CONDITIONS = Conditions(noise=(0.01,), actuator_lag=(0.02,), input_delay=0.0071, seed=3,
                         gust=Gust((0.0, 1.0), 0.1, 0.2))
 
