@@ -14,12 +14,14 @@ priority of the nodes and of the solver process (0: none).
 
 import timing  # isort: skip - before numpy
 
+from collections.abc import Callable
 from dataclasses import dataclass
 import os
 from pathlib import Path
 import sys
 import tempfile
 import time
+from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
 import numpy as np
@@ -105,13 +107,10 @@ def fly(case: Case, seconds: float, lockstep: bool, priority: int, folder: Path
             children.start('plant_simulator', '-p', f'system:={case.system}', '-p',
                            f'x0:={_yaml(np.array(case.x0))}', '-p', f'publish_rate:={RATE}',
                            '-p', f'lockstep:={str(lockstep).lower()}', *raised)
+            _wait(node, case, lambda: bool(states))   # else the first ones may be missed
             children.start('mpc_node', '-p', f'system:={case.system}', '-p',
                            f'horizon:={case.horizon}', *case.options(), *raised)
-            end = time.monotonic() + START
-            while not (states and np.abs(states[-1] - case.x0).max() > 0.0):
-                if time.monotonic() > end:
-                    raise SystemExit(f'{case.system}: the loop did not begin within {START:g} s')
-                rclpy.spin_once(node, timeout_sec=0.05)
+            _wait(node, case, lambda: np.abs(states[-1] - case.x0).max() > 0.0)
             end = time.monotonic() + seconds
             while time.monotonic() < end:
                 rclpy.spin_once(node, timeout_sec=0.05)
@@ -120,6 +119,15 @@ def fly(case: Case, seconds: float, lockstep: bool, priority: int, folder: Path
         rclpy.shutdown()
     begun = next(k for k, x in enumerate(states) if np.abs(x - case.x0).max() > 0.0)
     return np.array(states[max(begun - 1, 0):]), told
+
+
+def _wait(node: Any, case: Case, is_met: Callable[[], bool]) -> None:
+    """Spin a node until a condition on the states is met."""
+    end = time.monotonic() + START
+    while not is_met():
+        if time.monotonic() > end:
+            raise SystemExit(f'{case.system}: the loop did not begin within {START:g} s')
+        rclpy.spin_once(node, timeout_sec=0.05)
 
 
 def find_cost(problem: RecedingProblem, x: Array) -> float:
