@@ -74,8 +74,8 @@ def _nodes(context: LaunchContext) -> list[Node]:
         raise ValueError(f'estimator:=true: there is no {sensors}, with sensors of the scenario')
     scenario = str(CONFIG / f'{sensors.stem}.yaml')
     files = [ParameterFile(each) for each in (
-        scenario, *([str(sensors)] if estimates else ()), given)
-        if not (problem and each == scenario)]
+        *(() if problem else (scenario,)), *((str(sensors),) if estimates else ()),
+        *(() if given == scenario else (given,)))]
     hidden = [(name, f'true_{name}') for name in ('state', 'odom') if estimates]
 
     def argument(name: str, value_type: type) -> ParameterValue:

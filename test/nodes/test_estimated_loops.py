@@ -93,9 +93,9 @@ def test_the_vehicle_changes_its_lane_with_an_estimate(launch: Any, probe: Probe
 
 
 def test_mpc_node_plans_from_the_estimate(launch: Any, probe: Probe) -> None:
-    loop = launch('scenario:=aircraft', 'controller:=mpc')
+    loop = launch('scenario:=aircraft_limits', 'controller:=mpc')
     loop.wait_for_output('slowest pole')
     loop.wait_for_output('activated', LAUNCHED)
-    follow(probe, 'mpc_node', [1.0, 0.5, 0.0, 0.0, 0.0, 0.0],
-           lambda x: abs(x[0] - 1.0) < 0.4 and abs(x[1] - 0.5) < 0.4)
+    follow(probe, 'mpc_node', [-0.5, 0.0, 0.0, 0.0, 0.0, 0.0],
+           lambda x: abs(x[0] + 0.5) < 0.4 and abs(x[1]) < 0.4)
     check_estimate(probe)
