@@ -26,10 +26,8 @@ from obc_ros.core.text.errors import StatementError
 
 STEP_TOLERANCE = 1e-6      # relative residual of the optimality conditions of an optimal plan
 _MOST = 30            # quadratic programs of a step
-_ABOVE = 10.0         # the penalty over the largest multiplier expected
 _CURVED = 12           # programs with second derivatives, before those of the cost alone
 _TRIED = 3            # last iterates that are applied to the model if none is optimal
-_RAISES = 2           # times that the penalty is raised by 10
 _KEPT = 1e-9          # excess that is not told, relative to 1 + the size of the limit
 
 _WORDS = {
@@ -101,8 +99,9 @@ class StepSolver:
         self.words = 'not prepared'
         self._directory, self._compiled = cache_dir, compiled
         self._kernel: StepKernel | None = None
-        self._penalty = self._choose_penalty()
-        self._largest_penalty = self._penalty * 10.0**_RAISES
+        self._slope = 2.0 * float(np.linalg.norm(problem.P, 2))
+        limits = np.concatenate([problem.soft.lower, problem.soft.upper])
+        self._size = float(np.abs(limits[np.isfinite(limits)]).max(initial=1.0))
         self._multipliers: tuple[float, Array, Array] | None = None
 
     def prepare(self) -> str:
@@ -183,14 +182,14 @@ class StepSolver:
         rest = np.minimum(np.arange(len(lam)) + k, len(lam) - 1)
         return lam[rest], mu[rest]
 
-    def _choose_penalty(self) -> float:
-        """Return sigma: above the slope of the cost-to-go at the limits of the set point."""
-        soft = self.problem.soft
-        if not soft.names:
-            return 0.0
-        finite = np.concatenate([soft.lower, soft.upper])
-        size = float(np.abs(finite[np.isfinite(finite)]).max(initial=1.0))
-        return _ABOVE * 2.0 * float(np.linalg.norm(self.problem.P, 2)) * size
+    def choose_penalty(self, e0: Array) -> float:
+        """
+        Return sigma: a bound of the slope of the cost-to-go at an error (n,), or at the limits.
+
+        A larger one makes things worse after a small disturbance: a plan over a short horizon then
+        spends any input to end an excess one sample sooner, and the aircraft falls.
+        """
+        return self._slope * max(self._size, float(np.linalg.norm(e0)))
 
 
 class _Search:
@@ -201,6 +200,7 @@ class _Search:
         self.e0, self.stamp = e0, stamp
         times = stamp + self.problem.period * np.arange(self.problem.horizon + 1)
         self.shifts = np.outer(times, self.problem.drift)
+        self.penalty = solver.choose_penalty(e0)
         self.count = 0
         self.curved = True
         kernel.begin(e0, self.shifts)
@@ -215,7 +215,7 @@ class _Search:
         """Improve a start until it is optimal or the time is over."""
         if start is None:
             return StepResult(None, 'diverged', _WORDS['diverged'], 0, math.inf, {},
-                              self.solver._penalty, 0.0, time.monotonic() - begun)
+                              self.penalty, 0.0, time.monotonic() - begun)
         best, kernel = start, self.kernel
         status, longest, kept = 'iterations', 0.0, math.inf
         tried: deque[tuple[Array, Array]] = deque(maxlen=_TRIED)
@@ -231,7 +231,7 @@ class _Search:
             residual = kernel.measure_residual()
             tried.append((kernel.E.copy(), kernel.V.copy()))
             moved = kernel.follow() if residual <= STEP_TOLERANCE else None
-            if moved is not None and not self._raise_penalty(moved):
+            if moved is not None:
                 best, status, kept = moved, 'optimal', residual
                 self._keep_multipliers()
                 break
@@ -241,7 +241,7 @@ class _Search:
         if status != 'optimal':
             motions = [self.follow(*each) for each in tried]
             best = min([best, *(each for each in motions if each is not None)],
-                       key=lambda each: each.find_value(self.solver._penalty))
+                       key=lambda each: each.find_value(self.penalty))
         return self._report(best, status, kept, begun)
 
     def _solve_program(self, best: HorizonMotion) -> bool:
@@ -255,28 +255,18 @@ class _Search:
         if solved:
             if self.curved:
                 self.kernel.take_multipliers()
-            self.kernel.linearize(self.solver._penalty)
+            self.kernel.linearize(self.penalty)
         return solved
 
     def _linearize_at(self, motion: HorizonMotion) -> None:
         self.kernel.E[:], self.kernel.V[:] = motion.E, motion.V
-        self.kernel.linearize(self.solver._penalty)
+        self.kernel.linearize(self.penalty)
 
     def _forget_curvature(self, motion: HorizonMotion) -> None:
         """Begin at a motion again, with the Hessian of the cost alone, which is convex."""
         self.curved = False
         self.kernel.lam[:] = self.kernel.mu[:] = 0.0
         self._linearize_at(motion)
-
-    def _raise_penalty(self, motion: HorizonMotion) -> bool:
-        """Raise the penalty if an excess may be due to it, and return whether it was raised."""
-        solver = self.solver
-        if motion.excess <= _KEPT * (1.0 + self.problem.horizon) \
-                or solver._penalty >= 0.5 * solver._largest_penalty:
-            return False
-        solver._penalty *= 10.0
-        self.kernel.linearize(solver._penalty)
-        return True
 
     def _keep_multipliers(self) -> None:
         """Keep the multipliers for the next step."""
@@ -299,5 +289,5 @@ class _Search:
         plan = Plan(self.stamp, problem.period, at.E + self.shifts + problem.xe, u, at.cost,
                     slack, residual,
                     float(at.E[-1] @ problem.P @ at.E[-1]))
-        return StepResult(plan, status, words, self.count, residual, slack, self.solver._penalty,
+        return StepResult(plan, status, words, self.count, residual, slack, self.penalty,
                           self.kernel.multiplier, time.monotonic() - begun)

@@ -101,13 +101,39 @@ def test_a_start_outside_a_state_bound_is_told_by_name() -> None:
     assert 'exceeds v by 1' in result.words
 
 
-def test_the_penalty_stays_bounded_if_an_excess_cannot_be_avoided() -> None:
-    """It is raised twice by 10, not in each step."""
+def test_an_excess_that_cannot_be_avoided_does_not_raise_the_penalty() -> None:
+    """The penalty depends on the distance of the state alone, not on earlier steps."""
     solver = StepSolver(integrator(state_bounds={'v': [-1, 1]}), compiled=False)
-    inside = solver.solve(np.array([0.0, 0.5])).penalty
-    found = [solver.solve(np.array([0.0, 2.0])) for _ in range(4)]
-    assert found[-1].penalty == pytest.approx(100 * inside)
+    found = [solver.solve(np.array([0.0, v])) for v in (2.0, 2.0, -2.0, 2.0)]
+    assert len({each.penalty for each in found}) == 1
     assert all(each.status == 'optimal' for each in found)
+
+
+@pytest.mark.parametrize('p', [-3.0, -30.0, -300.0, -3e4])
+def test_the_penalty_is_above_the_multiplier_however_far_the_set_point_is(p: float) -> None:
+    """The speed limit holds over the whole plan."""
+    result = StepSolver(integrator(state_bounds={'v': [-1, 1]}), compiled=False).solve(
+        np.array([p, 0.9]))
+    assert result.plan is not None and result.status == 'optimal' and result.slack == {}
+    assert result.plan.x[:, 1].max() == pytest.approx(1.0, abs=1e-6)
+    assert 0.0 < result.multiplier < result.penalty
+
+
+def test_a_limit_that_disturbances_exceed_a_little_is_no_reason_for_a_fall() -> None:
+    """The thrust stays near the weight while the speed is measured about its limit."""
+    solver = StepSolver(state_receding_problem(
+        aircraft.system(), horizon=20, period=0.02,
+        limits={'state_bounds': {'theta': [-0.2, 0.2], 'vx': [-0.4, 0.4]},
+                'input_bounds': {'f1': [-6, 6], 'f2': [20, 60]}}), compiled=False)
+    rng, plans = np.random.default_rng(0), []
+    result = solver.solve(np.array([1.0, 0.5, 0, 0, 0, 0]))
+    for _ in range(120):   # the limit is reached after 1.2 s
+        assert result.plan is not None
+        plans.append(result.plan)
+        result = solver.solve(result.plan.x[1] + 1e-4 * rng.standard_normal(6), result.plan,
+                              stamp=result.plan.stamp + result.plan.period)
+    assert 0.0 < max(each.slack.get('vx', 0.0) for each in plans) < 3e-3
+    assert min(each.u[0, 1] for each in plans) > 0.9 * 39.2
 
 
 def test_an_expired_deadline_returns_the_best_admissible_motion() -> None:
