@@ -30,28 +30,21 @@ SYCON-91-10, 1991.
 """
 
 from collections.abc import Sequence
-from math import acos, asin, atan2, cos, hypot, inf, isfinite, nan, pi, remainder, sin, sqrt
+from math import acos, asin, atan2, cos, hypot, inf, isfinite, pi, remainder, sin, sqrt
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.text.errors import StatementError
 
 # Word up to the sign of v, kappa, beta, sign of v, sum of the middle lengths, middle lengths.
 _Row = tuple[str, float, float, float, float, tuple[float, ...]]
 
-# kappa, beta, sign of v, sum of the middle lengths (nan where there is no such word).
-_Rows = tuple[Array | float, Array | float, float, Array]
-
 _TWO_PI = 2 * pi
 _MIRROR = str.maketrans('LR', 'RL')
-# Poses per chunk in `find_lengths`, so that the arrays fit into a cache.
-_CHUNK = 2048
 # Distance [radii] beyond which angles have no correct digits.
 _FAR = 1e12
-# Angles this close to pi count as pi.
-_EPS = 1e-12
 # Angles below 0 (or above pi) by less than this are accepted; the arc is driven the other way. The
 # path still ends at the goal. It is the shortest if rounding has moved an angle out of its
 # interval; for short straight parts the error reaches the square root of the unit of rounding.
@@ -213,47 +206,6 @@ def find_shortest_path(start: Sequence[float] | Array, goal: Sequence[float] | A
                    tuple([Segment(letter, part * radius) for letter, part in parts]))
 
 
-def find_lengths(starts: ArrayLike, goals: ArrayLike, radius: float) -> Array:
-    """
-    Return the lengths of many shortest paths.
-
-    Parameters
-    ----------
-    starts, goals : array_like, shape (N, 3) or (3,)
-        (x, y, theta) [m, m, rad]; a single pose is combined with all others.
-    radius : float
-        Minimum turning radius [m], > 0.
-
-    Returns
-    -------
-    ndarray, shape (N,)
-        Lengths [m].
-
-    Raises
-    ------
-    StatementError
-        If poses are not rows of three finite numbers or the radius is not a positive one.
-
-    """
-    first, last = _poses('starts', starts), _poses('goals', goals)
-    radius = _positive('radius', radius)
-    try:
-        first, last = np.broadcast_arrays(first, last)
-    except ValueError:
-        raise StatementError(f'{len(first)} starts do not match {len(last)} goals') from None
-    result = np.empty(len(first))
-    for k in range(0, len(first), _CHUNK):
-        x0, y0, theta0 = first[k:k + _CHUNK].T
-        x1, y1, theta1 = last[k:k + _CHUNK].T
-        c, s = np.cos(theta0), np.sin(theta0)
-        dx, dy = (x1 - x0) / radius, (y1 - y0) / radius
-        if np.maximum(np.abs(dx), np.abs(dy)).max() > _FAR:
-            raise StatementError(f'starts and goals are too far apart for radius {radius}')
-        turn = np.fmod(theta1 - theta0, _TWO_PI)
-        result[k:k + _CHUNK] = radius * _lengths(c * dx + s * dy, c * dy - s * dx, turn)
-    return result
-
-
 def _solve(x: float, y: float, phi: float) -> tuple[float, list[tuple[str, float]]]:
     """Return the length and the parts of the shortest path of radius 1 from (0, 0, 0)."""
     s, c = sin(phi), cos(phi)
@@ -336,70 +288,6 @@ def _parts(row: _Row, image: int, mirrored: bool, t: float, v: float) -> list[tu
     parts = [(a, -u if image % 2 else u) for a, u in zip(letters, (t, *inner, v), strict=True)
              if abs(u) > _SHORT]
     return parts[::-1] if image > 1 else parts
-
-
-def _lengths(x: Array, y: Array, phi: Array) -> Array:
-    """Return the lengths of the shortest paths of radius 1 from (0, 0, 0): `_solve` for arrays."""
-    s, c = np.sin(phi), np.cos(phi)
-    best = np.full(len(x), inf)
-    with np.errstate(invalid='ignore'):
-        for mirrored in (False, True):
-            if mirrored:
-                y, phi, s = -y, -phi, -s
-            for sense, xi, eta in ((1.0, x - s, y - 1 + c), (-1.0, x + s, y - 1 - c)):
-                theta = np.arctan2(eta, xi)
-                back = sense * (phi - theta)
-                images = ((theta, phi), (pi - theta, -phi),
-                          (back, sense * phi), (pi - back, -sense * phi))
-                rows = (_same_sides if sense > 0 else _opposites)(xi * xi + eta * eta)
-                for kappa, beta, sign, middle in rows:
-                    for angle, turn in images if sign <= 0 else images[:2]:
-                        t = _wrap(angle + kappa)
-                        v = _wrap((sign or 1.0) * (sense * (turn - t) + beta))
-                        good = _forward(t) & _forward(v) if sign else _forward(t)
-                        # fmin ignores nan middles: these words do not exist.
-                        best = np.fmin(
-                            best, np.where(good, np.abs(t) + middle + np.abs(v), inf))
-    return best
-
-
-def _forward(angle: Array) -> NDArray[np.bool_]:
-    forward: NDArray[np.bool_] = (angle >= -_LOOSE) | (angle <= _LOOSE - pi)
-    return forward
-
-
-def _same_sides(rho2: Array) -> list[_Rows]:
-    rho, r = np.sqrt(rho2), np.sqrt(rho2 - 4)
-    u = 2 * np.arcsin(rho / 4)
-    return [(0.0, 0.0, 1.0, rho), (pi - u / 2, -u, 0.0, u),
-            (np.arctan2(r, -2.0), -pi / 2, -1.0, np.where(r >= 2, pi / 2 + r - 2, nan))]
-
-
-def _opposites(rho2: Array) -> list[_Rows]:
-    over = rho2 - 4
-    rho, r = np.sqrt(rho2), np.sqrt(np.where(over >= -4 * _SHORT, np.maximum(over, 0.0), nan))
-    u = np.arccos((2 + rho) / 4)
-    w = np.where(r <= 4, np.arccos(np.minimum((20 - rho2) / 16, 1.0)), nan)
-    return [(u + pi / 2, -2 * u, -1.0, 2 * u), (np.arctan2(2.0, r), 0.0, 1.0, r),
-            (pi / 2, pi / 2, -1.0, np.where(r >= 0, pi / 2 + rho - 2, nan)),
-            (pi / 2 + np.arctan2(np.sin(w), 2 - np.cos(w)), 0.0, 1.0, 2 * w),
-            (np.arctan2(r, -2.0), 0.0, 1.0, np.where(r >= 4, pi + r - 4, nan))]
-
-
-def _wrap(angle: Array) -> Array:
-    """Return the angle in [-pi, pi], with -pi as pi."""
-    return angle - _TWO_PI * np.rint((angle - _EPS) / _TWO_PI)
-
-
-def _poses(name: str, poses: ArrayLike) -> Array:
-    try:
-        array = np.atleast_2d(np.asarray(poses))
-        good = array.dtype.kind in 'fiu' and array.ndim == 2 and array.shape[1] == 3
-    except ValueError:
-        good = False
-    if not good or not np.isfinite(array).all():
-        raise StatementError(f'{name} must be rows of three finite numbers x, y, theta')
-    return array.astype(float)
 
 
 def _pose(name: str, pose: Sequence[float] | Array) -> tuple[float, float, float]:
