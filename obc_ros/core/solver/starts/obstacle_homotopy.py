@@ -16,6 +16,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 from obc_ros.core.numerics.arrays import Array, Mask, optimize
+from obc_ros.core.numerics.instructions import find_dependence
 from obc_ros.core.numerics.samples import interpolate_columns
 from obc_ros.core.numerics.vectorized import VectorizedFunction
 from obc_ros.core.ocp.problem import Problem
@@ -86,7 +87,7 @@ def bend_around(problem: Problem, line: Path,
     value, slopes = seen(x, problem.p_value)
     slopes = slopes.reshape(_SEEN, -1, problem.n)
     room = np.minimum(value - problem.path_lower, problem.path_upper - value)
-    depends, sides = _depends(problem), []
+    depends, sides = find_dependence(problem.path, problem.x), []
     for row in rows[np.argsort(room[:, rows].min(axis=0))][:options.ways].tolist():
         k = int(np.argmin(room[:, row]))
         found = _sides(problem, seen, (x[0], x[k], x[-1]), row,
@@ -99,14 +100,6 @@ def bend_around(problem: Problem, line: Path,
     size = np.maximum(np.ptp([way.x for way in ways], axis=(0, 1)), 1e-300)
     return sorted(ways, key=lambda way: float(np.linalg.norm(
         np.diff(way.x / size, axis=0), axis=1).sum()))[:options.ways]
-
-
-def _depends(problem: Problem) -> Mask:
-    """Return which states path constraints depend on, (l, n)."""
-    slope = ca.jacobian(problem.path, problem.x)
-    found = np.zeros(slope.shape, dtype=bool)
-    found[slope.sparsity().get_triplet()] = True
-    return found
 
 
 def _curved(problem: Problem) -> NDArray[np.int64]:
@@ -183,7 +176,7 @@ class Follower:
         self._problem, self._N = problem, len(line.t) - 1
         self._rate = VectorizedFunction([x, u, problem.p], [
             problem.f, ca.jacobian(problem.f, x).T, ca.jacobian(problem.f, u).T])
-        placed = _depends(problem)[_curved(problem)].any(axis=0)
+        placed = find_dependence(problem.path, x)[_curved(problem)].any(axis=0)
         self._placed, self._fixed = np.flatnonzero(placed), np.flatnonzero(fixed)
         self._rest = line.u
         found = estimate_scales(problem, line)
