@@ -19,9 +19,9 @@ from typing import NamedTuple
 
 import numpy as np
 from obc_ros.core.numerics.arrays import Array, Index
-from obc_ros.core.numerics.vectorized import VectorizedFunction
 from obc_ros.core.ocp.least_time_form import get_final_time
 from obc_ros.core.ocp.problem import Problem
+from obc_ros.core.solver.adjoint.costates import CostateIntegrator
 from obc_ros.core.solver.bench import Bench, Candidate
 from obc_ros.core.solver.options import DEFAULTS, RolloutOptions
 from obc_ros.core.solver.starts.start import Known, Proposal
@@ -87,8 +87,9 @@ def start_from_rollouts(bench: Bench, pool: StartPool, _: Known) -> Proposal:
     pool.forget()
     options, intervals = bench.options.rollouts, 2 * bench.options.coarse.intervals
     most = bench.options.coarse.iterations
-    paths = label_paths(search_rollouts(problem, get_final_time(problem), options=options),
-                        'cross-entropy rollout')
+    paths = label_paths(search_rollouts(
+        problem, bench.programs.integrator, get_final_time(problem), options=options),
+        'cross-entropy rollout')
     for number, path in enumerate(islice(paths, 2 * options.tried)):
         vain = number >= options.tried and not found
         if vain or bench.meter.stopped or not bench.meter.allows(intervals):
@@ -170,7 +171,8 @@ def _promising(bench: Bench, last: Candidate, seen: list[RolloutEnd], rough: Cal
         rest = bench.programs.guesser.rest(bench.problem)
         short = not rough()
         if bent or not short:
-            search = partial(search_rollouts, problem, T, rest=rest, short=short, options=options)
+            search = partial(search_rollouts, problem, bench.programs.integrator, T, rest=rest,
+                             short=short, options=options)
             cheap = search(outcome.objective)
             yield from cheap[:options.cheap]
             for pair in zip_longest(search(), cheap[options.cheap:]):
@@ -321,16 +323,16 @@ class _Drawn:
         return _Drawn(np.clip(self.part[rows] + noise, 0, 1), length)
 
 
-def search_rollouts(problem: Problem, T: float, most: float = np.inf, rest: Array | None = None,
-                    *, short: bool = False, options: RolloutOptions = DEFAULTS.rollouts
-                    ) -> list[Path]:
+def search_rollouts(problem: Problem, integrator: CostateIntegrator, T: float,
+                    most: float = np.inf, rest: Array | None = None, *, short: bool = False,
+                    options: RolloutOptions = DEFAULTS.rollouts) -> list[Path]:
     """
     Search for rollouts that end near psi = 0, by the cross-entropy method.
 
     Parameters
     ----------
-    problem : Problem
-        With terminal constraints.
+    problem, integrator : Problem, CostateIntegrator
+        With terminal constraints; steps of its structure.
     T : float
         Final time, or the guess of a free one [s].
     most : float
@@ -365,7 +367,7 @@ def search_rollouts(problem: Problem, T: float, most: float = np.inf, rest: Arra
         part = still + away[:, None, None] * (part - still)
     drawn = _Drawn(part, np.exp(
         chance.uniform(np.log(shortest), np.log(longest), count)))
-    rolled_out = _Rollouts(problem, spans, most, look.steps)
+    rolled_out = _Rollouts(problem, integrator, spans, most, look.steps)
     kept: list[RolloutEnd] = []
     for generation in range(look.generations):
         ends, path = rolled_out(drawn)
@@ -432,27 +434,28 @@ class _End(NamedTuple):
 class _Rollouts:
     """Rollouts of inputs, each ended in each window of time where it is nearest to psi = 0."""
 
-    def __init__(self, problem: Problem, spans: Array, most: float, steps: int) -> None:
+    def __init__(self, problem: Problem, integrator: CostateIntegrator, spans: Array, most: float,
+                 steps: int) -> None:
         self._problem, self._spans, self._most, self._steps = problem, spans, most, steps
-        self._rate = VectorizedFunction([problem.x, problem.u, problem.p], [problem.f, problem.L])
-        self._ends = VectorizedFunction([problem.x, problem.p], [problem.psi, problem.V])
+        self._integrator = integrator
         self._size: Array | None = None
 
     def __call__(self, drawn: _Drawn) -> tuple[list[list[_End]], Callable[[_End], Path]]:
         """Return for each window the best end of each rollout, and a function to its path."""
-        problem = self._problem
+        problem, steps = self._problem, self._steps
         u = _inputs(problem, drawn.part)
-        x, L = _rolled_out(problem, self._rate, u, drawn.length, self._steps)
-        t = drawn.length[:, None] * np.linspace(0.0, 1.0, self._steps + 1)
-        ends, V = (values.reshape(*x.shape[:2], -1) for values in self._ends(
-            x.reshape(-1, problem.n), problem.p_value))
+        u = u[:, np.arange(steps) * u.shape[1] // steps]
+        t = drawn.length[:, None] * np.linspace(0.0, 1.0, steps + 1)
         with np.errstate(invalid='ignore', over='ignore'):
+            x, L = self._integrator.forward_each(problem, t, u)
+            V, ends = (values.reshape(*x.shape[:2], *values.shape[1:]) for values in (
+                self._integrator.ends(problem, x.reshape(-1, problem.n))))
             if self._size is None:
                 seen = np.where(np.isfinite(ends), np.abs(ends), np.nan)
                 size = np.nanquantile(seen, _TYPICAL, axis=(0, 1))
                 self._size = np.where(size > 0, size, 1.0)
             gap = np.abs(ends / self._size).max(axis=2) + _outside(problem, x)
-            cost = L + V[:, :, 0]
+            cost = L + V
             gap = np.where(np.isfinite(gap) & (cost < self._most), gap, np.inf)
         found, each = [], np.arange(len(t))
         for begin, end in pairwise(self._spans):
@@ -461,7 +464,12 @@ class _Rollouts:
             found.append([_End(*row) for row in zip(
                 inside[each, step].tolist(), cost[each, step].tolist(), each.tolist(),
                 step.tolist(), strict=True)])
-        return found, lambda end: _path(t[end.number], x[end.number], u[end.number], end.step)
+
+        def path(end: _End) -> Path:
+            k, last = end.number, end.step
+            return build_path(t[k, :last + 1], x[k, :last + 1], u[k, :last], u[k, :last])
+
+        return found, path
 
 
 def _parts(chance: np.random.Generator, shape: tuple[int, int, int]) -> Array:
@@ -485,35 +493,9 @@ def _part_at(problem: Problem, u: Array) -> Array:
     return np.asarray((u - lower) / np.where(upper > lower, upper - lower, 1.0))
 
 
-def _rolled_out(problem: Problem, rate: VectorizedFunction, u: Array, length: Array,
-                steps: int) -> tuple[Array, Array]:
-    """Return states (K, steps + 1, n) and the running cost under inputs held in turn."""
-    h = length[:, None] / steps
-    z = np.column_stack([np.tile(problem.x0, (len(u), 1)), np.zeros(len(u))])
-    path, n = [z], problem.n
-    with np.errstate(all='ignore'):
-        for k in np.arange(steps) * u.shape[1] // steps:
-            held, p = u[:, k], problem.p_value
-            a = np.hstack(rate(z[:, :n], held, p))
-            b = np.hstack(rate((z + h / 2 * a)[:, :n], held, p))
-            c = np.hstack(rate((z + h / 2 * b)[:, :n], held, p))
-            d = np.hstack(rate((z + h * c)[:, :n], held, p))
-            z = z + h / 6 * (a + 2 * b + 2 * c + d)
-            path.append(z)
-    both = np.stack(path, axis=1)
-    return both[:, :, :n], both[:, :, n]
-
-
 def _outside(problem: Problem, x: Array) -> Array:
     """Return the largest relative violation of state bounds so far, (K, steps + 1)."""
     room = problem.x_upper - problem.x_lower
     room = np.where(np.isfinite(room) & (room > 0), room, 1 + np.abs(problem.x0))
     over = np.maximum(problem.x_lower - x, x - problem.x_upper) / room
     return np.asarray(np.maximum.accumulate(np.maximum(over, 0.0).max(axis=2), axis=1))
-
-
-def _path(t: Array, x: Array, u: Array, last: int) -> Path:
-    """Return the part of a path up to a step."""
-    steps = len(t) - 1
-    held = u[np.arange(steps) * len(u) // steps][:last]
-    return build_path(t[:last + 1], x[:last + 1], held, held)

@@ -306,7 +306,8 @@ def test_random_inputs_reach_a_point_that_no_line_reaches():
         {'x': 'cos(a)', 'y': 'sin(a)', 'a': 'w'}, '1', (0, 0, 0),
         {'free': True, 'lower': 0.1, 'upper': 30}, inputs=['w'], input_bounds={'w': [-1, 1]},
         terminal_constraints=['x', 'y - 0.5'])
-    paths, integrator = search_rollouts(problem, 4.0), CostateIntegrator(problem)
+    integrator = CostateIntegrator(problem)
+    paths = search_rollouts(problem, integrator, 4.0)
     assert np.abs(paths[0].x[-1, :2] - [0, 0.5]).max() < 0.15
     for path in paths[:6]:
         x, _ = integrator.forward(problem, path.t, path.ua, path.ub)
