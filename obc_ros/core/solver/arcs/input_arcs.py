@@ -330,6 +330,22 @@ def close_gaps(arcs: Sequence[Arc], T: float) -> list[Arc]:
     return join(rows)
 
 
+def tidy_arcs(arcs: Sequence[Arc], shortest: float = 0.0) -> list[Arc]:
+    """Return arcs without those shorter than a part of T, with equal neighbours merged."""
+    T = arcs[-1].end
+    kept: list[Arc] = []
+    for arc in arcs:
+        if arc.end - arc.start < shortest * T:
+            continue
+        if kept and not (arc.met or arc.jump) and kept[-1].on == arc.on and np.array_equal(
+                kept[-1].levels, arc.levels, equal_nan=True):
+            kept[-1] = replace(kept[-1], end=arc.end)
+        else:
+            kept.append(replace(arc, start=kept[-1].end if kept else 0.0))
+    kept[-1] = replace(kept[-1], end=T)
+    return kept
+
+
 def limit_shortening(arcs: Sequence[Arc], curved: Mask, least: float) -> Array:
     """
     Return lower bounds of the lengths of arcs in the next solve [s].

@@ -15,7 +15,7 @@ import numpy as np
 from obc_ros.core.numerics.arrays import Array, Mask
 from obc_ros.core.numerics.samples import find_runs
 from obc_ros.core.ocp.problem import Problem
-from obc_ros.core.solver.arcs.input_arcs import Arc
+from obc_ros.core.solver.arcs.input_arcs import Arc, tidy_arcs
 from obc_ros.core.solver.transcription.program import TranscriptionOutcome
 
 _NEAR = 1e-6     # relative distance from a bound up to which a constraint is active
@@ -152,7 +152,7 @@ def add_contacts(arcs: Sequence[Arc], found: Sequence[StateContact], free: Mask,
         cut.append(Arc(float(start), float(end), tuple(levels), tuple(on)))
     for step in (1, -1):
         cut = _unsmeared(cut[::step], found, free)[::step]
-    return _joined(cut)
+    return tidy_arcs(cut)
 
 
 def _unsmeared(arcs: list[Arc], found: Sequence[StateContact], free: Mask) -> list[Arc]:
@@ -170,15 +170,3 @@ def _unsmeared(arcs: list[Arc], found: Sequence[StateContact], free: Mask) -> li
                     levels[i] = before.levels[i]
         result.append(Arc(arc.start, arc.end, tuple(levels), arc.on))
     return result
-
-
-def _joined(arcs: Sequence[Arc]) -> list[Arc]:
-    """Return arcs with equal neighbours merged."""
-    kept: list[Arc] = []
-    for arc in arcs:
-        if kept and kept[-1].on == arc.on and np.array_equal(
-                kept[-1].levels, arc.levels, equal_nan=True):
-            kept[-1] = Arc(kept[-1].start, arc.end, arc.levels, arc.on)
-        else:
-            kept.append(arc)
-    return kept

@@ -29,7 +29,14 @@ from obc_ros.core.solver.arcs.control_discontinuities import (
     sharpen_steps,
     SLIGHT_JUMP,
 )
-from obc_ros.core.solver.arcs.input_arcs import Arc, find_arcs, get_signature, open_arcs, Signature
+from obc_ros.core.solver.arcs.input_arcs import (
+    Arc,
+    find_arcs,
+    get_signature,
+    open_arcs,
+    Signature,
+    tidy_arcs,
+)
 from obc_ros.core.solver.arcs.mixed_constraints import find_active, hold_constraints
 from obc_ros.core.solver.arcs.phase_mesh import spread_as_wanted, spread_by_error, spread_like
 from obc_ros.core.solver.arcs.phase_program import PhasedProgram
@@ -98,7 +105,7 @@ def read_spans(problem: Problem, program: PhasedProgram, outcome: TranscriptionO
         arcs = [_without_implied_levels(problem, program, arc, outcome.path) for arc in arcs]
     jumping = bounds.deciding[mixed].any(axis=0) & switching
     arcs = cut_at_jumps(arcs, outcome.path, jumping.tolist(), mixed.tolist(), jump)
-    return tidy_arcs(_without_smears(arcs, switching, gap * T))
+    return tidy_arcs(_without_smears(arcs, switching, gap * T), _VANISHING)
 
 
 def _without_implied_levels(problem: Problem, program: PhasedProgram, arc: Arc,
@@ -150,22 +157,6 @@ def _without_smears(arcs: list[Arc], switching: tuple[bool, ...], gap: float) ->
     return kept
 
 
-def tidy_arcs(arcs: list[Arc]) -> list[Arc]:
-    """Return arcs without the vanishing ones, with equal neighbours merged."""
-    T = arcs[-1].end
-    kept: list[Arc] = []
-    for arc in arcs:
-        if arc.end - arc.start < _VANISHING * T:
-            continue
-        if kept and not (arc.met or arc.jump) and kept[-1].on == arc.on and np.array_equal(
-                kept[-1].levels, arc.levels, equal_nan=True):
-            kept[-1] = replace(kept[-1], end=arc.end)
-        else:
-            kept.append(replace(arc, start=kept[-1].end if kept else 0.0))
-    kept[-1] = replace(kept[-1], end=T)
-    return kept
-
-
 def settle_arcs(problem: Problem, program: PhasedProgram, arcs: list[Arc], guess: Path,
                 sizes: ProblemScales, pinned: Mask, meter: Meter, fine: float,
                 spread: tuple[Array, Array], options: Options = DEFAULTS) -> Phased | None:
@@ -202,14 +193,14 @@ def settle_arcs(problem: Problem, program: PhasedProgram, arcs: list[Arc], guess
             return None
         meter.limit(options.coarse.iterations, K * DEGREE)
         found = program.solve(problem, arcs, meshes, guess, sizes, pinned, meter)
-        smooth = tidy_arcs([replace(arc, jump=False) for arc in arcs])
+        smooth = tidy_arcs([replace(arc, jump=False) for arc in arcs], _VANISHING)
         if not found.converged and len(smooth) < len(arcs):
             arcs = smooth
             continue
         lengths, shortest = np.array([arc.end - arc.start for arc in arcs]), program.shortest(arcs)
         short = shortest + np.where(shortest > 0, _LIMIT * (lengths - shortest), 0.0)
         arcs = found.arcs
-        kept = tidy_arcs(_shrunk(_that_jump(found), program.bounds))
+        kept = tidy_arcs(_shrunk(_that_jump(found), program.bounds), _VANISHING)
         if len(kept) == len(arcs) and np.all(found.durations >= short):
             return _grazing(problem, program, found, sizes, pinned, meter, found.grazing(),
                             options) if found.converged else None
@@ -265,9 +256,8 @@ def _grazing(problem: Problem, program: PhasedProgram, found: Phased, sizes: Pro
     meter.limit(options.coarse.iterations, len(found.h) * DEGREE)
     new = program.solve(
         problem, found.arcs, found.meshes, join_phases(found), sizes, pinned, meter, where)
-    same = new.converged and len(tidy_arcs(new.arcs)) == len(new.arcs) and not is_below(
-        found.cost, new.cost, _SAME)
-    return new if same else found
+    whole = new.converged and len(tidy_arcs(new.arcs, _VANISHING)) == len(new.arcs)
+    return new if whole and not is_below(found.cost, new.cost, _SAME) else found
 
 
 def may_have_arcs(state: State) -> bool:
@@ -481,7 +471,7 @@ def reread_arcs(problem: Problem, program: PhasedProgram, integrator: CostateInt
         cut.append(Arc(start, float(end), level.levels, on.on,
                        jump=on.jump and abs(start - on.start) <= 1e-9 * times[-1]))
         start = float(end)
-    held = hold_constraints(tidy_arcs(cut), found, bounds)
+    held = hold_constraints(tidy_arcs(cut, _VANISHING), found, bounds)
     return add_touching_arcs(problem, held, found, bounds, answer.t, value)
 
 
