@@ -30,9 +30,9 @@ class ScalarPath:
     t, x, u, lam : ndarray, shape (N,)
         Times [s], state, input, costate of H = u^2 / 2 + lam f.
     J : float
-        Cost, P x(t0)^2 / 2.
+        Cost, P x(0)^2 / 2.
     P : float
-        Cost-to-go at t0; u(t0) = -b P x(t0).
+        Cost-to-go at 0; u(0) = -b P x(0).
 
     """
 
@@ -45,17 +45,17 @@ class ScalarPath:
 
 
 def solve_scalar_finite_horizon(a: float, b: float, c: float, x0: float, t: ArrayLike, *,
-                                t0: float = 0.0, tf: float) -> ScalarPath:
+                                tf: float) -> ScalarPath:
     """
-    Minimise the integral of u^2 / 2 over [t0, tf] + c x(tf)^2 / 2 subject to x' = a x + b u.
+    Minimise the integral of u^2 / 2 over [0, tf] + c x(tf)^2 / 2 subject to x' = a x + b u.
 
-    With S = tf - t0 and r = tf - t, for either sign of a,
+    With r = tf - t, for either sign of a,
 
-        x(t) = x0 e^(-|a| (S - r)) Q(r) / Q(S),    Q(r) = e^(-2 a r) + b^2 c W(r)  (a > 0),
+        x(t) = x0 e^(-|a| t) Q(r) / Q(tf),         Q(r) = e^(-2 a r) + b^2 c W(r)  (a > 0),
                                                    Q(r) = 1 + b^2 c W(r)           (a <= 0),
 
     W(r) = (1 - e^(-2 |a| r)) / (2 |a|). All terms of this sum have one sign. Equation (2.5) is a
-    difference, which has no correct digit left at a = 2, S = 10.
+    difference, which has no correct digit left at a = 2, tf = 10.
 
     Parameters
     ----------
@@ -64,11 +64,11 @@ def solve_scalar_finite_horizon(a: float, b: float, c: float, x0: float, t: Arra
     c : float
         Weight of x(tf), >= 0; inf for x(tf) = 0, the limit of the example.
     x0 : float
-        x(t0).
+        x(0).
     t : array_like, shape (N,)
-        Times within [t0, tf] [s].
-    t0, tf : float
-        [s], t0 < tf.
+        Times within [0, tf] [s].
+    tf : float
+        [s], > 0.
 
     Returns
     -------
@@ -84,12 +84,12 @@ def solve_scalar_finite_horizon(a: float, b: float, c: float, x0: float, t: Arra
     Example 2.2, equations (2.4) and (2.5), for a > 0; Exercise 2.4(a) with -a in place of a.
 
     """
-    _finite(a=a, b=b, x0=x0, t0=t0, tf=tf)
+    _finite(a=a, b=b, x0=x0, tf=tf)
     if not c >= 0:
         raise StatementError(f'c = {c}: the weight of x(tf) must be >= 0')
     _nonzero(b=b)
-    times = _times(t, t0, tf)
-    S, r, growth = tf - t0, tf - times, abs(a)
+    times = _times(t, tf)
+    r, growth = tf - times, abs(a)
     # If c is infinite, numerators and denominators are divided by c.
     own, weight = (0.0, b * b) if isinf(c) else (1.0, b * b * c)
     size = 1.0 if isinf(c) else c
@@ -98,18 +98,17 @@ def solve_scalar_finite_horizon(a: float, b: float, c: float, x0: float, t: Arra
         return np.asarray(own * (np.exp(-2 * a * r) if a > 0 else 1.0)
                           + weight * _decayed(growth, r))
 
-    whole = float(q(np.array(S)))
-    x = x0 * np.exp(-growth * (S - r)) * q(r) / whole
-    fading = np.exp(-a * (S - r)) if a > 0 else np.exp(a * (S + r))
+    whole = float(q(np.array(tf)))
+    x = x0 * np.exp(-growth * times) * q(r) / whole
+    fading = np.exp(-a * times) if a > 0 else np.exp(a * (tf + r))
     lam = size * x0 / whole * fading
-    P = size / whole * (1.0 if a > 0 else exp(2 * a * S))
+    P = size / whole * (1.0 if a > 0 else exp(2 * a * tf))
     return ScalarPath(times, x, -b * lam, lam, P * x0 * x0 / 2, P)
 
 
-def solve_scalar_infinite_horizon(a: float, b: float, x0: float, t: ArrayLike, *,
-                                  t0: float = 0.0) -> ScalarPath:
+def solve_scalar_infinite_horizon(a: float, b: float, x0: float, t: ArrayLike) -> ScalarPath:
     """
-    Minimise the integral of u^2 / 2 over [t0, inf) with x(inf) = 0, subject to x' = a x + b u.
+    Minimise the integral of u^2 / 2 over [0, inf) with x(inf) = 0, subject to x' = a x + b u.
 
     For a > 0, P = 2 a / b^2 and u = -b P x, so that x' = -a x. P = 0 also solves the Riccati
     equation; the condition x(inf) = 0 selects P > 0. For a < 0, u = 0 is optimal.
@@ -117,11 +116,9 @@ def solve_scalar_infinite_horizon(a: float, b: float, x0: float, t: ArrayLike, *
     Parameters
     ----------
     a, b, x0 : float
-        System, a and b not 0, and x(t0).
+        System, a and b not 0, and x(0).
     t : array_like, shape (N,)
-        Times, not before `t0` [s].
-    t0 : float
-        Initial time [s].
+        Times >= 0 [s].
 
     Returns
     -------
@@ -137,24 +134,24 @@ def solve_scalar_infinite_horizon(a: float, b: float, x0: float, t: ArrayLike, *
     Exercise 2.9.
 
     """
-    _finite(a=a, b=b, x0=x0, t0=t0)
+    _finite(a=a, b=b, x0=x0)
     _nonzero(a=a, b=b)
     times = np.asarray(t, dtype=float).ravel()
-    if not ((times >= t0) & np.isfinite(times)).all():
-        raise StatementError(f'times must be finite and not before t0 = {t0:g}')
+    if not ((times >= 0) & np.isfinite(times)).all():
+        raise StatementError('times must be finite and >= 0')
     P = max(2 * a / b**2, 0.0)
-    x = x0 * np.exp(-abs(a) * (times - t0))
+    x = x0 * np.exp(-abs(a) * times)
     return ScalarPath(times, x, -b * P * x, P * x, P * x0 * x0 / 2, P)
 
 
 def solve_scalar_between(a: float, b: float, x0: float, xf: float, t: ArrayLike, *,
-                         t0: float = 0.0, tf: float) -> ScalarPath:
+                         tf: float) -> ScalarPath:
     """
-    Minimise the integral of u^2 / 2 over [t0, tf] with x(tf) = xf, subject to x' = a x + b u.
+    Minimise the integral of u^2 / 2 over [0, tf] with x(tf) = xf, subject to x' = a x + b u.
 
     The solution of x'' = a^2 x,
 
-        x(t) = (x0 sinh(a (tf - t)) + xf sinh(a (t - t0))) / sinh(a (tf - t0)),
+        x(t) = (x0 sinh(a (tf - t)) + xf sinh(a t)) / sinh(a tf),
 
     is evaluated without overflow. `P` is nan, because J is not a multiple of x0^2.
 
@@ -162,7 +159,7 @@ def solve_scalar_between(a: float, b: float, x0: float, xf: float, t: ArrayLike,
     ----------
     a, b, x0, xf : float
         System, b not 0, and x at both ends.
-    t, t0, tf
+    t, tf
         As for `solve_scalar_finite_horizon`.
 
     Returns
@@ -176,25 +173,24 @@ def solve_scalar_between(a: float, b: float, x0: float, xf: float, t: ArrayLike,
 
     References
     ----------
-    Exercise 2.4(d), which compares flat trajectories with it: from x(t0) = 0 the solution of
+    Exercise 2.4(d), which compares flat trajectories with it: from x(0) = 0 the solution of
     part (a) is x = 0.
 
     """
-    _finite(a=a, b=b, x0=x0, xf=xf, t0=t0, tf=tf)
+    _finite(a=a, b=b, x0=x0, xf=xf, tf=tf)
     _nonzero(b=b)
-    times = _times(t, t0, tf)
-    S, s, k = tf - t0, times - t0, abs(a)
-    whole = float(_decayed(k, np.array(S)))
-    x = (x0 * np.exp(-k * s) * _decayed(k, S - s)
-         + xf * np.exp(-k * (S - s)) * _decayed(k, s)) / whole
-    # xf - e^(a S) x0, scaled by e^(-a S) if a > 0 to avoid overflow.
+    s, k = _times(t, tf), abs(a)
+    whole = float(_decayed(k, np.array(tf)))
+    x = (x0 * np.exp(-k * s) * _decayed(k, tf - s)
+         + xf * np.exp(-k * (tf - s)) * _decayed(k, s)) / whole
+    # xf - e^(a tf) x0, scaled by e^(-a tf) if a > 0 to avoid overflow.
     if a > 0:
-        missing = xf * exp(-a * S) - x0
+        missing = xf * exp(-a * tf) - x0
         u, J = missing * np.exp(-a * s) / (b * whole), missing**2 / (2 * b * b * whole)
     else:
-        missing = xf - exp(a * S) * x0
-        u, J = missing * np.exp(a * (S - s)) / (b * whole), missing**2 / (2 * b * b * whole)
-    return ScalarPath(times, x, u, -u / b, J, nan)
+        missing = xf - exp(a * tf) * x0
+        u, J = missing * np.exp(a * (tf - s)) / (b * whole), missing**2 / (2 * b * b * whole)
+    return ScalarPath(s, x, u, -u / b, J, nan)
 
 
 @dataclass(frozen=True, eq=False)
@@ -351,7 +347,7 @@ def solve_brockett(Y: ArrayLike, t: ArrayLike) -> BrockettPath:
         raise StatementError('Y must consist of finite numbers')
     if np.abs(matrix + matrix.T).max() > _SKEW * np.abs(matrix).max():
         raise StatementError("Y must be skew-symmetric, Y' = -Y")
-    times = _times(t, 0.0, 1.0)
+    times = _times(t, 1.0)
     # For an eigenvector v of i Y with eigenvalue s > 0: Y re(v) = s im(v), Y im(v) = -s re(v).
     values, vectors = np.linalg.eigh(1j * (matrix - matrix.T) / 2)
     q, u, J = np.zeros((len(times), len(matrix))), np.zeros((len(times), len(matrix))), 0.0
@@ -428,7 +424,7 @@ def solve_straight_line(x0: ArrayLike, xf: ArrayLike, t: ArrayLike) -> StraightP
             f'x0 and xf must be points of equal dimension; found {start.shape} and {end.shape}')
     if not (np.isfinite(start).all() and np.isfinite(end).all()):
         raise StatementError('x0 and xf must consist of finite numbers')
-    times = _times(t, 0.0, 1.0)
+    times = _times(t, 1.0)
     u = end - start
     length = float(np.linalg.norm(u))
     return StraightPath(times, start + np.outer(times, u), np.tile(u, (len(times), 1)), length,
@@ -440,13 +436,13 @@ def _decayed(k: float, r: Array) -> Array:
     return np.asarray(r * special.exprel(-2 * k * r))
 
 
-def _times(t: ArrayLike, t0: float, tf: float) -> Array:
-    """Return t, shape (N,), checked to be within [t0, tf]."""
-    if not t0 < tf:
-        raise StatementError(f't0 = {t0:g} is not before tf = {tf:g}')
+def _times(t: ArrayLike, tf: float) -> Array:
+    """Return t, shape (N,), checked to be within [0, tf]."""
+    if not tf > 0:
+        raise StatementError(f'tf = {tf:g}: wanted a number > 0')
     times = np.asarray(t, dtype=float).ravel()
-    if not ((times >= t0) & (times <= tf)).all():
-        raise StatementError(f'times must lie within [{t0:g}, {tf:g}]')
+    if not ((times >= 0) & (times <= tf)).all():
+        raise StatementError(f'times must lie within [0, {tf:g}]')
     return times
 
 
