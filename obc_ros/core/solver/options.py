@@ -194,8 +194,6 @@ class ObstacleOptions:
     detour: float = steer(
         0.5, 'largest distance of the other side of an obstacle',
         'line', 'test_obstacle_homotopy.py')
-    trials: int = steer(
-        15, 'maximum of the least squares', 'evaluations', 'test_obstacle_homotopy.py')
 
 
 @dataclass(frozen=True)
