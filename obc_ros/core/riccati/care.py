@@ -14,7 +14,6 @@ of P.
 from collections.abc import Callable
 from dataclasses import dataclass
 import math
-from typing import NamedTuple
 
 import numpy as np
 from obc_ros.core.numerics.arrays import Array, lapack
@@ -142,16 +141,7 @@ def _inverse(M: Array) -> Array | None:
     return inverse
 
 
-class _Iterate(NamedTuple):
-    """The fields of RiccatiSolution, in scaled coordinates."""
-
-    P: Array
-    residual: float
-    error: float
-    X: Array
-
-
-def _by_schur(A: Array, G: Array, Q: Array, H: Array) -> _Iterate | None:
+def _by_schur(A: Array, G: Array, Q: Array, H: Array) -> dare.AssessedSolution | None:
     """Return the solution spanned by the stable subspace; `H` is workspace."""
     n = len(A)
     H[:n, :n] = A
@@ -172,7 +162,7 @@ def _by_schur(A: Array, G: Array, Q: Array, H: Array) -> _Iterate | None:
     return _newton(A, G, Q, 0.5 * (P + P.T), lambda C: _lyapunov(C, T, V, W))
 
 
-def _by_doubling(A: Array, G: Array, Q: Array) -> _Iterate | None:
+def _by_doubling(A: Array, G: Array, Q: Array) -> dare.AssessedSolution | None:
     """
     Apply the Cayley transform and solve the discrete equation by doubling.
 
@@ -206,7 +196,7 @@ def _by_doubling(A: Array, G: Array, Q: Array) -> _Iterate | None:
 
 
 def _newton(A: Array, G: Array, Q: Array, P: Array, lyapunov: Callable[[Array], Array]
-            ) -> _Iterate:
+            ) -> dare.AssessedSolution:
     """Correct P once; lyapunov(C) solves M'X + X M = -C for M = A - G P."""
     R, terms = _residual(A, G, Q, P)
     before = norm(R) / terms
@@ -217,7 +207,7 @@ def _newton(A: Array, G: Array, Q: Array, P: Array, lyapunov: Callable[[Array], 
         corrected, after = P, before
     X = lyapunov(np.eye(len(A)))
     error = (after + len(A) * EPS) * terms * norm(X) / (norm(corrected) + TINY)
-    return _Iterate(corrected, after, error, X)
+    return dare.AssessedSolution(corrected, after, error, X)
 
 
 def _residual(A: Array, G: Array, Q: Array, P: Array) -> tuple[Array, float]:
@@ -237,7 +227,7 @@ def _lyapunov(C: Array, T: Array, V: Array, W: Array) -> Array:
     return half + half.T
 
 
-def _refine(A: Array, F: Array, Q: Array, start: _Iterate) -> _Iterate:
+def _refine(A: Array, F: Array, Q: Array, start: dare.AssessedSolution) -> dare.AssessedSolution:
     """
     Continue with Newton's method; the residual is evaluated in extended precision.
 
@@ -270,7 +260,7 @@ def _refine(A: Array, F: Array, Q: Array, start: _Iterate) -> _Iterate:
     # size of the terms within this product.
     R, size = _residual(A, F @ F.T, Q, narrow)
     error = step + EPS + lost / (norm(narrow) + TINY)
-    return _Iterate(narrow, norm(R) / max(size, norm(terms)), error, X)
+    return dare.AssessedSolution(narrow, norm(R) / max(size, norm(terms)), error, X)
 
 
 def _sensitivity(M: Array, C: Array) -> Array:

@@ -17,9 +17,9 @@ from obc_ros.core.riccati.propagation import double_horizon
 _LONGEST = 60  # doublings, which are 1e18 steps
 
 
-class DiscreteSolution(NamedTuple):
+class AssessedSolution(NamedTuple):
     """
-    The solution of the discrete Riccati equation and its accuracy.
+    The solution of a Riccati equation and its accuracy.
 
     Attributes
     ----------
@@ -30,7 +30,7 @@ class DiscreteSolution(NamedTuple):
     error : float
         Estimated bound of the rounding error of P, relative to P.
     X : ndarray, shape (n, n)
-        Lyapunov matrix of the closed loop M: M'X M - X = -I.
+        Lyapunov matrix of the closed loop M: M'X M - X = -I; of a continuous one M'X + X M = -I.
 
     """
 
@@ -40,7 +40,7 @@ class DiscreteSolution(NamedTuple):
     X: Array
 
 
-def solve_discrete(A: Array, F: Array, Q: Array) -> DiscreteSolution | None:
+def solve_discrete(A: Array, F: Array, Q: Array) -> AssessedSolution | None:
     """
     Return the solution of P = A'P (I + F F'P)^-1 A + Q that is the minimum cost matrix.
 
@@ -55,7 +55,7 @@ def solve_discrete(A: Array, F: Array, Q: Array) -> DiscreteSolution | None:
 
     Returns
     -------
-    DiscreteSolution or None
+    AssessedSolution or None
         None if the cost grows without bound or the closed loop is not stable.
 
     References
@@ -87,7 +87,7 @@ def solve_discrete(A: Array, F: Array, Q: Array) -> DiscreteSolution | None:
             break
     R, terms = _residual(M, K, Q, P)
     error = (norm(R) + len(A) * EPS * terms) * norm(X) / (norm(P) + TINY)
-    return DiscreteSolution(P, norm(R) / terms, error, X) if math.isfinite(error) else None
+    return AssessedSolution(P, norm(R) / terms, error, X) if math.isfinite(error) else None
 
 
 def _residual(M: Array, K: Array, Q: Array, P: Array) -> tuple[Array, float]:
