@@ -471,19 +471,7 @@ class Bench:
 
 
 def build_bench(task: Task, *, with_arcs: bool = True, quick: bool = False) -> Bench:
-    """
-    Return the bench of a search.
-
-    Parameters
-    ----------
-    task : Task
-        The problem.
-    with_arcs : bool
-        Whether inputs may be held at bounds between switching times.
-    quick : bool
-        One start and a few meshes, for paths that need not be optimal.
-
-    """
+    """Return the bench of a search; inputs may be held at bounds if `with_arcs` is set."""
     problem, programs, bounded = task.problem, task.programs, task.problem.constrained
     smooth = programs.twin.problem(problem, 0) if programs.twin else problem
     whole = task.meter.part()

@@ -49,22 +49,10 @@ def solve_coarse(bench: Bench, pool: StartPool, why_not: Callable[[Problem], str
     Outcomes with a large discretisation error are discarded. If all have one, the mesh is made
     finer, with a stiffly accurate scheme. An outcome with boundary layers keeps a large error on
     any coarse mesh; it is accepted if its cost is that of the coarser mesh, or if the problem is
-    convex, so that there is no other minimum.
+    convex, so that there is no other minimum. The pool is filled anew for each mesh.
 
-    Parameters
-    ----------
-    bench : Bench
-        Of the search.
-    pool : StartPool
-        Filled anew for each mesh.
-    why_not : callable
-        Called when the first mesh led to no path. Returns a proof of infeasibility in words, or
-        ''.
-
-    Returns
-    -------
-    CoarseResult
-
+    `why_not` is called when the first mesh led to no path. It returns a proof of infeasibility in
+    words, or ''.
     """
     options = bench.options.coarse
     most, convex = bench.meter.max_intervals, bench.programs.convex(bench.problem)

@@ -162,16 +162,8 @@ def look_for_proof(task: Task) -> Callable[[Problem], str]:
     """
     Return the function that a search calls when its first starts lead nowhere.
 
-    Parameters
-    ----------
-    task : Task
-        A part of its work may be used, and for proofs the time that descents in vain may not take.
-
-    Returns
-    -------
-    callable
-        Returns a proof of infeasibility in words, or ''.
-
+    It returns a proof of infeasibility in words, or ''. It may take a part of the work of the
+    task, and of the time that which descents in vain may not take.
     """
     def why_not(problem: Problem) -> str:
         with task.meter.trace.attempt('proof', 'that no path exists', aside=True) as attempt:

@@ -46,31 +46,15 @@ class Descent:
         """
         Refine mesh and arcs until the certificate passes.
 
-        Returns
-        -------
-        Candidate
-            The last one that was certified; otherwise the best without a passing certificate.
-
+        The last candidate that was certified is returned; otherwise the best without a certificate
+        that passes.
         """
         found = self.advance(math.inf)
         assert found is not None
         return found
 
     def advance(self, most: float) -> Candidate | None:
-        """
-        Do what `finish` does, up to a limit of the work.
-
-        Parameters
-        ----------
-        most : float
-            Work after which the descent is interrupted, at the end of a mesh.
-
-        Returns
-        -------
-        Candidate or None
-            None if it was interrupted.
-
-        """
+        """Do what `finish` does, up to `most` work; None if interrupted, at the end of a mesh."""
         bench = self._state.bench
         before = bench.work
         with bench.trace.under(self._entry):
@@ -202,15 +186,5 @@ class Descent:
 
 
 def descend(bench: Bench, start: TranscriptionOutcome) -> Candidate:
-    """
-    Refine mesh and arcs of a coarse outcome until its certificate passes; see `Descent.finish`.
-
-    Parameters
-    ----------
-    bench : Bench
-        Of the search.
-    start : TranscriptionOutcome
-        On the coarse mesh.
-
-    """
+    """Refine mesh and arcs of a coarse outcome until its certificate passes."""
     return Descent(bench, start).finish()

@@ -83,20 +83,7 @@ EXACT_METHODS = (
 
 
 def solve_automatically(task: Task) -> Solution:
-    """
-    Solve a problem: exact methods, proofs, then a search.
-
-    Parameters
-    ----------
-    task : Task
-        The problem.
-
-    Returns
-    -------
-    Solution
-        Its `method` is that which found it.
-
-    """
+    """Solve a problem: exact methods, proofs, then a search; its `method` tells which."""
     for exact in EXACT_METHODS:
         if exact.affine == task.programs.affine and (found := _try_exact(task, exact)) is not None:
             return found

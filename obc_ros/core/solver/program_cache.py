@@ -143,15 +143,7 @@ class ProgramCache:
         self.build_time = time.monotonic() - begun
 
     def restated(self, problem: Problem) -> Problem:
-        """
-        Return a problem of the structure with its own numbers and the symbols of this cache.
-
-        Parameters
-        ----------
-        problem : Problem
-            With the `structure` of the problem that the cache was built for.
-
-        """
+        """Return a problem of the structure with its own numbers and the symbols of this cache."""
         return replace(problem, **{name: getattr(self._problem, name) for name in SYMBOLIC})
 
     def transcription(self, problem: Problem, layout: Layout) -> Transcription:

@@ -256,20 +256,7 @@ def judge_path(found: Solution) -> tuple[Verdict, str]:
 
 
 def describe_fault(certificate: Certificate) -> str:
-    """
-    Return in words which condition of a certificate fails most.
-
-    Parameters
-    ----------
-    certificate : Certificate
-        With a residual above its tolerance.
-
-    Returns
-    -------
-    str
-        A clause with residual and tolerance.
-
-    """
+    """Return in words which condition fails most, with residual and tolerance."""
     worst = certificate.worst
     return (f'{_FAULTS[worst]}: residual {certificate.residuals[worst]:.1e}, allowed '
             f'{certificate.tolerances[worst]:.0e}')

@@ -16,20 +16,7 @@ _EQUAL = 1e-9   # relative distance of a constraint from its bound up to which i
 
 
 def build_curvatures(problem: Problem) -> list[ca.Function]:
-    """
-    Build the functions of the path constraints that `find_implied_bounds` needs.
-
-    Parameters
-    ----------
-    problem : Problem
-        Of the structure.
-
-    Returns
-    -------
-    list of Function
-        For each of the l constraints (x, u, p) -> c, dc/du (m,), d2c/du2 (m, m).
-
-    """
+    """Return for each constraint the function (x, u, p) -> c, dc/du (m,), d2c/du2 (m, m)."""
     x, u, p = problem.x, problem.u, problem.p
     slopes = [ca.gradient(row, u) for row in ca.vertsplit(problem.path)]
     return [ca.Function('curvatures', [x, u, p], [row, slope, ca.jacobian(slope, u)])

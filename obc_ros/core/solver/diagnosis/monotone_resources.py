@@ -56,21 +56,10 @@ def _freed(problem: Problem, index: int, upper: bool, bound: float) -> Problem:
 
 def explain_shortage(problem: Problem, solve: Solver) -> str:
     """
-    Return which monotone state does not seem to suffice for the terminal constraints.
+    Return which monotone state does not seem to suffice for the terminal constraints, else ''.
 
-    Parameters
-    ----------
-    problem : Problem
-        The problem without a solution.
-    solve : callable
-        Returns a Solution for a problem. A certified one is an extremal and a better one may
-        exist: the result is not a proof.
-
-    Returns
-    -------
-    str
-        A clause with numbers; '' if there is none.
-
+    A certified solution from `solve` is an extremal, and a better one may exist: the clause is no
+    proof.
     """
     for supply in find_supplies(problem):
         answer = solve(supply.problem)

@@ -43,19 +43,9 @@ class Arcs:
 def solve_least_time(p0: float, v0: float, pf: float, vf: float, low: float,
                      high: float) -> Arcs | None:
     """
-    Return the time-optimal arcs, None if no solution of this form has finite costates.
+    Return the time-optimal arcs from (p0, v0) to (pf, vf), low < high.
 
-    Parameters
-    ----------
-    p0, v0, pf, vf : float
-        Initial and final position and speed.
-    low, high : float
-        Bounds of the acceleration, low < high.
-
-    Returns
-    -------
-    Arcs or None
-
+    None is returned if no solution of this form has finite costates.
     """
     best = (inf, 0.0, 0.0, 0.0, 0.0)
     for w1, w2 in ((low, high), (high, low)):

@@ -22,13 +22,7 @@ def explain_unreachable_mode(states: tuple[str, ...], reach: Reach) -> str | Non
     """
     Return a sentence if a real mode of A keeps the terminal constraints from ever being met.
 
-    Parameters
-    ----------
-    states : tuple of str
-        Names of the states.
-    reach : Reach
-        The problem; the rows of C are independent.
-
+    The rows of `reach.C` are independent; `states` are the names of the states.
     """
     for sigma, w in _modes(reach.A, reach.B):
         y, *_ = np.linalg.lstsq(reach.C.T, w, rcond=None)

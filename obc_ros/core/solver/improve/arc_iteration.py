@@ -75,18 +75,9 @@ class ArcIteration:
 
     def settle(self, outcome: TranscriptionOutcome) -> TranscriptionOutcome:
         """
-        Iterate from an outcome until the arcs do not change.
+        Iterate from an outcome on any mesh until the arcs do not change.
 
-        Parameters
-        ----------
-        outcome : TranscriptionOutcome
-            On any mesh.
-
-        Returns
-        -------
-        TranscriptionOutcome
-            The last one that converged at no higher cost; its arcs may still change.
-
+        The last outcome that converged at no higher cost is returned; its arcs may still change.
         """
         options = self.bench.options.bangs
         bench = self.bench
@@ -201,19 +192,7 @@ class ArcIteration:
         return closed(self.problem, new) <= closed(self.problem, outcome) + room
 
     def without_vanishing(self, outcome: TranscriptionOutcome) -> TranscriptionOutcome:
-        """
-        Remove the shortest arcs if the cost does not increase.
-
-        Parameters
-        ----------
-        outcome : TranscriptionOutcome
-            On phases.
-
-        Returns
-        -------
-        TranscriptionOutcome
-
-        """
+        """Remove the shortest arcs of an outcome on phases if the cost does not increase."""
         options = self.bench.options.bangs
         durations, T = outcome.path.durations, outcome.path.t[-1]
         if np.all(durations > options.vanishing * T):
@@ -285,15 +264,7 @@ def hold_jumping_inputs(state: State) -> State | str:
 
 
 def remove_vanished_arcs(state: State) -> State:
-    """
-    Remove the arcs that have vanished on a finer mesh.
-
-    Parameters
-    ----------
-    state : State
-        Of a descent.
-
-    """
+    """Remove the arcs that have vanished on a finer mesh of a descent."""
     if not ArcIteration.vanished(state.outcome):
         return state
     return replace(state, outcome=_iterate(state).without_vanishing(state.outcome))

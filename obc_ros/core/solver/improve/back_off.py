@@ -25,17 +25,8 @@ def solve_within_tighter_bounds(state: State) -> State | str:
     """
     Solve on the same mesh within bounds that are tightened by what the path exceeds them.
 
-    Parameters
-    ----------
-    state : State
-        With a converged outcome.
-
-    Returns
-    -------
-    State or str
-        With a feasible path as the best candidate. Outcome and tightening of the descent stay,
-        since its next mesh has smaller violations.
-
+    The new state has a feasible path as the best candidate. Outcome and tightening of the descent
+    stay, since its next mesh has smaller violations.
     """
     bench, outcome = state.bench, state.outcome
     options = bench.options.descent

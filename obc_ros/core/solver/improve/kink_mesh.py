@@ -31,28 +31,10 @@ def solve_boundary_values(programs: ProgramCache, problem: Problem, outcome: Tra
                           course: Extremal,
                           scales: ProblemScales, *, rough: bool = False) -> BoundaryValues | None:
     """
-    Solve Pontryagin's boundary value problem from an outcome.
+    Solve Pontryagin's boundary value problem from an outcome, whose inputs give the arcs.
 
-    Parameters
-    ----------
-    programs : ProgramCache
-        Of the structure of the problem.
-    problem : Problem
-        As stated.
-    outcome : TranscriptionOutcome
-        Its inputs give the arcs.
-    course : Extremal
-        Its states and costates.
-    scales : ProblemScales
-        Of the outcome.
-    rough : bool
-        Accept a rough solution.
-
-    Returns
-    -------
-    BoundaryValues or None
-        None on singular arcs, for a problem that is too large, or without convergence.
-
+    `course` and `scales` are those of the outcome; `rough`: accept a rough solution. None on
+    singular arcs, for a problem that is too large, or without convergence.
     """
     arcs = find_arcs(problem, outcome.path, (True,) * problem.m)
     singular = any(linear and np.isnan(level) for arc in arcs

@@ -121,20 +121,6 @@ def interleave_rollouts(bench: Bench, pool: StartPool, known: Known) -> Proposal
 
     Rollouts end once some in a row led to no new minimum. A long search is made, for expensive
     rollouts, too, after much work or if coarse solves fail; a short one if the dynamics are bent.
-
-    Parameters
-    ----------
-    bench : Bench
-        Of the search.
-    pool : StartPool
-        Its guesses are used between the rollouts, and after them.
-    known : Known
-        With the candidate of the first descent.
-
-    Returns
-    -------
-    Proposal
-
     """
     assert known.best is not None
     seen = search_rollouts_briefly(bench, known.best, known.bent or known.uneven)

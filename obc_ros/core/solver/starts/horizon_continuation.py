@@ -40,20 +40,9 @@ def continue_horizon(bench: Bench, _: StartPool, __: Known) -> Proposal:
 
 def lengthen_horizon(bench: Bench, intervals: int) -> TranscriptionOutcome | None:
     """
-    Solve over longer and longer horizons up to [0, T].
+    Solve over longer and longer horizons up to [0, T], each longer by at least `intervals`.
 
-    Parameters
-    ----------
-    bench : Bench
-        Of the search.
-    intervals : int
-        Minimum number of intervals that each horizon adds.
-
-    Returns
-    -------
-    TranscriptionOutcome or None
-        With a small discretisation error. None if that was not reached.
-
+    None is returned if no outcome with a small discretisation error was reached.
     """
     options = bench.options.horizon
     whole, final = bench.problem, bench.problem.final_time

@@ -51,22 +51,10 @@ def start_around(bench: Bench, _: StartPool, known: Known) -> Proposal:
 def bend_around(problem: Problem, line: Path,
                 options: ObstacleOptions = DEFAULTS.obstacles) -> list[Path]:
     """
-    Bend a line around the path constraints that it violates.
+    Bend a straight line from x(0) to the end around the path constraints that it violates.
 
-    Parameters
-    ----------
-    problem : Problem
-        Its path constraints that are nonlinear in x and free of u are obstacles.
-    line : Path
-        Straight, from x(0) to the end.
-    options : ObstacleOptions
-        Of the search.
-
-    Returns
-    -------
-    list of Path
-        At most one for each choice of sides, the shortest first.
-
+    At most one path for each choice of sides is returned, the shortest first. Path constraints
+    that are nonlinear in x and free of u are obstacles.
     """
     rows = _curved(problem)
     if not rows.size:

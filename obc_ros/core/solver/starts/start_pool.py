@@ -72,15 +72,5 @@ class StartPool:
 
 
 def is_rough(bench: Bench, pool: StartPool) -> bool:
-    """
-    Return whether coarse solves fail, end at very different costs, or are slow.
-
-    Parameters
-    ----------
-    bench : Bench
-        With the coarse mesh.
-    pool : StartPool
-        With the minima found on it.
-
-    """
+    """Return whether coarse solves fail, end at very different costs, or are slow."""
     return bench.typical > bench.options.multistart.slow or pool.known_minima.rough

@@ -47,22 +47,7 @@ class Effort:
 
 
 def explain_enough(effort: Effort, options: MultistartOptions) -> str:
-    """
-    Return why multistart may stop.
-
-    Parameters
-    ----------
-    effort : Effort
-        So far.
-    options : MultistartOptions
-        The limits.
-
-    Returns
-    -------
-    str
-        The reason in words; '' if another start is worth its work.
-
-    """
+    """Return in words why multistart may stop; '' if another start is worth its work."""
     number, spent, hard = effort.starts, effort.spent, effort.before > options.hard
     weary = effort.total > options.weary and spent > options.share * effort.total
     if spent > options.lavish if effort.certified else weary:

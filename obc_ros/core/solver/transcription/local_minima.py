@@ -30,15 +30,7 @@ class LocalMinima:
         self._now = list[tuple[str, str]]()
 
     def record_iterate(self, cost: float, infeasibility: float) -> bool:
-        """
-        Record an iterate of the present solve; return whether it leads to a known minimum.
-
-        Parameters
-        ----------
-        cost, infeasibility : float
-            Of the iterate.
-
-        """
+        """Record an iterate of the present solve; return whether it leads to a known minimum."""
         place = f'{cost:.7e}', f'{infeasibility:.4e}'
         self._now.append(place)
         return place in self._iterates or self._knows(cost, infeasibility)
