@@ -17,6 +17,7 @@ from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.ocp.solution import Condition, Solution
 from obc_ros.core.ocp.structure import find_switching_inputs
 from obc_ros.core.ocp.wording import describe_terminal, format_number, state_bound
+from obc_ros.core.solver.proofs.existence import measure_effort
 
 Solver = Callable[[Problem], Solution]
 Explanation = Callable[[Solution], str]
@@ -56,12 +57,12 @@ def relax_terminal(problem: Problem) -> Problem:
                       V=ca.sumsqr(problem.psi / _sizes(problem)))
     # Without a cost of inputs, arcs on their bounds are recognised.
     return nearest if problem.boxed.all() and all(find_switching_inputs(nearest)) else replace(
-        nearest, L=_effort(problem))
+        nearest, L=_EFFORT * measure_effort(problem))
 
 
 def relax_path_constraints(problem: Problem) -> Problem:
     """Return the problem of minimising the violation of state bounds and path constraints."""
-    cost = _effort(problem)
+    cost = _EFFORT * measure_effort(problem)
     rows = [*zip(ca.vertsplit(problem.x), problem.x_lower, problem.x_upper, strict=True)]
     if problem.path.numel():
         rows += zip(ca.vertsplit(problem.path), problem.path_lower, problem.path_upper,
@@ -76,15 +77,6 @@ def relax_path_constraints(problem: Problem) -> Problem:
     return replace(problem, L=cost, V=ca.SX(0), psi=ca.SX(0, 1), path=ca.SX(0, 1), structure='',
                    path_lower=np.zeros(0), path_upper=np.zeros(0), x_lower=-unlimited,
                    x_upper=unlimited)
-
-
-def _effort(problem: Problem) -> ca.SX:
-    """Return a small cost of the distance of inputs from the middle of their bounds."""
-    boxed = problem.boxed
-    half = np.where(boxed, 0.5*(problem.u_upper - problem.u_lower), 1.0)
-    middle = np.where(boxed, problem.u_lower + half, np.clip(
-        0.0, problem.u_lower, problem.u_upper))
-    return _EFFORT * ca.sumsqr((problem.u - middle) / np.where(half > 0, half, 1.0))
 
 
 def _sizes(problem: Problem) -> Array:

@@ -144,15 +144,23 @@ def state_least_effort(problem: Problem) -> Problem:
     Returns
     -------
     Problem
-        The problem with the cost integral of 1 + |u - u_m|^2, each input in units of half the
-        width of its bounds; u_m is the middle of the bounds, 0 for an input without both bounds.
+        The problem with the cost integral of 1 + `measure_effort`.
 
     """
-    low, high = (np.where(problem.boxed, bound, 0.0)
-                 for bound in (problem.u_lower, problem.u_upper))
-    half = np.where(high > low, (high - low) / 2, 1.0)
-    return replace(problem, structure='', V=ca.SX(0),
-                   L=1 + ca.sumsqr((problem.u - (low + high) / 2) / half))
+    return replace(problem, structure='', V=ca.SX(0), L=1 + measure_effort(problem))
+
+
+def measure_effort(problem: Problem) -> ca.SX:
+    """
+    Return |u - u_m|^2, each input in units of half the width of its bounds.
+
+    u_m is the middle of the bounds; without both of them the admissible input nearest to 0.
+    """
+    boxed = problem.boxed
+    half = np.where(boxed, 0.5 * (problem.u_upper - problem.u_lower), 1.0)
+    middle = np.where(boxed, problem.u_lower + half, np.clip(
+        0.0, problem.u_lower, problem.u_upper))
+    return ca.sumsqr((problem.u - middle) / np.where(half > 0, half, 1.0))
 
 
 def _unlimited(problem: Problem) -> Mask:
