@@ -203,6 +203,12 @@ class SoftLimits:
         """Return the rows without an input, which hold at the end of the horizon as well."""
         return tuple(i for i in range(len(self.names)) if not ca.depends_on(self.rows[i], self.v))
 
+    @cached_property
+    def at_set_point(self) -> Array:
+        """Return the rows at the set point at t = 0, shape (r,)."""
+        at = ca.Function('at', [self.e, self.v, self.shift], [self.rows])
+        return np.array(at(0, 0, 0)).ravel()
+
 
 def state_receding_problem(system: System, *, horizon: int, period: float,
                            weights: Mapping[str, Any] | None = None,
@@ -266,8 +272,8 @@ def _check_set_point(made: RecedingProblem) -> None:
         if not low <= value <= high:
             raise StatementError(f'input_bounds.{name}: the set point needs {value:.6g}, outside '
                                  f'[{low:g}, {high:g}]')
-    at = ca.Function('at', [soft.e, soft.v, soft.shift], [soft.rows])(0, 0, 0).full().ravel()
-    for name, value, low, high in zip(soft.names, at, soft.lower, soft.upper, strict=True):
+    for name, value, low, high in zip(soft.names, soft.at_set_point, soft.lower, soft.upper,
+                                      strict=True):
         if not low <= value <= high:
             raise StatementError(f'{name}: {value:.6g} at the set point, outside '
                                  f'[{low:g}, {high:g}]')

@@ -65,8 +65,8 @@ class HorizonProgram:
         Return the function that states the program about an iterate, and judges the iterate.
 
         Inputs: E (n, N+1), V (m, N), shifts (n, N+1), e0 (n, 1); the multipliers in the Hessian,
-        of the model lam (n, N) and of the soft rows mu (r, N); the penalty sigma; the multipliers
-        of the program before, lam_a and lam_x.
+        of the model lam (n, N) and of the soft rows mu (r, N); the penalties sigma (r, 1); the
+        multipliers of the program before, lam_a and lam_x.
 
         Outputs: the program by the names of CasADi, with its start x0; with the program before and
         the linearization of the iterate the gradient of the Lagrangian, the part of the cost in it
@@ -77,7 +77,7 @@ class HorizonProgram:
         sparsity, places = self.pattern
         given = {name: ca.MX.sym(name, *shape) for name, shape in (
             ('E', (n, N + 1)), ('V', (m, N)), ('shifts', (n, N + 1)), ('e0', (n, 1)),
-            ('lam', (n, N)), ('mu', (r, N)), ('sigma', (1, 1)), ('lam_a', (sparsity.size1(), 1)),
+            ('lam', (n, N)), ('mu', (r, N)), ('sigma', (r, 1)), ('lam_a', (sparsity.size1(), 1)),
             ('lam_x', (sparsity.size2(), 1)))}
         E, V, S, e0, lam, mu, sigma, lam_a, lam_x = given.values()
         A, B, C, D, low, high, excess, gaps, H, bend, steep = self._stage.map(N)(
@@ -87,7 +87,7 @@ class HorizonProgram:
         a, none = ca.MX(sparsity, pieces[places.tolist()]), ca.DM.zeros(last, 1)
         z = ca.vertcat(ca.vec(ca.vertcat(E[:, :N], V, excess)), excess_last, E[:, N], excess_last)
         cost = ca.vertcat(ca.vec(steep), none, steep_last, none)
-        penalty = sigma * ca.DM(self.penalized)
+        penalty = self.penalized @ sigma
         lower, upper = self._insert_rows(low, low_last), self._insert_rows(high, high_last)
         lowest, highest = (ca.vertcat(e0, np.where(np.isfinite(each), each, 0.0)[n:])
                            for each in self.box)
@@ -195,11 +195,20 @@ class HorizonProgram:
         return ca.Function('follow', {**given, **found}, list(given), list(found))
 
     @cached_property
-    def penalized(self) -> Array:
-        """Return 1 for each unknown that is an excess with a penalty, 0 for the others."""
+    def penalized(self) -> ca.DM:
+        """Return the matrix that gives the unknowns their penalties, from those of the rows."""
         N, n, m, r, last = self.sizes
-        stage = np.concatenate([np.zeros(n + m), np.ones(r)])
-        return np.concatenate([np.tile(stage, N), np.zeros(last + n), np.ones(last)])
+        stage = ca.vertcat(ca.DM(n + m, r), ca.DM.eye(r))
+        end = [ca.DM.eye(r)[i, :] for i in self.problem.soft.of_states]
+        return ca.vertcat(ca.repmat(stage, N, 1), ca.DM(last + n, r), *end)
+
+    @cached_property
+    def limited(self) -> RowPlaces:
+        """Return the soft row of each row that is not 0 in `one_sided`."""
+        up, down, up_last, down_last = self.sides
+        last = np.array(self.problem.soft.of_states, dtype=int)
+        return np.concatenate([np.tile(np.concatenate([up, down]), self.sizes[0]),
+                               last[up_last], last[down_last]])
 
     @cached_property
     def box(self) -> tuple[Array, Array]:

@@ -30,8 +30,8 @@ class HorizonMotion:
         Errors about the set point, and inputs less those of the set point.
     cost : float
         Without the penalty.
-    excess : float
-        Sum of the excesses.
+    excess : ndarray, shape (r,)
+        Sum of the excesses of each soft row.
     worst : ndarray, shape (r,)
         The largest excess of each soft row.
 
@@ -40,12 +40,12 @@ class HorizonMotion:
     E: Array
     V: Array
     cost: float
-    excess: float
+    excess: Array
     worst: Array
 
-    def find_value(self, penalty: float) -> float:
-        """Return the cost with the penalty."""
-        return self.cost + penalty * self.excess
+    def find_value(self, penalties: Array) -> float:
+        """Return the cost with the penalties (r,) of the excesses."""
+        return self.cost + float(penalties @ self.excess)
 
 
 class BufferedFunction:
@@ -164,17 +164,18 @@ class StepKernel:
         memory = self._memory
         end = memory['excess_last']
         cost = float(memory['cost'][0])
-        excess = float(self._excess.sum() + end.sum())
-        if not (math.isfinite(cost) and math.isfinite(excess) and np.isfinite(self._moved).all()):
-            return None
-        worst = self._excess.max(axis=0, initial=0.0)
         of = list(self._program.problem.soft.of_states)
+        excess, worst = self._excess.sum(axis=0), self._excess.max(axis=0, initial=0.0)
+        excess[of] += end
         worst[of] = np.maximum(worst[of], end)
+        if not (math.isfinite(cost) and np.isfinite(excess).all()
+                and np.isfinite(self._moved).all()):
+            return None
         return HorizonMotion(self._moved.copy(), self._applied.copy(), cost, excess, worst)
 
-    def linearize(self, penalty: float) -> None:
-        """State the program about the iterate, with a penalty of the excesses."""
-        self._memory['sigma'][0] = penalty
+    def linearize(self, penalties: Array) -> None:
+        """State the program about the iterate, with penalties (r,) of the excesses."""
+        self._memory['sigma'][:] = penalties
         self._linearize.run()
 
     def solve(self) -> bool:
@@ -203,9 +204,11 @@ class StepKernel:
             self.mu[:, row] += lam_a[soft[:, column]]
 
     @property
-    def multiplier(self) -> float:
-        """Return the largest multiplier of a softened limit."""
-        return float(np.abs(self._memory['lam_a'][self._soft]).max(initial=0.0))
+    def multipliers(self) -> Array:
+        """Return the largest multiplier of each soft row, shape (r,)."""
+        found = np.zeros(self._program.sizes[3])
+        np.maximum.at(found, self._program.limited, np.abs(self._memory['lam_a'][self._soft]))
+        return found
 
     def measure_residual(self) -> float:
         """

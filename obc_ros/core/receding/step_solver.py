@@ -28,6 +28,7 @@ STEP_TOLERANCE = 1e-6      # relative residual of the optimality conditions of a
 _MOST = 30            # quadratic programs of a step
 _CURVED = 12           # programs with second derivatives, before those of the cost alone
 _TRIED = 3            # last iterates that are applied to the model if none is optimal
+_LEAST_ROOM = 1e-3    # distance of the set point from a limit, relative to 1 + its size
 _KEPT = 1e-9          # excess that is not told, relative to 1 + the size of the limit
 
 _WORDS = {
@@ -58,10 +59,10 @@ class StepResult:
         the multipliers without the solver of the quadratic program; inf if unknown.
     slack : dict of str to float
         Largest excess of each softened limit that is exceeded.
-    penalty : float
-        Weight sigma of the excesses. The penalty is exact if it is above `multiplier`.
-    multiplier : float
-        Largest sum of the multipliers of a softened limit.
+    penalty : dict of str to float
+        Weight sigma of the excess of each softened limit; exact if it is above its `multiplier`.
+    multiplier : dict of str to float
+        Largest multiplier of each softened limit.
     seconds : float
         Wall time.
 
@@ -73,8 +74,8 @@ class StepResult:
     iterations: int
     residual: float
     slack: dict[str, float]
-    penalty: float
-    multiplier: float
+    penalty: dict[str, float]
+    multiplier: dict[str, float]
     seconds: float
 
 
@@ -99,9 +100,10 @@ class StepSolver:
         self.words = 'not prepared'
         self._directory, self._compiled = cache_dir, compiled
         self._kernel: StepKernel | None = None
-        self._slope = 2.0 * float(np.linalg.norm(problem.P, 2))
-        limits = np.concatenate([problem.soft.lower, problem.soft.upper])
-        self._size = float(np.abs(limits[np.isfinite(limits)]).max(initial=1.0))
+        soft = problem.soft
+        self._sizes = 1.0 + np.where(np.isfinite(soft.upper), np.abs(soft.upper),
+                                     np.abs(soft.lower))
+        self._rooms = np.minimum(soft.upper - soft.at_set_point, soft.at_set_point - soft.lower)
         self._multipliers: tuple[float, Array, Array] | None = None
 
     def prepare(self) -> str:
@@ -182,14 +184,17 @@ class StepSolver:
         rest = np.minimum(np.arange(len(lam)) + k, len(lam) - 1)
         return lam[rest], mu[rest]
 
-    def choose_penalty(self, e0: Array) -> float:
+    def choose_penalties(self, e0: Array) -> Array:
         """
-        Return sigma: a bound of the slope of the cost-to-go at an error (n,), or at the limits.
+        Return sigma (r,): bounds of the slope of the cost-to-go along a plan from e0 (n,).
 
-        A larger one makes things worse after a small disturbance: a plan over a short horizon then
-        spends any input to end an excess one sample sooner, and the aircraft falls.
+        The error is that of the start, or that with which a limit is reached. Larger penalties
+        make things worse after a small disturbance: a plan over a short horizon then spends any
+        input to end an excess one sample sooner, and the aircraft falls.
         """
-        return self._slope * max(self._size, float(np.linalg.norm(e0)))
+        slope = 2.0 * float(np.linalg.norm(self.problem.P, 2))
+        least = np.maximum(self._rooms, _LEAST_ROOM * self._sizes)
+        return slope * np.maximum(least, np.linalg.norm(e0))
 
 
 class _Search:
@@ -200,7 +205,7 @@ class _Search:
         self.e0, self.stamp = e0, stamp
         times = stamp + self.problem.period * np.arange(self.problem.horizon + 1)
         self.shifts = np.outer(times, self.problem.drift)
-        self.penalty = solver.choose_penalty(e0)
+        self.penalties = solver.choose_penalties(e0)
         self.count = 0
         self.curved = True
         kernel.begin(e0, self.shifts)
@@ -214,8 +219,8 @@ class _Search:
     def run(self, start: HorizonMotion | None, deadline: float, begun: float) -> StepResult:
         """Improve a start until it is optimal or the time is over."""
         if start is None:
-            return StepResult(None, 'diverged', _WORDS['diverged'], 0, math.inf, {},
-                              self.penalty, 0.0, time.monotonic() - begun)
+            return StepResult(None, 'diverged', _WORDS['diverged'], 0, math.inf, {}, {}, {},
+                              time.monotonic() - begun)
         best, kernel = start, self.kernel
         status, longest, kept = 'iterations', 0.0, math.inf
         tried: deque[tuple[Array, Array]] = deque(maxlen=_TRIED)
@@ -241,7 +246,7 @@ class _Search:
         if status != 'optimal':
             motions = [self.follow(*each) for each in tried]
             best = min([best, *(each for each in motions if each is not None)],
-                       key=lambda each: each.find_value(self.penalty))
+                       key=lambda each: each.find_value(self.penalties))
         return self._report(best, status, kept, begun)
 
     def _solve_program(self, best: HorizonMotion) -> bool:
@@ -255,12 +260,12 @@ class _Search:
         if solved:
             if self.curved:
                 self.kernel.take_multipliers()
-            self.kernel.linearize(self.penalty)
+            self.kernel.linearize(self.penalties)
         return solved
 
     def _linearize_at(self, motion: HorizonMotion) -> None:
         self.kernel.E[:], self.kernel.V[:] = motion.E, motion.V
-        self.kernel.linearize(self.penalty)
+        self.kernel.linearize(self.penalties)
 
     def _forget_curvature(self, motion: HorizonMotion) -> None:
         """Begin at a motion again, with the Hessian of the cost alone, which is convex."""
@@ -277,9 +282,9 @@ class _Search:
     def _report(self, at: HorizonMotion, status: str, residual: float, begun: float) -> StepResult:
         """Return the result of a motion."""
         problem, soft = self.problem, self.problem.soft
-        sizes = 1.0 + np.where(np.isfinite(soft.upper), np.abs(soft.upper), np.abs(soft.lower))
-        slack = {name: float(value) for name, value, size in zip(
-            soft.names, at.worst, sizes, strict=True) if value > _KEPT * size}
+        slack = {name: value for name, value, size in zip(
+            soft.names, at.worst.tolist(), self.solver._sizes, strict=True)
+            if value > _KEPT * size}
         words = _WORDS[status]
         if slack:
             words += '; exceeds ' + ', '.join(f'{name} by {value:.3g}'
@@ -289,5 +294,7 @@ class _Search:
         plan = Plan(self.stamp, problem.period, at.E + self.shifts + problem.xe, u, at.cost,
                     slack, residual,
                     float(at.E[-1] @ problem.P @ at.E[-1]))
-        return StepResult(plan, status, words, self.count, residual, slack, self.penalty,
-                          self.kernel.multiplier, time.monotonic() - begun)
+        penalty, multiplier = (dict(zip(soft.names, each.tolist(), strict=True))
+                               for each in (self.penalties, self.kernel.multipliers))
+        return StepResult(plan, status, words, self.count, residual, slack, penalty, multiplier,
+                          time.monotonic() - begun)
