@@ -119,6 +119,15 @@ def test_the_penalty_is_above_the_multiplier_however_far_the_set_point_is(p: flo
     assert 0.0 < result.multiplier['v'] < result.penalty['v']
 
 
+def test_a_plan_that_can_keep_its_limits_does_so_to_rounding() -> None:
+    """Far away the limit would be exceeded by 3e-6, if gaps of 1e-6 were accepted."""
+    problem = flying(state_bounds={'vx': [-0.4, 0.4]},
+                     input_bounds={'f1': [-6, 6], 'f2': [20, 60]})
+    result = StepSolver(problem, compiled=False).solve(np.array([5.0, 2.0, 0, 0, 0, 0]))
+    assert result.plan is not None and result.status == 'optimal' and result.slack == {}
+    assert result.plan.x[:, 3].min() == pytest.approx(-0.4, abs=1e-8)
+
+
 @pytest.mark.parametrize('loose', [{}, {'px': [-1000, 1000]}])
 def test_a_limit_that_disturbances_exceed_a_little_is_no_reason_for_a_fall(
         loose: dict[str, list[float]]) -> None:
