@@ -114,7 +114,10 @@ def certify(problem: Problem, solution: Solution) -> Certificate:
     tolerances = {key: TOLERANCES[key] for key in keys}
     if not _fits(problem, solution):
         return Certificate(dict.fromkeys(keys, np.inf), tolerances)
-    found = _Judge(problem, solution, _functions(problem)).residuals()
+    judge = _Judge(problem, solution, _functions(problem))
+    if not np.isfinite(judge.scales.cost):   # no scale at all, for example V = 1/x at x(T) = 0
+        return Certificate(dict.fromkeys(keys, np.inf), tolerances)
+    found = judge.residuals()
     return Certificate({key: float(found[key]) if np.isfinite(found[key]) else np.inf
                         for key in keys}, tolerances)
 

@@ -431,6 +431,12 @@ def test_a_path_that_diverges_gives_infinite_residuals():
     assert not certificate.holds
 
 
+def test_a_cost_that_is_not_a_number_gives_infinite_residuals():
+    problem = problems.pose({'x': 'u'}, '0', (0,), 1, terminal_cost='sin(x)/x')
+    certificate = certify(problem, answer(problem, np.linspace(0, 1, 3), [0], [0], [0], 0.0))
+    assert set(certificate.residuals.values()) == {math.inf}
+
+
 def test_an_empty_solution_is_not_certified():
     problem, _ = scalar()
     assert not certify(problem, Solution(Status.NOT_CONVERGED, '')).holds
