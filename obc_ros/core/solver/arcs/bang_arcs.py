@@ -8,13 +8,14 @@ do not follow: the part at the bound becomes an arc of its own. Next to a singul
 may be shorter than an interval. It is found from dH/du, which does not vanish on it.
 """
 
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.ocp.problem import Problem
-from obc_ros.core.solver.arcs.input_arcs import Arc
+from obc_ros.core.solver.arcs.input_arcs import Arc, tidy_arcs
 from obc_ros.core.solver.arcs.phase_program import PhasedProgram
 from obc_ros.core.solver.arcs.phases import Phased
 
@@ -73,8 +74,7 @@ def cut_at_bounds(problem: Problem, found: Phased, switching: NDArray[np.bool_],
 
 
 def cut_at_ends(problem: Problem, program: PhasedProgram, found: Phased, t: Array, x: Array,
-                u: Array,
-                Hu: Array) -> list[Arc]:
+                u: Array, Hu: Array) -> list[Arc]:
     """
     Insert short bang arcs at the ends of the singular arcs of a path.
 
@@ -97,41 +97,91 @@ def cut_at_ends(problem: Problem, program: PhasedProgram, found: Phased, t: Arra
     list of Arc
 
     """
-    deciding, span = program.bounds.deciding, problem.u_upper - problem.u_lower
-    arcs: list[Arc] = []
+    def hold(arc: Arc, j: int, row: int, level: float) -> Arc:
+        return _hold(problem, program, arc, j, x[row], u[row], level)
+
+    return _insert_bangs(problem, found.arcs, program.switching, program.bounds.deciding,
+                         (t, u, Hu), hold)
+
+
+def close_ends(problem: Problem, arcs: Sequence[Arc], switching: NDArray[np.bool_],
+               deciding: NDArray[np.bool_], samples: tuple[Array, Array, Array]) -> list[Arc]:
+    """
+    Insert short bang arcs at the ends of the singular arcs of a path on a coarse mesh.
+
+    Parameters
+    ----------
+    problem : Problem
+        Whose input bounds are meant.
+    arcs : sequence of Arc
+        As detected from the inputs, in which a bang shorter than an interval does not show.
+    switching, deciding : ndarray of bool, shape (m,), (n + l, m)
+        As in `cut_at_bounds`.
+    samples : tuple of ndarray, shape (K,), (K, m), (K, m)
+        Times, inputs, and dH/du there [cost per second and unit of the input].
+
+    Returns
+    -------
+    list of Arc
+        Equal arcs that follow each other are one arc.
+
+    """
+    def hold(arc: Arc, j: int, _: int, level: float) -> Arc:
+        levels = np.array(arc.levels)
+        levels[j] = level
+        return replace(arc, levels=tuple(levels.tolist()))
+
+    return tidy_arcs(_insert_bangs(problem, arcs, switching, deciding, samples, hold, hidden=True))
+
+
+def _insert_bangs(problem: Problem, arcs: Sequence[Arc], switching: NDArray[np.bool_],
+                  deciding: NDArray[np.bool_], samples: tuple[Array, Array, Array],
+                  hold: Callable[[Arc, int, int, float], Arc], *, hidden: bool = False
+                  ) -> list[Arc]:
+    """
+    Return arcs with bangs where dH/du does not vanish at an end of a singular arc.
+
+    `samples`: times, inputs and dH/du. `hold` returns an arc with input j at a level, from the
+    sample at its outer end. A bang ends where dH/du changes its sign; if it is `hidden`, shorter
+    than an interval, at the first sample.
+    """
+    t, u, Hu = samples
+    span = problem.u_upper - problem.u_lower
     worth = np.abs(Hu) * np.where(np.isfinite(span), span, 0.0)
     least = _GAINS * np.abs(Hu * u).sum(axis=1).max()
-    for arc in found.arcs:
+    result: list[Arc] = []
+    for arc in arcs:
         rows = np.flatnonzero((t > arc.start) & (t < arc.end))
-        singular = program.switching & np.isnan(arc.levels) & np.isfinite(span)
+        singular = switching & np.isnan(arc.levels) & np.isfinite(span)
         if arc.on:
             singular &= ~deciding[np.flatnonzero(arc.on)].any(axis=0)
         parts = [arc]
         for j in np.flatnonzero(singular) if rows.size else ():
             for at in rows, rows[::-1]:
-                slope, first = Hu[at, j], at[0]
+                slope, first = np.sign(Hu[at, j]), at[0]
                 change = t[at[np.argmax(slope * slope[0] <= 0)]]   # t[first] if there is none
                 here = parts[0 if first == rows[0] else -1]
                 if worth[first, j] < max(least, _LARGEST * worth[rows, j].max()) or not (
                         0 < abs(change - t[first]) < _SHORT * (here.end - here.start)):
                     continue
-                bang = _bang(problem, program, here, int(j), x[first], u[first],
-                             upper=bool(slope[0] < 0))
+                change = t[first] if hidden else change
+                bang = hold(here, int(j), int(first), float(
+                    (problem.u_upper if slope[0] < 0 else problem.u_lower)[j]))
                 if first == rows[0]:
                     parts[:1] = [replace(bang, end=float(change)),
                                  replace(here, start=float(change), met=(), jump=False)]
                 else:
                     parts[-1:] = [replace(here, end=float(change)),
                                   replace(bang, start=float(change), met=(), jump=False)]
-        arcs.extend(parts)
-    return arcs
+        result.extend(parts)
+    return result
 
 
-def _bang(problem: Problem, program: PhasedProgram, arc: Arc, j: int, x: Array, u: Array, *,
-          upper: bool) -> Arc:
+def _hold(problem: Problem, program: PhasedProgram, arc: Arc, j: int, x: Array, u: Array,
+          level: float) -> Arc:
     """Return an arc with an input at its bound, or on a path constraint if that is met before."""
     bounds, there = program.bounds, u.copy()
-    there[j] = (problem.u_upper if upper else problem.u_lower)[j]
+    there[j] = level
     value = program.rows(x, there, problem.p_value).full().ravel()[problem.n:]
     for row in np.flatnonzero((bounds.orders == 0) & bounds.deciding[:, j]):
         c = value[row - problem.n]
@@ -142,5 +192,5 @@ def _bang(problem: Problem, program: PhasedProgram, arc: Arc, j: int, x: Array, 
             on[row] = sign
             return replace(arc, on=tuple(on.tolist()))
     levels = np.array(arc.levels)
-    levels[j] = there[j]
+    levels[j] = level
     return replace(arc, levels=tuple(levels.tolist()))

@@ -10,8 +10,11 @@ solution on these phases are detected again and compared.
 from dataclasses import replace
 
 import numpy as np
+from obc_ros.core.numerics.arrays import Array, Mask
 from obc_ros.core.ocp.structure import find_shared_inputs
+from obc_ros.core.solver.adjoint.costates import Extremal
 from obc_ros.core.solver.adjoint.mesh_refinement import is_below
+from obc_ros.core.solver.arcs.bang_arcs import close_ends
 from obc_ros.core.solver.arcs.control_discontinuities import cut_at_jumps, sharpen_steps
 from obc_ros.core.solver.arcs.input_arcs import (
     Arc,
@@ -89,8 +92,14 @@ class ArcIteration:
                 arcs = self.checked(found, outcome)
             shown = get_signature(arcs)
             elsewhere = have_moved(arcs, outcome.path.durations, options.vanishing)
-            if bench.meter.stopped or shown == now and not elsewhere:
+            if bench.meter.stopped:
                 break
+            if shown == now and not elsewhere:
+                new, now = self.closed(found, outcome, density, seen)
+                if new is None:
+                    break
+                outcome = new
+                continue
             if shown == now:
                 new = self.with_arcs(arcs, outcome, density, options.seen)
                 if new is None or not is_below(new.objective, outcome.objective, CHEAPER):
@@ -134,6 +143,28 @@ class ArcIteration:
         arcs = self.checked(found, outcome, moving=False)
         shown = get_signature(arcs)
         if shown in seen or self.bench.meter.stopped:
+            return None, shown
+        seen.add(shown)
+        return self.with_arcs(arcs, outcome, density), shown
+
+    def closed(self, found: list[Arc], outcome: TranscriptionOutcome, density: float,
+               seen: set[Signature]
+               ) -> tuple[TranscriptionOutcome | None, Signature]:
+        """
+        Solve with short bang arcs at the ends of singular ones; return the outcome and its arcs.
+
+        A bang that is much shorter than an interval does not show in the inputs of a coarse path,
+        but dH/du does not vanish there, and the discretisation error is large.
+        """
+        if self.bench.is_accurate(outcome):
+            return None, ()
+        course = self.bench.course(outcome)
+        arcs = close_ends(
+            self.problem, found, self.linear, self.programs.deciding,
+            ((course.t[:-1] + course.t[1:]) / 2, (course.ua + course.ub) / 2,
+             self.slopes(course)))
+        shown = get_signature(arcs)
+        if shown in seen:
             return None, shown
         seen.add(shown)
         return self.with_arcs(arcs, outcome, density), shown
@@ -218,13 +249,22 @@ class ArcIteration:
         The input moves to its other bound there; without `moving` it becomes free.
         """
         course = self.bench.course(outcome)
-        x, u = (course.x + course.x_end) / 2, (course.ua + course.ub) / 2
-        mu = None if course.density_path is None else course.density_path.mean(axis=1)
-        _, Hu, _ = self.programs.integrator.hamiltonian(
-            self.problem, x, u, (course.lam + course.lam_end) / 2, mu)
+        Hu = self.slopes(course)
         moves = self.programs.switching if moving else (False,) * self.problem.m
         arcs = open_arcs(arcs, course.t, Hu, self.problem, self.programs.switching, moves)
         return self.broken(self.touching(arcs, outcome), outcome)
+
+    @property
+    def linear(self) -> Mask:
+        """Return which inputs may be held and occur linearly in H, (m,)."""
+        return np.logical_and(self.switching, self.programs.switching)
+
+    def slopes(self, course: Extremal) -> Array:
+        """Return dH/du in the middle of each part of a course, shape (K, m)."""
+        x, u = (course.x + course.x_end) / 2, (course.ua + course.ub) / 2
+        mu = None if course.density_path is None else course.density_path.mean(axis=1)
+        return self.programs.integrator.hamiltonian(
+            self.problem, x, u, (course.lam + course.lam_end) / 2, mu)[1]
 
 
 def has_switching_inputs(state: State) -> bool:

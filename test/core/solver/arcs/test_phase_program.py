@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from obc_ros.core.numerics.collocation import build_collocation
 from obc_ros.core.ocp.solution import Status
-from obc_ros.core.solver.arcs.bang_arcs import cut_at_bounds, cut_at_ends
+from obc_ros.core.solver.arcs.bang_arcs import close_ends, cut_at_bounds, cut_at_ends
 from obc_ros.core.solver.arcs.input_arcs import Arc
 from obc_ros.core.solver.arcs.phase_mesh import spread_as_wanted, spread_by_error, spread_like
 from obc_ros.core.solver.arcs.phase_program import PhasedProgram
@@ -293,6 +293,24 @@ def test_bang_arcs_around_a_singular_arc_are_found(
     assert np.array([arc.levels for arc in arcs])[:, 0] == pytest.approx(
         [level, np.nan, level], nan_ok=True)
     assert [arc.on[1] if arc.on else 0 for arc in arcs] == [on, 0, on]
+
+
+@pytest.mark.parametrize(('levels', 'ends', 'shown'), [
+    ((), (0.005, 2.995, 3), (-2, np.nan, -2)),
+    ((-2,), (1.005, 2.995, 3), (-2, np.nan, -2)),
+    ((2,), (1.0, 1.005, 2.995, 3), (2, -2, np.nan, -2))])
+def test_bangs_shorter_than_an_interval_are_inserted(
+        levels: tuple[float, ...], ends: tuple[float, ...], shown: tuple[float, ...]) -> None:
+    """They end at the outermost samples. An arc with the same level before only moves its end."""
+    problem = problems.pose({'x': 'u'}, 'x**2', (0,), FIXED, input_bounds={'u': [-2, 2]})
+    first = 1.0 if levels else 0.0
+    arcs = [*(Arc(0.0, first, (level,)) for level in levels), Arc(first, 3.0, (np.nan,))]
+    t = np.arange(0.005, 3, 0.01)
+    Hu = np.maximum(first + 0.1 - t, 0) - np.minimum(2.8 - t, 0) - 1e-9
+    found = close_ends(problem, arcs, np.array([True]), np.zeros((1, 1), dtype=bool),
+                       (t, np.full((300, 1), 0.1), Hu[:, None]))
+    assert [arc.end for arc in found] == pytest.approx(ends, abs=1e-9)
+    assert np.array([arc.levels for arc in found])[:, 0] == pytest.approx(shown, nan_ok=True)
 
 
 @pytest.mark.slow

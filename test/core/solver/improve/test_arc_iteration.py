@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Arcs obtained from coarse paths, and the costs of coarse paths."""
 
+import math
+
 import casadi as ca
 from obc_ros.core.solver.bench import build_bench, Task
 from obc_ros.core.solver.nlp.meter import Meter
@@ -11,7 +13,7 @@ from obc_ros.core.solver.transcription.mesh import build_uniform_mesh
 import problems
 import pytest
 from scipy.integrate import solve_ivp
-from scipy.optimize import minimize_scalar
+from scipy.optimize import brentq, minimize_scalar
 
 
 @pytest.mark.parametrize('intervals', [16, 24])
@@ -91,3 +93,33 @@ def test_a_singular_arc_between_full_thrust_arcs_is_found():
     assert found.certified
     assert found.objective == pytest.approx(-height, abs=1e-9)
     assert found.switching_times == pytest.approx(times, abs=3e-4)
+
+
+def drive_through_winding(lag: float, highest: float) -> tuple[float, float]:
+    """
+    Return the bang time and the least heat of a motor that turns by 1 within 1 s.
+
+    th' = i, i' = (u - i)/lag, |u| <= highest, and the heat is the integral of i^2. The costate of
+    th is constant and that of i vanishes, so that i = c after the bang, i(t) = highest
+    (1 - exp(-t/lag)), has reached c.
+    """
+    def lasts(c):
+        return -lag * math.log(1 - c / highest)
+
+    c = brentq(lambda c: highest * lasts(c) - lag * c + c * (1 - lasts(c)) - 1, 0.5, 2.0,
+               xtol=1e-14)
+    t = lasts(c)
+    charge, square = (lag / k * (1 - math.exp(-k * t / lag)) for k in (1, 2))
+    return t, highest**2 * (t - 2 * charge + square) + c**2 * (1 - t)
+
+
+@pytest.mark.parametrize('lag', [1 / 2000, 1 / 500])
+def test_a_bang_much_shorter_than_an_interval_is_found(lag: float) -> None:
+    """A fast winding: the bang lasts 0.03 ms of 1 s, an interval of the coarse mesh 63 ms."""
+    time, heat = drive_through_winding(lag, 20.0)
+    found = solve(problems.pose(
+        {'th': 'i', 'i': f'(u - i)/{lag}'}, 'i**2', (0, 0), {'free': False, 'value': 1},
+        terminal_constraints=['th - 1'], input_bounds={'u': [-20, 20]}))
+    assert found.certified
+    assert found.objective == pytest.approx(heat, rel=1e-9)
+    assert found.switching_times == pytest.approx([time], rel=1e-5)
