@@ -6,7 +6,8 @@ Least-squares fit of costates and constraint multipliers along a given path.
 The multipliers of a transcription belong to its mesh points. Those of Pontryagin's principle are a
 density on each arc on which a constraint is active, and impulses at its ends. Along a given path
 lam, dH/du and H are linear in nu, in the densities (piecewise linear here) and in the impulses.
-These are fitted with their signs so that dH/du = 0 for free inputs and H is constant.
+These are fitted with their signs so that dH/du = 0 for free inputs, dH/du has the right sign for
+inputs at bounds, and H is constant.
 Constraints c(u) on inputs alone do not enter dlam/dt: the costates of the transcription are kept,
 and the densities are fitted at each time separately.
 
@@ -25,6 +26,7 @@ from obc_ros.core.numerics.vectorized import VectorizedFunction
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.ocp.solution import Solution
 from obc_ros.core.solver.adjoint.costates import Extremal
+from obc_ros.core.solver.adjoint.signed_least_squares import solve_signed_least_squares
 from obc_ros.core.solver.arcs.mixed_constraints import compute_densities
 from obc_ros.core.solver.transcription.program import TranscriptionOutcome
 from obc_ros.core.solver.transcription.runge_kutta import step
@@ -36,8 +38,9 @@ _MOST_HATS = 60     # maximum number of intervals of a piecewise linear density
 _CONSTANT = 0.1     # weight of the equations H = const relative to dH/du = 0
 _RIDGE = 1e-8       # Tikhonov regularisation of the least squares
 _SWEEPS = 60        # maximum number of sweeps over constraints that are active together
-_ROUNDS = 4         # fits until dH/du has the right sign at the bounds of inputs
+_WRONG = 1e-7       # dH/du of the wrong sign that counts as 0, relative to the largest
 
+_Rows = tuple[Array, Array]   # A and b of A v = b or A v >= b
 
 @dataclass(frozen=True)
 class ActiveInterval:
@@ -126,15 +129,10 @@ class Fitter:
         grid = course.parts if problem.path.numel() else 1
         unknowns = self._unknowns(found, course, grid)
         without, each = self._costates(problem, course, unknowns)
-        values, wanted = np.zeros(0), np.full((2, len(course.x), self.m), np.nan)
-        for _ in range(_ROUNDS):
-            A, b, wrong = self._equations(problem, course, unknowns, (without, each),
-                                          values, wanted)
-            if values.size and not wrong:
-                break
-            if not (np.all(np.isfinite(A)) and np.all(np.isfinite(b))):
-                return course
-            values = _least_squares(A, b, unknowns.signs, self.q)[:each.shape[3]]
+        rows = self._equations(problem, course, unknowns, (without, each))
+        if not all(np.all(np.isfinite(part)) for part in rows):
+            return course
+        values = _fit_signed(*rows, unknowns.signs, self.q)[:each.shape[3]]
         lam = without + each @ values
         density = unknowns.density @ values[self.q:]
         return replace(course, lam=lam[:, 0], lam_end=lam[:, 1], nu=values[:self.q],
@@ -326,45 +324,38 @@ class Fitter:
             values, ((), (n,), (m,), (n, m), (r, m), (r, n)), strict=True))
 
     def _equations(self, problem: Problem, course: Extremal, unknowns: _Unknowns,
-                   lam: tuple[Array, Array], last: Array, wanted: Array
-                   ) -> tuple[Array, Array, bool]:
+                   lam: tuple[Array, Array]) -> tuple[Array, Array, Array, Array]:
         """
-        Return A, b of A @ unknowns = b, and whether dH/du has wrong signs for the `last` values.
+        Return A, b of A @ unknowns = b, and G, g of G @ unknowns >= g.
 
-        The equations are dH/du = 0 for free inputs, a small value of the right sign where dH/du
-        of an input at a bound had the wrong one (`wanted` (2, K, m), updated in place), and
-        H = const.
+        The equations are dH/du = 0 for free inputs and H = const; the inequalities are the signs
+        of dH/du for inputs at bounds.
         """
         without, each = lam
-        K, q = len(course.x), self.q
-        size = _sizes(problem, course.ua)
-        rows, rights, wrong = [], [], False
+        q, size = self.q, _sizes(problem, course.ua)
+        free, energies, signed = list[_Rows](), list[_Rows](), list[_Rows]()
         for side, x, u in ((0, course.x, course.ua), (1, course.x_end, course.ub)):
             L, f, L_u, f_u, c_u, _ = self._shaped(self._point(x, u, problem.p_value))
-            density = unknowns.density[:, side]
             slope = np.einsum('knm,knu->kmu', f_u, each[:, side])
-            slope[:, :, q:] += np.einsum('krm,kru->kmu', c_u, density)
-            rest = L_u + np.einsum('knm,kn->km', f_u, without[:, side])
+            slope[:, :, q:] += np.einsum('krm,kru->kmu', c_u, unknowns.density[:, side])
+            slope *= size[:, None]
+            rest = (L_u + np.einsum('knm,kn->km', f_u, without[:, side])) * size
             low, high = _at_bounds(problem, u, size)
-            if last.size:
-                now = rest + slope @ last
-                off = 1e-7 * np.abs(now).max(axis=0)
-                bad = low & ~high & (now < -off) | high & ~low & (now > off)
-                wrong |= bool(bad.any())
-                wanted[side][bad] = -np.clip(now, -1e3 * off, 1e3 * off)[bad]
-            target = np.where(low | high, wanted[side], 0.0)
-            weight = np.isfinite(target) * size
-            rows.append((slope * weight[:, :, None]).reshape(K * self.m, -1))
-            rights.append(((np.nan_to_num(target) - rest) * weight).ravel())
-            rows.append(_CONSTANT * np.einsum('kn,knu->ku', f, each[:, side]))
-            rights.append(-_CONSTANT * (L + np.einsum('kn,kn->k', f, without[:, side])))
-        A, b = np.vstack(rows), np.concatenate(rights)
+            inside = ~(low | high)
+            free.append((slope[inside], -rest[inside]))
+            energies.append((_CONSTANT * np.einsum('kn,knu->ku', f, each[:, side]),
+                             -_CONSTANT * (L + np.einsum('kn,kn->k', f, without[:, side]))))
+            signed += [(sign * slope[at], -sign * rest[at])
+                       for at, sign in ((low & ~high, 1.0), (high & ~low, -1.0))]
+        A, G = np.vstack([M for M, _ in free + energies]), np.vstack([M for M, _ in signed])
         final = problem.final_time
         if not final.free or course.t[-1] > final.upper * (1 - 1e-9):
             # H is constant but not zero: the constant is one more unknown.
-            constant = np.concatenate([np.zeros(K * self.m), np.full(K, -_CONSTANT)] * 2)
-            A = np.hstack([A, constant[:, None]])
-        return A, b, wrong
+            column = np.zeros((len(A), 1))
+            column[sum(len(M) for M, _ in free):] = -_CONSTANT
+            A, G = np.hstack([A, column]), np.hstack([G, np.zeros((len(G), 1))])
+        return (A, np.concatenate([b for _, b in free + energies]),
+                G, np.concatenate([g for _, g in signed]))
 
 
 def _sizes(problem: Problem, u: Array) -> Array:
@@ -434,10 +425,34 @@ def _parted(runs: list[tuple[int, int]], outcome: TranscriptionOutcome,
         [first, *(int(end) for end in ends if first < end < last), last])]
 
 
+def _fit_signed(A: Array, b: Array, G: Array, g: Array, signs: Array, free: int) -> Array:
+    """
+    Return v that minimises |A v - b|^2 + |min(G v - g, 0)|^2.
+
+    `signs` are those of the entries after the first `free`.
+    """
+    v = _least_squares(A, b, signs, free)
+    beyond = G @ v - g
+    if np.all(beyond >= -_WRONG * np.abs(beyond).max(initial=0.0)):
+        return v
+    sign = np.zeros(len(v))
+    sign[free:free + len(signs)] = signs
+    size = _column_sizes(np.vstack((A, G))) * np.where(sign < 0, -1.0, 1.0)
+    try:
+        return solve_signed_least_squares(A / size, b, G / size, g, sign != 0) / size
+    except np.linalg.LinAlgError:   # numbers that overflow
+        return v
+
+
+def _column_sizes(A: Array) -> Array:
+    """Return the norms of the columns of A, 1 for those that vanish."""
+    size = np.maximum(np.linalg.norm(A, axis=0), 1e-300)
+    return np.where(size > 1e-12 * size.max(), size, 1.0)
+
+
 def _least_squares(A: Array, b: Array, signs: Array, free: int) -> Array:
     """Return the least squares solution whose entries after the first `free` have given signs."""
-    size = np.maximum(np.linalg.norm(A, axis=0), 1e-300)
-    size = np.where(size > 1e-12 * size.max(), size, 1.0)
+    size = _column_sizes(A)
     extra = A.shape[1] - free - len(signs)
     lower = np.concatenate([np.full(free, -np.inf), np.where(signs > 0, 0.0, -np.inf),
                             np.full(extra, -np.inf)])
