@@ -16,10 +16,8 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 import math
 
-import casadi as ca
 import numpy as np
 from obc_ros.core.numerics.arrays import Array, Mask
-from obc_ros.core.numerics.instructions import find_dependence
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.solver.transcription.mesh import HELD, Layout, LINEAR, Mesh, Path, Phase
 
@@ -27,9 +25,7 @@ from obc_ros.core.solver.transcription.mesh import HELD, Layout, LINEAR, Mesh, P
 Signature = tuple[tuple[float | None, ...], ...]
 
 _LOWER, _INSIDE, _UPPER = -1, 0, 1
-_SMEAR = 2.0   # length, in the longest intervals, up to which an arc may be a smeared jump
 _FEWEST = 3, 8   # minimum numbers of intervals in an arc without and with a free input
-_MET = 1e-6    # relative violation of a constraint that inputs at their bounds may have
 
 
 @dataclass(frozen=True)
@@ -132,7 +128,7 @@ def find_arcs(problem: Problem, path: Path, switching: Sequence[bool],
             spans.append(_unheld(row) if curved is not None and curved[i] else row)
         else:
             spans.append([_Span(0.0, path.t[-1], math.nan)])
-    return drop_excluded_bounds(problem, join(spans), _SMEAR * float(np.diff(path.t).max()))
+    return join(spans)
 
 
 def _unheld(spans: list[_Span]) -> list[_Span]:
@@ -146,40 +142,6 @@ def _unheld(spans: list[_Span]) -> list[_Span]:
             free[k] or free[k - 1])
         start = kept.pop().start if joins else span.start
         kept.append(_Span(start, span.end, level))
-    return kept
-
-
-def drop_excluded_bounds(problem: Problem, arcs: list[Arc], smear: float) -> list[Arc]:
-    """
-    Free inputs whose bounds together violate a path constraint c(u).
-
-    For example of inputs whose sum is one each seems to leave its bound a little before the
-    others. An arc shorter than `smear` [s] that violates a constraint is removed; in a longer one
-    the inputs of the constraint become free.
-    """
-    rows = [row for row in ca.vertsplit(problem.path) if not ca.depends_on(row, problem.x)]
-    if not rows:
-        return arcs
-    numbers = [k for k, row in enumerate(ca.vertsplit(problem.path))
-               if not ca.depends_on(row, problem.x)]
-    value = ca.Function('c', [problem.u, problem.p], [ca.vertcat(*rows)])
-    lower, upper = problem.path_lower[numbers], problem.path_upper[numbers]
-    enters = find_dependence(ca.vertcat(*rows), problem.u)
-    kept: list[Arc] = []
-    start = 0.0
-    for k, arc in enumerate(arcs):
-        levels = np.array(arc.levels)
-        c = value(levels, problem.p_value).full()[:, 0]   # nan where an input is free
-        wrong = (c < lower - _MET * (1 + np.abs(lower))) | (c > upper + _MET * (1 + np.abs(upper)))
-        end = arc.end
-        last = k + 1 == len(arcs)
-        if wrong.any() and end - start <= smear and (kept or not last):
-            end = start if not kept else end if last else (start + end) / 2
-            kept[-1:] = [replace(each, end=end) for each in kept[-1:]]
-        else:
-            levels[enters[wrong].any(axis=0)] = math.nan
-            kept.append(replace(arc, start=start, levels=tuple(levels.tolist())))
-        start = end
     return kept
 
 
@@ -431,7 +393,7 @@ def open_arcs(arcs: Sequence[Arc], t: Array, Hu: Array, problem: Problem,
                 row.append(_Span(start, end, level if bad[part[0]] else arc.levels[i]))
                 start = end
         spans.append(_tidy(row, arcs[-1].end))
-    return drop_excluded_bounds(problem, join(spans), 0.0)
+    return join(spans)
 
 
 def insert_free_arcs(arcs: Sequence[Arc], t: Array, Hu: tuple[Array, Array], curved: Sequence[bool]
