@@ -147,16 +147,14 @@ class MultistartOptions:
         12, 'minimum for hard problems by collocation, rough ones',
         'starts', 'hypersensitive_long')
     least_bent: int = steer(8, 'minimum for bent problems', 'starts', 'cstr_kirk')
-    few: int = steer(2, 'minima above which the minimum number is doubled', 'minima')
     after: int = steer(
-        3, 'starts after a better solution; rollouts after a new minimum, twice as many of a '
-        'bent problem', 'starts', 'cart_pole')
+        3, 'starts after a better solution, and beside a long first descent; rollouts after a '
+        'new minimum, twice as many of a bent problem', 'starts', 'cart_pole')
     many: int = steer(
         24, 'minimum for hard problems by steps and costs with wells', 'starts', 'f8_aircraft')
     many_work: int = steer(15_000, 'minimum for these', 'work', 'terminal_wells_plane')
     most: int = steer(80, 'maximum', 'starts', 'terminal_wells_plane')
     long: int = steer(60_000, 'work of the first descent before others are looked at', 'work')
-    looks: int = steer(3, 'others that are looked at then', 'starts')
     splits: int = steer(2, 'mesh halvings to confirm a lower cost', 'meshes', 'f8_aircraft')
     rivals: int = steer(3, 'other minima kept for neighbours', 'minima')
     rival: float = steer(0.3, 'excess of their costs', 'relative')

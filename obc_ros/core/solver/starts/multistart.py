@@ -55,7 +55,7 @@ def descend_from_coarse(bench: Bench, pool: StartPool, first: TranscriptionOutco
     if (found := descent.advance(options.long)) is not None:
         return found, first.objective
     cheapest = first
-    for _ in range(options.looks):
+    for _ in range(options.after):
         outcome = solve_next_start(bench, pool, once=True, hard=True)
         if is_below(outcome.objective, cheapest.objective, ANOTHER) and bench.is_accurate(outcome):
             cheapest = outcome
@@ -171,7 +171,7 @@ class _Multistart:
             starts=number, wanted=self._wanted, before=self._before, spent=self._spent,
             total=bench.work, certified=self._best.certified, uneven=self._uneven,
             bent=self._bent, rough=is_rough(bench, self._pool), stages=bench.stages,
-            minima=known.minima, complete=known.enough())
+            complete=known.enough())
 
     def _solve_next(self) -> TranscriptionOutcome:
         """Solve from the next guess; if the cost is lower, on meshes with small errors."""

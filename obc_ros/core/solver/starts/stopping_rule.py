@@ -25,8 +25,6 @@ class Effort:
         strongly nonlinear; whether coarse solves fail, end at very different costs, or are slow.
     stages : int
         Collocation points in an interval; 0: Runge-Kutta steps.
-    minima : int
-        Number of local minima found.
     complete : bool
         Whether no further minimum is expected (Boender, Rinnooy Kan 1987).
 
@@ -42,7 +40,6 @@ class Effort:
     bent: bool = False
     rough: bool = False
     stages: int = 0
-    minima: int = 1
     complete: bool = False
 
 
@@ -74,5 +71,4 @@ def _are_many(effort: Effort, options: MultistartOptions) -> bool:
         return effort.starts >= options.many and effort.spent >= options.many_work
     least = options.least_bent if effort.bent else 1
     least = options.least_hard if hard or effort.rough else least
-    times = 2 if least > 1 and effort.minima > options.few and not hard else 1
-    return effort.starts >= max(times * least, effort.wanted)
+    return effort.starts >= max(least, effort.wanted)

@@ -17,7 +17,7 @@ CERTIFIED, FEASIBLE, BROKEN = 'certified', 'feasible', 'not feasible'
 FAILS = {CERTIFIED: (), FEASIBLE: (Condition.MINIMUM,), BROKEN: (Condition.DYNAMICS,)}
 QUALITIES = (*FAILS, 'without a certificate')
 OPTIONS = MultistartOptions(
-    hard=1000, share=0.5, share_hard=0.5, least_hard=12, least_bent=8, few=2, many=24,
+    hard=1000, share=0.5, share_hard=0.5, least_hard=12, least_bent=8, many=24,
     many_work=5000, rough_work=300, lavish=50_000, weary=200_000)
 
 
@@ -73,8 +73,7 @@ def test_the_reason_is_given_in_words():
 
 @pytest.mark.parametrize(('changes', 'least'), [
     ({}, 1), ({'wanted': 5}, 5), (BENT, 8), (BENT | {'wanted': 10}, 10), (ROUGH, 12),
-    (BENT | ROUGH, 12), (BENT | {'minima': 3}, 16), ({'minima': 3}, 1),
-    (HARD | {'stages': 3}, 12), (HARD | {'stages': 3, 'minima': 3}, 12),
+    (BENT | ROUGH, 12), (HARD | {'stages': 3}, 12),
     (HARD | {'spent': 5000, 'total': 20_000}, 24),
     ({'uneven': True, 'spent': 5000, 'total': 20_000}, 24)])
 def test_a_minimum_number_of_starts_is_tried(changes, least):
