@@ -215,10 +215,8 @@ class RolloutOptions:
     windows: int = steer(
         4, 'of a free final time, each with parents of its own', 'windows', 'zermelo_shear')
     like: float = steer(0.5, 'distance of paths of one kind', 'distance of all')
-    octaves: int = steer(3, 'of a free final time, and of the distance from rest', 'octaves')
     tried: int = steer(
         8, 'solved while none converged; at most twice as many', 'rollouts', 'dubins_point_inside')
-    cheap: int = steer(2, 'cheap ones before those that end nearer to psi = 0', 'rollouts')
     glance: int = steer(32, 'of a brief search with terminal constraints', 'samples', 'robot_arm')
     kinds: int = steer(4, 'kinds of paths that are parents in one without', 'kinds', 'cstr_luus')
     children: int = steer(
@@ -237,6 +235,11 @@ class WindowOptions:
         'test_final_time_windows.py')
     most: int = steer(
         6, 'maximum with longer, and with shorter times', 'windows', 'test_final_time_windows.py')
+
+    @property
+    def reach(self) -> float:
+        """Return the largest ratio of two final times, and of distances from rest."""
+        return self.ratio**self.most
 
 
 @dataclass(frozen=True)

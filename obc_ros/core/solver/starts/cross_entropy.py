@@ -23,7 +23,7 @@ from obc_ros.core.ocp.least_time_form import get_final_time
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.solver.adjoint.costates import CostateIntegrator
 from obc_ros.core.solver.bench import Bench, Candidate
-from obc_ros.core.solver.options import DEFAULTS, RolloutOptions
+from obc_ros.core.solver.options import DEFAULTS, Options, RolloutOptions
 from obc_ros.core.solver.starts.start import Known, Proposal
 from obc_ros.core.solver.starts.start_pool import is_rough, StartPool
 from obc_ros.core.solver.trace import GUESS
@@ -88,7 +88,7 @@ def start_from_rollouts(bench: Bench, pool: StartPool, _: Known) -> Proposal:
     options, intervals = bench.options.rollouts, 2 * bench.options.coarse.intervals
     most = bench.options.coarse.iterations
     paths = label_paths(search_rollouts(
-        problem, bench.programs.integrator, get_final_time(problem), options=options),
+        problem, bench.programs.integrator, get_final_time(problem), settings=bench.options),
         'cross-entropy rollout')
     for number, path in enumerate(islice(paths, 2 * options.tried)):
         vain = number >= options.tried and not found
@@ -158,10 +158,8 @@ def _promising(bench: Bench, last: Candidate, seen: list[RolloutEnd], rough: Cal
         short = not rough()
         if bent or not short:
             search = partial(search_rollouts, problem, bench.programs.integrator, T, rest=rest,
-                             short=short, options=options)
-            cheap = search(outcome.objective)
-            yield from cheap[:options.cheap]
-            for pair in zip_longest(search(), cheap[options.cheap:]):
+                             short=short, settings=bench.options)
+            for pair in zip_longest(search(outcome.objective), search()):
                 yield from filter(None, pair)
     yield from _unlike(seen, options)[1:]
 
@@ -311,7 +309,7 @@ class _Drawn:
 
 def search_rollouts(problem: Problem, integrator: CostateIntegrator, T: float,
                     most: float = np.inf, rest: Array | None = None, *, short: bool = False,
-                    options: RolloutOptions = DEFAULTS.rollouts) -> list[Path]:
+                    settings: Options = DEFAULTS) -> list[Path]:
     """
     Search for rollouts that end near psi = 0, by the cross-entropy method.
 
@@ -327,7 +325,7 @@ def search_rollouts(problem: Problem, integrator: CostateIntegrator, T: float,
         Input of low cost: half of the samples are near it.
     short : bool
         With less effort.
-    options : RolloutOptions
+    settings : Options
         Of the search.
 
     Returns
@@ -336,20 +334,19 @@ def search_rollouts(problem: Problem, integrator: CostateIntegrator, T: float,
         One of each kind of path in turn, the nearest to psi = 0 first.
 
     """
+    options, far = settings.rollouts, settings.windows.reach
     look = _short(options) if short else _thorough(options)
     final, count = problem.final_time, look.drawn
     chance = np.random.default_rng(4)
     if final.free:
-        shortest, longest = np.clip(
-            [T / 2**options.octaves, T * 2**options.octaves], final.lower, final.upper)
+        shortest, longest = np.clip([T / far, T * far], final.lower, final.upper)
         spans = np.geomspace(shortest, longest * (1 + 1e-9), options.windows + 1)
     else:
         shortest, longest, spans = T, T, np.array([T * (1 - 1e-9), np.inf])
     part = _parts(chance, (count, options.pieces, problem.m))
     if rest is not None:
         still = _part_at(problem, rest)
-        away = np.where(np.arange(count) % 4 < 2,
-                        2.0 ** -chance.uniform(0, options.octaves, count), 1.0)
+        away = np.where(np.arange(count) % 4 < 2, far ** -chance.uniform(0, 1, count), 1.0)
         part = still + away[:, None, None] * (part - still)
     drawn = _Drawn(part, np.exp(
         chance.uniform(np.log(shortest), np.log(longest), count)))
