@@ -201,7 +201,7 @@ class RolloutOptions:
 
     A short search has half the samples and steps, and one generation less. A brief search looks
     for minima beside the one that was found; if the nonlinearity index is large it has three
-    times the samples, and twice the kinds.
+    times the samples, and twice the parents.
     """
 
     samples: int = steer(384, 'of a generation', 'samples', 'duffing')
@@ -214,14 +214,12 @@ class RolloutOptions:
         0.4, 'first standard deviation around parents', 'range', 'orbit_transfer')
     windows: int = steer(
         4, 'of a free final time, each with parents of its own', 'windows', 'zermelo_shear')
-    like: float = steer(0.5, 'distance of paths of one kind', 'distance of all')
     tried: int = steer(
         8, 'solved while none converged; at most twice as many', 'rollouts', 'dubins_point_inside')
     glance: int = steer(32, 'of a brief search with terminal constraints', 'samples', 'robot_arm')
-    kinds: int = steer(4, 'kinds of paths that are parents in one without', 'kinds', 'cstr_luus')
-    children: int = steer(
-        48, 'of each; of half as many each the kind is looked at',
-        'samples', 'batch_reactor_temperature')
+    parents: int = steer(
+        4, 'cheapest ones that are parents in one without', 'rollouts', 'cstr_luus')
+    children: int = steer(48, 'of each of them', 'samples', 'batch_reactor_temperature')
     brief_steps: int = steer(
         5, 'integration steps of a brief search', 'steps per piece', 'test_multistart.py')
 

@@ -45,15 +45,7 @@ class _Look(NamedTuple):
     steps: int
 
 
-class RolloutEnd(NamedTuple):
-    """A path, and the scaled distance of its end from psi = 0 (or another rank, 0 is best)."""
-
-    gap: float
-    path: Path
-
-
 _TYPICAL = 0.8        # quantile of |psi| over all rollouts that is its scale
-_ON_WAY = 8           # points at which two paths are compared
 # Costs are confirmed with so many times the steps; largest median error, over their range, at
 # which they count as confirmed.
 _FINER, _AGREE = 4, 0.3
@@ -146,11 +138,10 @@ def _interleave(pool: StartPool, starts: Iterator[Path], rollouts: Iterator[Path
     yield from starts
 
 
-def _promising(bench: Bench, last: Candidate, seen: list[RolloutEnd], rough: Callable[[], bool],
+def _promising(bench: Bench, last: Candidate, seen: list[Path], rough: Callable[[], bool],
                bent: bool) -> Iterator[Path]:
     """Yield rollouts of the brief search, and of a longer one if that is worth it."""
-    options = bench.options.rollouts
-    yield from (each.path for each in seen[:1])
+    yield from seen[:1]
     if last.record is not None and bench.problem.q and not bench.programs.twin:
         outcome = last.record.outcome
         problem, T = _within(bench.problem, outcome.path), outcome.path.t[-1]
@@ -161,7 +152,7 @@ def _promising(bench: Bench, last: Candidate, seen: list[RolloutEnd], rough: Cal
                              short=short, settings=bench.options)
             for pair in zip_longest(search(outcome.objective), search()):
                 yield from filter(None, pair)
-    yield from _unlike(seen, options)[1:]
+    yield from seen[1:]
 
 
 def _within(problem: Problem, path: Path) -> Problem:
@@ -173,13 +164,13 @@ def _within(problem: Problem, path: Path) -> Problem:
         u_upper=np.where(np.isfinite(problem.u_upper), problem.u_upper, high + wide))
 
 
-def search_rollouts_briefly(bench: Bench, last: Candidate, bent: bool) -> list[RolloutEnd]:
+def search_rollouts_briefly(bench: Bench, last: Candidate, bent: bool) -> list[Path]:
     """
     Return rollouts of a brief search, in order of distance from psi = 0 and of cost.
 
     Inputs are drawn at any distance from rest, near which cheaper paths often are. Without
-    terminal constraints the cheapest rollouts of each kind are refined. Only those cheaper than
-    the last outcome are returned, unless there are no terminal constraints and `bent` is set.
+    terminal constraints the cheapest rollouts are refined. Only those cheaper than the last
+    outcome are returned, unless there are no terminal constraints and `bent` is set.
     """
     if last.record is None or bench.programs.twin:
         return []
@@ -189,11 +180,11 @@ def search_rollouts_briefly(bench: Bench, last: Candidate, bent: bool) -> list[R
     if problem.q:
         drawn = _glanced(bench, problem, T, chance, options.glance)
         return _Led(bench, problem, drawn, options.brief_steps).seen(most)
-    seen = list[RolloutEnd]()
+    seen = list[Path]()
     for finer in (1, 2, 4) if bent else (1,):
         drawn = _glanced(bench, problem, T, chance, (3 if bent else 1) * options.samples)
         steps = finer * options.brief_steps
-        coarse = _drawn_again(bench, problem, drawn, steps, chance, (1 + bent) * options.kinds)
+        coarse = _drawn_again(bench, problem, drawn, steps, chance, (1 + bent) * options.parents)
         if coarse is None:
             break
         # Coarse steps may jump over a pole of f to states of low cost.
@@ -205,11 +196,11 @@ def search_rollouts_briefly(bench: Bench, last: Candidate, bent: bool) -> list[R
 
 
 def _drawn_again(bench: Bench, problem: Problem, drawn: '_Drawn', steps: int,
-                 chance: np.random.Generator, kinds: int) -> '_Led | None':
-    """Return the best rollouts around the cheapest of each kind of path; None without any."""
+                 chance: np.random.Generator, parents: int) -> '_Led | None':
+    """Return the best rollouts around each of the cheapest ones; None without any."""
     options = bench.options.rollouts
     led = _Led(bench, problem, drawn, steps)
-    best = led.kinds(kinds)
+    best = led.order(np.inf)[:parents]
     for generation in range(options.generations // 2):
         if not best.size:
             return None
@@ -239,7 +230,7 @@ class _Led:
 
     def __init__(self, bench: Bench, problem: Problem, drawn: '_Drawn', steps: int) -> None:
         self.drawn, integrator = drawn, bench.programs.integrator
-        self._options, pieces = bench.options.rollouts, drawn.part.shape[1]
+        pieces = drawn.part.shape[1]
         self._u = np.repeat(_inputs(problem, drawn.part), steps, axis=1)
         self._t = drawn.length[:, None] * np.linspace(0.0, 1.0, steps * pieces + 1)
         self._x, running = integrator.forward_each(problem, self._t, self._u)
@@ -256,13 +247,6 @@ class _Led:
         cheaper = np.flatnonzero(self._cost < most)
         return cheaper[np.lexsort((self._cost[cheaper], self.gap[cheaper]))]
 
-    def kinds(self, most: int) -> Index:
-        """Return the cheapest rollout of each kind of path, at most `most`, among the cheapest."""
-        order = self.order(np.inf)[:self._options.children // 2 * most]
-        seen = [RolloutEnd(float(rank), self.path(k)) for rank, k in enumerate(order)]
-        return np.array([order[int(each.gap)] for each, *_ in _alike(
-            seen, self._options)[:most]], dtype=np.int64)
-
     def best_of_each(self, many: int) -> Index:
         """Return the cheapest of each `many` rollouts in a row, if within the state bounds."""
         dear = np.where(self.gap > 0, np.inf, self._cost).reshape(-1, many)
@@ -275,9 +259,9 @@ class _Led:
             error = np.nan_to_num(np.abs(self._cost - other._cost), nan=np.inf)
             return bool(np.median(error) <= _AGREE * np.nan_to_num(np.ptp(self._cost)))
 
-    def seen(self, most: float) -> list[RolloutEnd]:
+    def seen(self, most: float) -> list[Path]:
         """Return the rollouts cheaper than `most`, in order."""
-        return [RolloutEnd(float(self.gap[k]), self.path(k)) for k in self.order(most)]
+        return [self.path(k) for k in self.order(most)]
 
     def path(self, k: int) -> Path:
         """Return the path of a rollout."""
@@ -331,7 +315,7 @@ def search_rollouts(problem: Problem, integrator: CostateIntegrator, T: float,
     Returns
     -------
     list of Path
-        One of each kind of path in turn, the nearest to psi = 0 first.
+        The nearest to psi = 0 first.
 
     """
     options, far = settings.rollouts, settings.windows.reach
@@ -351,14 +335,14 @@ def search_rollouts(problem: Problem, integrator: CostateIntegrator, T: float,
     drawn = _Drawn(part, np.exp(
         chance.uniform(np.log(shortest), np.log(longest), count)))
     rolled_out = _Rollouts(problem, integrator, spans, most, look.steps)
-    kept: list[RolloutEnd] = []
+    kept: list[tuple[float, Path]] = []
     for generation in range(look.generations):
         ends, path = rolled_out(drawn)
         best = [end for span in ends for end in sorted(span)[:look.fittest // len(ends)]
                 if np.isfinite(end.gap + end.cost) and end.step > 1]
         if not best:
             break
-        kept += [RolloutEnd(end.gap, path(end)) for end in best]
+        kept += [(end.gap, path(end)) for end in best]
         parents = [best[i] for i in chance.integers(0, len(best), count)]
         k, step = np.array([(end.number, end.step) for end in parents]).T
         used = step / look.steps if final.free else np.ones(count)
@@ -369,40 +353,7 @@ def search_rollouts(problem: Problem, integrator: CostateIntegrator, T: float,
             np.clip(drawn.part[k[:, None], middle] + width * chance.normal(size=part.shape), 0, 1),
             np.clip(drawn.length[k] * used * np.exp(width * chance.normal(size=count)),
                     shortest, longest))
-    return _unlike(kept, options)
-
-
-def _unlike(kept: list[RolloutEnd], options: RolloutOptions) -> list[Path]:
-    """Return paths, one of each kind in turn, the nearest to psi = 0 first."""
-    return [each.path for turn in zip_longest(*_alike(kept, options)) for each in turn
-            if each is not None]
-
-
-def _alike(kept: list[RolloutEnd], options: RolloutOptions) -> list[list[RolloutEnd]]:
-    """Return paths grouped by kind, in order of distance from psi = 0."""
-    kept = sorted(kept, key=lambda each: each.gap)
-    alike: list[list[RolloutEnd]] = []
-    if not kept:
-        return alike
-    way = np.stack([_way(path) for _, path in kept])
-    left = np.arange(len(way))
-    with np.errstate(over='ignore', invalid='ignore'):   # of paths that went far
-        way /= np.maximum(way.std(axis=0).max(axis=0), 1e-300)
-        way = way.reshape(len(way), -1)
-        while left.size:   # the nearest path that is left, and all of its kind
-            near = np.mean((way[left] - way[left[0]])**2, axis=1) < options.like**2
-            near[0] = True
-            alike.append([kept[k] for k in left[near]])
-            left = left[~near]
-    return alike
-
-
-def _way(path: Path) -> Array:
-    """Return states along a path, and the logarithm of its final time, (8, n + 1)."""
-    last = len(path.x) - 1
-    way = np.full((_ON_WAY, path.x.shape[1] + 1), np.log(path.t[-1]))
-    way[:, :-1] = path.x[[last * k // _ON_WAY for k in range(1, _ON_WAY + 1)]]
-    return way
+    return [end for _, end in sorted(kept, key=lambda each: each[0])]
 
 
 class _End(NamedTuple):
