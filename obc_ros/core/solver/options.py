@@ -310,9 +310,6 @@ class BoundaryOptions:
     graded: int = steer(3, 'maximum, each by 2', 'refinements')
     intervals: int = steer(24, 'of all phases together, about', 'intervals', 'detumble_mintime')
     fewest: int = steer(3, 'minimum of a phase', 'intervals', 'epidemic_weak_lockdown')
-    steady: float = steer(0.7, 'ratio of residuals below which the budget is extended')
-    slowly: float = steer(
-        0.1, 'ratio of residuals above which bangs are sought, or intervals are spread')
     nearly: float = steer(
         0.1, 'rate at a junction that may be tangential', 'relative', 'clamped_beam')
 

@@ -327,13 +327,13 @@ class _Turn:
 
     def finer(self, found: Phased, erred: float, meter: Meter,
               options: BoundaryOptions) -> '_Turn':
-        """Continue with shorter intervals, distributed anew if the errors decrease slowly."""
+        """Continue with shorter intervals, distributed anew after the first time."""
         arcs, guess, spread = self.arcs, self.guess, self.spread
         again = get_signature(found.arcs) == self.led_to
-        if erred < options.steady * self.erred < math.inf:
+        if erred < self.erred < math.inf:
             meter.extend(round(options.work * self.fine))
         fewer = len(found.arcs) < len(arcs)
-        if again or fewer or erred > options.slowly * self.erred:
+        if again or fewer or self.erred < math.inf:
             spread = spread_by_error(found)
             if again or len(found.arcs) <= len(arcs):
                 arcs, guess = found.arcs, join_phases(found)
@@ -407,7 +407,7 @@ def _resolve(bench: Bench, program: PhasedProgram, turn: _Turn, found: Phased,
     worst, before = answer.certificate.worst, turn.off
     turn = replace(turn, off=(answer.certificate.residuals[worst]
                               / answer.certificate.tolerances[worst]))
-    if turn.off > options.slowly * before:
+    if before < math.inf:
         _, Hu, _ = bench.programs.judge.hamiltonian(
             problem, answer.x, answer.u, answer.lam, answer.path_multipliers)
         ended = cut_at_ends(problem, program, found, answer.t, answer.x, answer.u, Hu)
@@ -418,7 +418,7 @@ def _resolve(bench: Bench, program: PhasedProgram, turn: _Turn, found: Phased,
         spread, count = spread_as_wanted(found, bench.options.refinement.cuts)
         return replace(turn, spread=spread, graded=turn.graded + 1,
                        fine=max(turn.fine, count / options.intervals))
-    if turn.off < options.steady * before:
+    if turn.off < before:
         bench.meter.extend(round(options.work * turn.fine))
     spread = spread_by_error(found) if worst in BY_SAMPLES else turn.spread
     return replace(turn, fine=2 * turn.fine, spread=spread)
