@@ -116,8 +116,8 @@ class Descent:
     def _is_worth_a_certificate(self, number: int, course: Extremal, above: float) -> bool:
         """Return whether a certificate may pass, or whether this is the last chance for one."""
         bench, options = self._state.bench, self._state.bench.options.descent
-        # At such an excess the certificate may pass although the next mesh would reduce it.
-        worth = number and above < options.look and (
+        # The certificate may pass although the next mesh would reduce the excess.
+        worth = number and above < math.inf and (
             bench.programs.twin or bench.judged(course).spread < options.spread)
         return bool(above < options.enough_bounded or worth or bench.meter.stopped)
 
@@ -125,8 +125,7 @@ class Descent:
         """Return whether improvements are tried that lead to certificates."""
         bench, options = self._state.bench, self._state.bench.options.descent
         chorded = above > options.enough_bounded and bench.judged(course).chorded
-        due = number in options.boundary_arcs and above < options.boundary_excess
-        return due and (chorded or not self._is_certified)
+        return number > 0 and above < math.inf and (chorded or not self._is_certified)
 
     def _is_enough(self, number: int, above: float) -> bool:
         """Return whether no finer mesh is needed."""

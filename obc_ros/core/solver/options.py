@@ -92,12 +92,9 @@ class DescentOptions:
     iterations: int = steer(
         350, 'maximum on a finer mesh, from the coarser one', 'iterations', 'sphere_geodesic')
     work: int = steer(450_000, 'maximum on a finer mesh, but for 50 iterations', 'work')
-    boundary_arcs: tuple[int, ...] = steer(
-        (1, 2, 4, 6), 'refinements after which arcs along state bounds are solved for', 'meshes')
-    boundary_excess: float = steer(0.1, 'excess below which that is done', 'relative')
-    look: float = steer(1e-3, 'excess below which a certificate is computed', 'relative')
     spread: float = steer(
-        1.5e-4, 'variation of H above which it is not', 'relative', 'hypersensitive_long')
+        1.5e-4, 'variation of H above which no certificate is computed', 'relative',
+        'hypersensitive_long')
     enough: float = steer(
         1e-5, 'excess at which a certified path is not refined', 'relative', 'aircraft_5')
     enough_bounded: float = steer(

@@ -47,7 +47,7 @@ def test_defaults_read_back_are_the_defaults():
     ('multistart.most=20', 'multistart', 'most', 20),
     (' coarse.rough = 1e-3 ', 'coarse', 'rough', 1e-3),
     ('boundary.gaps=0.1, 0.02', 'boundary', 'gaps', (0.1, 0.02)),
-    ('descent.boundary_arcs=3', 'descent', 'boundary_arcs', (3,))])
+    ('boundary.finer=3', 'boundary', 'finer', (3,))])
 def test_one_option_changes(given, group, field, value):
     changed = read_options([given])
     assert getattr(getattr(changed, group), field) == value

@@ -66,8 +66,7 @@ def test_a_large_violation_is_left_to_the_mesh():
 
 
 def test_a_descent_that_ends_early_returns_a_feasible_path():
-    options = replace(DEFAULTS, descent=replace(
-        DEFAULTS.descent, meshes=1, boundary_arcs=()))
+    options = replace(DEFAULTS, descent=replace(DEFAULTS.descent, meshes=1))
     bench, outcome = solve_on_line(options)
     found = descend(bench, outcome)
     assert found.feasible
@@ -84,9 +83,8 @@ def test_time_is_kept_for_a_path_within_the_bounds(kept):
             meter.deadline = time.monotonic()
         return False
 
-    options = replace(DEFAULTS, descent=replace(DEFAULTS.descent, boundary_arcs=()))
     meter = Meter(report=end, kept=kept)
-    task = Task(problem, ProgramCache(problem, options), meter, 1.0)
+    task = Task(problem, ProgramCache(problem), meter, 1.0)
     found = conclude(task, METHODS['transcription'](task))
     assert found.status is Status.TIMED_OUT
     assert found.certificate.feasible == bool(kept), found.message
