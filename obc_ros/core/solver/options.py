@@ -96,7 +96,8 @@ class DescentOptions:
         1.5e-4, 'variation of H above which no certificate is computed', 'relative',
         'hypersensitive_long')
     enough: float = steer(
-        1e-5, 'excess at which a certified path is not refined', 'relative', 'aircraft_5')
+        1e-5, 'excess at which a certified path is not refined; difference of the input from u* '
+        'in samples of the indirect method', 'relative', 'aircraft_5')
     enough_bounded: float = steer(
         1e-6, 'the same with state constraints; below it a certificate is computed', 'relative',
         'around_a_disc')
@@ -285,10 +286,9 @@ class IndirectOptions:
     """Indirect refinement after a search."""
 
     work: int = steer(800, 'work of a search from which on it is done', 'work', 'aircraft_5')
-    quick: float = steer(1e-5, 'difference of the sampled input from u*, first', 'relative')
     precise: float = steer(
-        2e-7, 'the same of the method indirect, and second', 'relative', 'test_bvp.py')
-    fewest: int = steer(64, 'minimum', 'samples')
+        2e-7, 'difference of the sampled input from u*, if `descent.enough` is not small enough',
+        'relative', 'test_bvp.py')
     most: int = steer(4000, 'maximum', 'samples', 'test_bvp.py')
 
 

@@ -74,12 +74,12 @@ def is_worth_refining(state: State) -> bool:
 
 def refine_after_search(state: State) -> State | str:
     """Refine the result of a search by the indirect method."""
-    bench, found, options = state.bench, state.best, state.bench.options.indirect
+    bench, found = state.bench, state.best
     assert found is not None and found.record is not None
     values = _boundary_values(bench, found.record)
     if values is None:
         return 'the boundary value problem was not solved'
-    for wanted in (options.quick, options.precise):
+    for wanted in (bench.options.descent.enough, bench.options.indirect.precise):
         new = _better(bench, found, values, wanted)
         if new is not found:
             bench.programs.note_refinement()
@@ -118,9 +118,9 @@ def _better(bench: Bench, known: Candidate, found: BoundaryValues, wanted: float
 
 def _sampled(bench: Bench, found: BoundaryValues, wanted: float) -> Solution:
     """Return boundary values as samples, including both ends of each arc."""
-    options = bench.options.indirect
-    problem, longest = bench.stated, found.lengths.sum() / options.fewest
-    points_, of = build_points(found, wanted, longest, options.most)
+    problem = bench.stated
+    longest = found.lengths.sum() / (2 * bench.options.coarse.intervals)   # as of other meshes
+    points_, of = build_points(found, wanted, longest, bench.options.indirect.most)
     # Places of the start of each interval, and of the end of each arc, among the samples.
     starts, last = np.arange(len(of)) + of, np.flatnonzero(np.diff(of, append=-1))
     t, arc = np.empty(len(of) + len(last)), np.empty(len(of) + len(last), dtype=np.int64)
