@@ -60,7 +60,7 @@ class CoarseOptions:
         1e6, 'infeasibility, or excess of the cost, of paths that diverged', 'scaled')
     calmest: float = steer(0.1, 'least part of the ranges of guesses; a divergence halves it')
     error: float = steer(
-        1e-2, 'error of a step, or of the cost, that is small enough',
+        1e-2, 'error of a step, of the cost or of an input that is small enough',
         'relative', 'rayleigh_mintime')
 
     def get_early_ends(self, number: int) -> tuple[tuple[int, float], ...]:
@@ -115,11 +115,10 @@ class BudgetOptions:
         2.0, 'work of descents when all coarse errors are large',
         'work so far', 'hypersensitive_long')
     share: float = steer(0.6, 'part of the time for descents that may be in vain', 'time left')
-    chattering: int = steer(200_000, 'extra work of descents when sequences chatter', 'work')
-    inside: float = steer(1e-2, 'distance from bounds of an input that chatters', 'range')
-    lasting: float = steer(0.1, 'duration of chattering', 'final time')
     explanation: int = steer(400_000, 'work of an explanation', 'work')
-    related: int = steer(150_000, 'work for each problem that it solves', 'work')
+    related: int = steer(
+        150_000, 'work for each problem that it solves; extra work of descents when inputs '
+        'chatter', 'work')
     least: float = steer(0.5, 'time for an explanation, for more digits or a certificate', 's')
     certificate: float = steer(
         0.05, 'part of the time kept for a path within bounds and its certificate', 'time limit')

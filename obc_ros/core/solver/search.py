@@ -111,13 +111,13 @@ def _budget(coarse: CoarseResult) -> Meter:
     if not coarse.sound:
         return bench.meter.part(int(options.vain * bench.work), left)
     if _mixes(bench, coarse.outcomes[0]):
-        return bench.meter.part(bench.work + options.chattering, left)
+        return bench.meter.part(bench.work + options.related, left)
     return bench.meter
 
 
 def _mixes(bench: Bench, outcome: TranscriptionOutcome) -> bool:
-    """Return whether an input stays between its bounds for long where H is concave in it."""
-    options = bench.options.budget
+    """Return whether an input stays between its bounds where H is concave in it."""
+    error = bench.options.coarse.error
     problem, course = bench.problem, bench.course(outcome)
     if bench.programs.twin or any(ca.depends_on(problem.path, u) for u in ca.vertsplit(problem.u)):
         return False
@@ -125,10 +125,10 @@ def _mixes(bench: Bench, outcome: TranscriptionOutcome) -> bool:
     curvature, span = np.einsum('kii->ki', Huu), problem.u_upper - problem.u_lower
     with np.errstate(invalid='ignore'):
         inside = np.minimum(course.ua - problem.u_lower,
-                            problem.u_upper - course.ua) > options.inside * span
-    concave = curvature < -options.inside * np.abs(curvature).max(axis=0, initial=0.0)
+                            problem.u_upper - course.ua) > error * span
+    concave = curvature < -error * np.abs(curvature).max(axis=0, initial=0.0)
     share = np.diff(course.t) @ (inside & concave & np.isfinite(span)) / course.t[-1]
-    return bool(np.any(share > options.lasting))
+    return bool(np.any(share > error))
 
 
 def _keep_inside(coarse: CoarseResult) -> Solution | None:
