@@ -119,7 +119,7 @@ def _solve_first(bench: Bench, pool: StartPool) -> tuple[Bench, list[Transcripti
             around = try_starts(
                 StartStage.FIRST_OUTCOME, bench, pool, Known(outcome=outcome)).wanted
         patient = bench.work - begun < options.patience * (1 + bench.stages)
-        most = options.starts if bench.quick else options.starts_in_vain
+        most = options.starts if bench.quick else bench.options.rollouts.tried
         if (bench.meter.stopped or bench.quick and good or number >= around + (
                 options.starts if good or not patient else most)):
             return bench, found

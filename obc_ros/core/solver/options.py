@@ -47,7 +47,6 @@ class CoarseOptions:
         150, 'maximum of a solve from a rough guess', 'iterations', 'abs_off_centre')
     few_iterations: int = steer(12, 'lower limit of the maximum of further guesses', 'iterations')
     starts: int = steer(1, 'guesses after one that led to a path', 'guesses', 'detumble_mintime')
-    starts_in_vain: int = steer(6, 'guesses while none led to a path', 'guesses')
     patience: int = steer(10_000, 'work after which `starts` is enough in any case', 'work')
     rough: float = steer(
         1e-4, 'error of the cost at which a solve may end', 'relative', 'double_tank')
@@ -212,7 +211,8 @@ class RolloutOptions:
     windows: int = steer(
         4, 'of a free final time, each with parents of its own', 'windows', 'zermelo_shear')
     tried: int = steer(
-        8, 'solved while none converged; at most twice as many', 'rollouts', 'dubins_point_inside')
+        8, 'solved while none converged, and guesses before; at most twice as many',
+        'rollouts', 'dubins_point_inside')
     glance: int = steer(32, 'of a brief search with terminal constraints', 'samples', 'robot_arm')
     parents: int = steer(
         4, 'cheapest ones that are parents in one without', 'rollouts', 'cstr_luus')
