@@ -20,8 +20,8 @@ from obc_ros.core.text.errors import quote, StatementError, suggest_name
 
 # Ranges of values by unit: sizes divide, and parts are parts. Others are not negative.
 _AT_LEAST_1 = (1, math.inf)
-_RANGES = {'intervals': _AT_LEAST_1, 'pieces': _AT_LEAST_1, 'samples': _AT_LEAST_1,
-           'steps': _AT_LEAST_1, 'steps per interval': _AT_LEAST_1,
+_RANGES = {'intervals': _AT_LEAST_1, 'each': _AT_LEAST_1, 'pieces': _AT_LEAST_1,
+           'samples': _AT_LEAST_1, 'steps': _AT_LEAST_1, 'steps per interval': _AT_LEAST_1,
            'steps per piece': _AT_LEAST_1, 'values': _AT_LEAST_1, 'shorter window': (1.01, 100),
            'final time': (0, 1)}
 
@@ -45,9 +45,12 @@ class CoarseOptions:
     intervals: int = steer(16, 'size of the coarsest mesh', 'intervals', 'detumble_mintime')
     iterations: int = steer(
         150, 'maximum of a solve from a rough guess', 'iterations', 'abs_off_centre')
-    few_iterations: int = steer(12, 'lower limit of the maximum of further guesses', 'iterations')
+    few_iterations: int = steer(
+        12, 'lower limit of the maximum of further guesses; maximum from a neighbour',
+        'iterations', 'test_kink_mesh.py')
     starts: int = steer(1, 'guesses after one that led to a path', 'guesses', 'detumble_mintime')
-    patience: int = steer(10_000, 'work after which `starts` is enough in any case', 'work')
+    patience: int = steer(
+        10_000, 'work after which `starts` is enough in any case', 'work', 'hypersensitive_long')
     rough: float = steer(
         1e-4, 'error of the cost at which a solve may end', 'relative', 'double_tank')
     late: tuple[int, ...] = steer(
@@ -114,13 +117,16 @@ class BudgetOptions:
         2.0, 'work of descents when all coarse errors are large',
         'work so far', 'hypersensitive_long')
     share: float = steer(0.6, 'part of the time for descents that may be in vain', 'time left')
-    explanation: int = steer(400_000, 'work of an explanation', 'work')
+    explanation: int = steer(
+        400_000, 'work of an explanation', 'work', 'test_explanation.py')
     related: int = steer(
         150_000, 'work for each problem that it solves; extra work of descents when inputs '
-        'chatter', 'work')
-    least: float = steer(0.5, 'time for an explanation, for more digits or a certificate', 's')
+        'chatter', 'work', 'test_explanation.py')
+    least: float = steer(
+        0.5, 'time for an explanation, for more digits or a certificate', 's', 'test_back_off.py')
     certificate: float = steer(
-        0.05, 'part of the time kept for a path within bounds and its certificate', 'time limit')
+        0.05, 'part of the time kept for a path within bounds and its certificate', 'time limit',
+        'test_back_off.py')
 
 
 @dataclass(frozen=True)
@@ -152,16 +158,10 @@ class MultistartOptions:
     most: int = steer(80, 'maximum', 'starts', 'terminal_wells_plane')
     long: int = steer(60_000, 'work of the first descent before others are looked at', 'work')
     splits: int = steer(2, 'mesh halvings to confirm a lower cost', 'meshes', 'f8_aircraft')
-    rivals: int = steer(3, 'other minima kept for neighbours', 'minima')
-    rival: float = steer(0.3, 'excess of their costs', 'relative')
-    weary: int = steer(
-        500_000, 'work in all from which on `share` is enough although nothing is certified',
-        'work')
     rough_work: int = steer(
         3000, 'work for starts of rough problems that are not hard, and for windows',
         'work', 'robot_arm')
-    lavish: int = steer(
-        150_000, 'work for starts once a solution is certified', 'work', 'hypersensitive_long')
+    lavish: int = steer(150_000, 'maximum work for starts', 'work', 'hypersensitive_long')
 
 
 @dataclass(frozen=True)
@@ -303,7 +303,7 @@ class BoundaryOptions:
     gaps: tuple[float, ...] = steer(
         (0.06, 0.01), 'gaps in a contact that are closed, in turn',
         'final time', 'goddard_speed_limit')
-    graded: int = steer(3, 'maximum, each by 2', 'refinements')
+    graded: int = steer(3, 'maximum, each by 2', 'refinements', 'truck2_a')
     intervals: int = steer(24, 'of all phases together, about', 'intervals', 'detumble_mintime')
     fewest: int = steer(3, 'minimum of a phase', 'intervals', 'epidemic_weak_lockdown')
     nearly: float = steer(
@@ -314,12 +314,13 @@ class BoundaryOptions:
 class NeighbourOptions:
     """Repeated structures: solutions of neighbouring problems, and kept programs."""
 
-    kept: int = steer(24, 'solutions kept, and programs kept', 'each')
+    kept: int = steer(24, 'solutions kept, and programs kept', 'each', 'test_repeats.py')
     near: float = steer(
-        0.2, 'change of a number, but for x(0), of a neighbour', 'relative', 'test_kink_mesh.py')
-    alone: float = steer(
-        1.0, 'part of these within which one minimum stays the best', '', 'test_kink_mesh.py')
-    several: float = steer(0.05, 'the same if several minima are known')
+        0.2, 'change of a number, but for x(0), of a neighbour; excess of the costs of other '
+        'minima that may be its best', 'relative', 'test_kink_mesh.py')
+    several: float = steer(
+        0.05, 'part of these changes within which the best of several minima stays the best', '',
+        'test_repeats.py')
 
 
 @dataclass(frozen=True)

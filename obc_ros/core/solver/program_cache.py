@@ -175,7 +175,7 @@ class ProgramCache:
     def remember(self, answer: Answered) -> None:
         """Keep a solved problem for its neighbours."""
         options = self.options.neighbour
-        self.answers = [*self.answers[1 - options.kept:], answer]
+        self.answers = [*self.answers, answer][-options.kept:]
 
     def forget(self, answer: Answered) -> None:
         """Do not use a solved problem for its neighbours any more."""
@@ -212,7 +212,7 @@ class ProgramCache:
         with np.errstate(invalid='ignore', divide='ignore'):
             apart = np.where(mine == theirs, 0.0, np.abs(mine - theirs) / reach).max(axis=1)
             # Further from where multistart looked another minimum may be the best.
-            allowed = (options.several if self.several else options.alone) * reach
+            allowed = (options.several if self.several else 1.0) * reach
             serves = ~np.any(np.abs(mine - looked) > allowed, axis=1)
         most = np.where(serves, apart, np.inf)
         # The latest of equal ones.

@@ -47,6 +47,33 @@ def test_repeated_fuel_of_an_oscillator_agrees_without_cache():
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize('start', [0.1, 0.6])
+def test_another_minimum_is_found_where_it_is_the_best(start):
+    """With constant u from x(0) = s to x(1) = x the cost is (x - s)^2 / 2 + 5 (x^2 - 1)^2."""
+    cache = Cache()
+    for s in (start, -start):
+        x = np.roots([20, 0, -19, -s])   # its derivative vanishes
+        solution = solve(problems.pose({'x': 'u'}, 'u**2/2', (s,), 1,
+                                       terminal_cost='5*(x**2 - 1)**2'), cache=cache)
+        assert solution.status is Status.SOLVED
+        assert solution.objective == pytest.approx(
+            np.min((x - s)**2 / 2 + 5 * (x**2 - 1)**2), rel=SAME_COST)
+
+
+@pytest.mark.slow
+def test_solutions_of_several_set_points_are_kept():
+    """A problem is solved from its own solution although seven others were solved since."""
+    cache = Cache()
+    first, again = ([solve(problems.pose(
+        {'x': 'u - p*x**3'}, 'x**2 + u**2', (1.0,), 1, parameters={'p': 2.0**k}), cache=cache)
+        for k in range(8)] for _ in range(2))
+    for one, other in zip(first, again, strict=True):
+        assert one.status is other.status is Status.SOLVED
+        assert other.objective == pytest.approx(one.objective, rel=SAME_COST)
+        assert 2 * other.iterations < one.iterations
+
+
+@pytest.mark.slow
 def test_a_contradiction_after_a_feasible_problem_is_found():
     """The terminal speed 310.2 exceeds the bound 310; the first problem ends at the bound."""
     mapping, cache = problems.read('missile'), Cache()

@@ -255,15 +255,15 @@ class _Multistart:
         bench.programs.note_minima(self._pool.known_minima.minima)
 
     def _find_rivals(self) -> tuple[TranscriptionOutcome, ...]:
-        """Return outcomes of other local minima whose coarse cost is not much above the best."""
+        """Return outcomes of other local minima, of which a neighbour's best may be one."""
         rivals: list[TranscriptionOutcome] = []
-        coarse, options = self._coarse, self._options
+        coarse, near = self._coarse, self._bench.options.neighbour.near
         for outcome in sorted(self._found, key=lambda outcome: outcome.objective):
             above = outcome.objective - (rivals[-1].objective if rivals else coarse)
             if (outcome.converged and above > ANOTHER * abs(coarse)
-                    and outcome.objective <= coarse + options.rival * abs(coarse)):
+                    and outcome.objective <= coarse + near * abs(coarse)):
                 rivals.append(outcome)
-        return tuple(rivals[:options.rivals])
+        return tuple(rivals[:MOST_MINIMA])
 
 
 def better(best: Solution, other: Solution) -> Solution:

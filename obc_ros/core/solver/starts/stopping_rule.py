@@ -46,8 +46,7 @@ class Effort:
 def explain_enough(effort: Effort, options: MultistartOptions) -> str:
     """Return in words why multistart may stop; '' if another start is worth its work."""
     number, spent, hard = effort.starts, effort.spent, effort.before > options.hard
-    weary = effort.total > options.weary and spent > options.share * effort.total
-    if spent > options.lavish if effort.certified else weary:
+    if spent > options.lavish:
         return f'{_count(number)} used up the work that further starts may take'
     if (effort.rough or effort.bent) and effort.certified and not (hard or effort.uneven) and (
             spent > max(options.rough_work, effort.before)):

@@ -4,6 +4,7 @@
 
 from dataclasses import replace
 import time
+from types import SimpleNamespace
 
 from obc_ros.core.ocp.solution import Condition, Status
 from obc_ros.core.solver.bench import build_bench, Task
@@ -15,9 +16,11 @@ from obc_ros.core.solver.improve.back_off import (
 )
 from obc_ros.core.solver.improve.improvement import State
 from obc_ros.core.solver.methods import METHODS
+from obc_ros.core.solver.nlp import meter as clocks
 from obc_ros.core.solver.nlp.meter import Meter
 from obc_ros.core.solver.options import DEFAULTS
 from obc_ros.core.solver.program_cache import ProgramCache
+from obc_ros.core.solver.solve import solve
 from obc_ros.core.solver.transcription.mesh import build_uniform_mesh
 import problems
 import pytest
@@ -89,3 +92,20 @@ def test_time_is_kept_for_a_path_within_the_bounds(kept):
     assert found.status is Status.TIMED_OUT
     assert found.certificate.feasible == bool(kept), found.message
     assert ('cost 4.' in found.message) == bool(kept)
+
+
+def test_a_search_ends_early_enough_for_a_path_within_the_bounds(monkeypatch):
+    """On the first finer mesh the clock jumps to 96 % of the time limit."""
+    jumped = []
+
+    def jump(phase, *_):
+        if 'mesh' in phase and 'coarse' not in phase:
+            jumped.append(0.96 * 60)
+        return False
+
+    monkeypatch.setattr(clocks, 'time', SimpleNamespace(
+        monotonic=lambda: time.monotonic() + max(jumped, default=0.0)))
+    found = solve(state_problem(), method='transcription', time_limit=60.0, report=jump)
+    assert jumped
+    assert found.status is Status.TIMED_OUT
+    assert found.certificate.feasible, found.message

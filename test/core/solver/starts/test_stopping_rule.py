@@ -18,7 +18,7 @@ FAILS = {CERTIFIED: (), FEASIBLE: (Condition.MINIMUM,), BROKEN: (Condition.DYNAM
 QUALITIES = (*FAILS, 'without a certificate')
 OPTIONS = MultistartOptions(
     hard=1000, share=0.5, share_hard=0.5, least_hard=12, least_bent=8, many=24,
-    many_work=5000, rough_work=300, lavish=50_000, weary=200_000)
+    many_work=5000, rough_work=300, lavish=50_000)
 
 
 def give(cost, quality):
@@ -109,10 +109,8 @@ def test_starts_of_an_easy_problem_take_no_more_work_than_its_solution(changes):
         assert explain_enough(replace(effort, **other), OPTIONS) == '', other
 
 
-@pytest.mark.parametrize(('certified', 'spent', 'total', 'stops'), [
-    (True, 50_001, 90_000, True), (True, 49_999, 900_000, False),
-    (False, 100_001, 200_001, True), (False, 100_001, 199_999, False),
-    (False, 100_000, 200_001, False)])
-def test_work_for_starts_is_limited(certified, spent, total, stops):
-    effort = replace(EASY, starts=3, wanted=5, certified=certified, spent=spent, total=total)
+@pytest.mark.parametrize('certified', [True, False])
+@pytest.mark.parametrize(('spent', 'stops'), [(50_001, True), (49_999, False)])
+def test_work_for_starts_is_limited(certified, spent, stops):
+    effort = replace(EASY, starts=3, wanted=5, certified=certified, spent=spent, total=900_000)
     assert ('that further starts may take' in explain_enough(effort, OPTIONS)) == stops
