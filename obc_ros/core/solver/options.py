@@ -116,7 +116,9 @@ class BudgetOptions:
     vain: float = steer(
         2.0, 'work of descents when all coarse errors are large',
         'work so far', 'hypersensitive_long')
-    share: float = steer(0.6, 'part of the time for descents that may be in vain', 'time left')
+    share: float = steer(
+        0.6, 'part of the time for descents that may be in vain', 'time left',
+        'test_explanation.py')
     explanation: int = steer(
         400_000, 'work of an explanation', 'work', 'test_explanation.py')
     related: int = steer(

@@ -3,13 +3,16 @@
 """Diagnosis of problems without a solution: the known reason, in words and numbers."""
 
 from dataclasses import replace
+from itertools import count
 import math
 import re
+from types import SimpleNamespace
 
 import numpy as np
 from obc_ros.core.ocp.certificate.certificate import certify
 from obc_ros.core.ocp.solution import Solution, Status
 from obc_ros.core.solver.diagnosis.explanation import explain
+from obc_ros.core.solver.nlp import meter
 from obc_ros.core.solver.proofs.interval_bounds import find_lower_bounds
 from obc_ros.core.solver.solve import solve
 import problems
@@ -192,6 +195,18 @@ def test_an_infimum_of_chattering_inputs_is_reported():
     assert infimum == pytest.approx(0, abs=1e-6)
     u = sorted(numbers(found.message.split('between u = ')[1])[:2])
     assert u == pytest.approx([-1, 1], rel=1e-3)
+
+
+@pytest.mark.slow
+def test_time_is_left_for_the_explanation(monkeypatch):
+    """A slow machine: its clock advances by 10 ms each time that the search reads it."""
+    ticks = count()
+    monkeypatch.setattr(meter, 'time', SimpleNamespace(monotonic=lambda: 0.01 * next(ticks)))
+    found = solve(problems.pose(
+        {'x': 'u'}, 'x**2 + (u**2 - 1)**2', (0,), 1, input_bounds={'u': [-1.5, 1.5]}),
+        time_limit=8.0)
+    assert found.status is Status.NOT_CONVERGED
+    assert found.message.startswith('the infimum 0 is not attained')
 
 
 @pytest.mark.slow
