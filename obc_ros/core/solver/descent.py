@@ -40,7 +40,7 @@ class Descent:
         self._state, self._tried = State(bench, start, bench.switching), start
         self._entry = bench.trace.begin(DESCENT, f'from cost {start.objective:.6g}')
         self._meshes = enumerate(self._refine(bench.options.descent.meshes))
-        self._begun: int | None = None   # work of the search before the first mesh
+        self._started = False
 
     def finish(self) -> Candidate:
         """
@@ -58,8 +58,8 @@ class Descent:
         bench = self._state.bench
         before = bench.work
         with bench.trace.under(self._entry):
-            done = self._begun is None and self._try(DescentStage.START)
-            self._begun = bench.work if self._begun is None else self._begun
+            done = not self._started and self._try(DescentStage.START)
+            self._started = True
             while not (done or self._step()):
                 if bench.work - before > most:
                     return None
@@ -130,9 +130,8 @@ class Descent:
     def _is_enough(self, number: int, above: float) -> bool:
         """Return whether no finer mesh is needed."""
         bench, options = self._state.bench, self._state.bench.options.descent
-        late = bench.work - (self._begun or 0) > options.digits * (1 + bench.stages)
         close = above < (options.enough_bounded if bench.bounded else options.enough)
-        return self._is_certified and (close or late) or bench.quick and number >= 2
+        return self._is_certified and close or bench.quick and number >= 2
 
     @property
     def _is_certified(self) -> bool:

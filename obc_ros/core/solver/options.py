@@ -106,7 +106,6 @@ class DescentOptions:
     back_off: float = steer(
         1e-3, 'violation of bounds alone up to which a path within tighter bounds is sought; '
         'error of its cost', 'relative', 'test_back_off.py')
-    digits: int = steer(8000, 'work after which a certified path is not refined', 'work')
 
 
 @dataclass(frozen=True)
