@@ -1,13 +1,14 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Provenance of the options: the problems of obc_ros/examples that need the value of each.
+Provenance of the options: the problems and the tests that need the value of each.
 
-Each problem is solved once to see which options its search reads. Then each option is multiplied
-by 1/4 and by 4 on some of the problems that read it. A problem needs the value if it is not
-solved, costs more, or takes longer with the changed one. If no problem does, the tests of its
-strategy are run with the changed value: one that fails needs it. If none fails, the factors 1/100
-and 100 are tried on the problems.
+Each problem of obc_ros/examples and test/collections is solved once to see which options its
+search reads. Then each option is multiplied by 1/4 and by 4 on some of the problems that read it.
+A problem needs the value if it is not solved, costs more, or takes longer with the changed one. If
+no problem does, the tests of its strategy are run with the changed value: one that fails needs it.
+If none fails, the factors 1/100 and 100 are tried on the problems and in the tests, and at last on
+problems that take longer.
 """
 
 import timing  # isort: skip - before numpy
@@ -32,11 +33,14 @@ from obc_ros.core.solver.options import DEFAULTS, list_options, Option, Options
 from obc_ros.core.solver.solve import solve
 
 TEST = Path(__file__).resolve().parents[1] / 'test'
-PROBLEMS = TEST.parent / 'obc_ros' / 'examples'
+# An example comes before a problem of a collection that has its name.
+FILES = {path.stem: path for folder in (TEST / 'collections', TEST.parent / 'obc_ros' / 'examples')
+         for path in sorted(folder.rglob('*.yaml'))}
 FACTORS, FAR = (0.25, 4.0), (0.01, 100.0)
 LIMIT = 240.0      # [s] time limit of a solution with the default options
-SLOW = 2.0         # [s] problems that take longer are not solved with changed options
+SLOW = 2.0         # [s] problems that take longer are solved with factors 1/100 and 100 only
 SECONDS = 4.0      # [s] processor time of the problems of one option with its default
+SECONDS_SLOW = 30.0   # [s] the same of slow problems
 MOST = 12          # problems of one option
 LONGER = 1.5       # ratio of processor times from which on a solution takes longer
 NOTICED = 0.03     # [s] least difference of these times
@@ -46,11 +50,12 @@ CHANGE = 'OBC_ROS_OPTION'   # variable with a changed option, for `_changed_opti
 SOLVER = 'core/solver/'
 # Tests of the strategies, in test/core/solver; the first that fails is the answer.
 TESTS = {
-    'coarse': ('test_coarse_mesh.py', 'test_stiff.py'),
+    'coarse': ('test_coarse_mesh.py', 'test_stiff.py', 'improve/test_kink_mesh.py'),
     'refinement': ('adjoint/test_bvp.py',),
     'descent': ('improve/test_back_off.py', 'test_coarse_mesh.py',
                 'improve/test_kink_mesh.py'),
-    'budget': ('test_uncertified.py', 'diagnosis/test_explanation.py'),
+    'budget': ('improve/test_back_off.py', 'test_uncertified.py',
+               'diagnosis/test_explanation.py'),
     'guesses': ('starts/test_initial_guess.py', 'starts/test_multistart.py'),
     'obstacles': ('starts/test_obstacle_homotopy.py',),
     'rollouts': ('starts/test_multistart.py', 'transcription/test_program.py'),
@@ -84,13 +89,14 @@ def main() -> int:
     whole = {each['name']: Result(**each) for each in known if 'cost' in each}
     found = {each['option']: each for each in known if 'option' in each}
     with args.results.open('a', encoding='utf-8') as out:
-        for file in sorted(PROBLEMS.glob('*.yaml')):
-            if file.stem not in whole:
-                whole[file.stem] = measure(file)
-                _write(out, vars(whole[file.stem]))
+        for name in FILES:
+            if name not in whole:
+                whole[name] = measure(name)
+                _write(out, vars(whole[name]))
         for option in list_options():
             if option.name not in found and (not args.only or option.name in args.only):
-                found[option.name] = try_option(option, whole, found.values(), args.seconds)
+                found[option.name] = try_option(option, whole, found.values(), args.seconds,
+                                                args.seconds_slow)
                 _write(out, found[option.name])
     rows = [(name, str(each['read']), str(len(each['tried'])), _describe(each))
             for name, each in found.items()]
@@ -104,6 +110,9 @@ def _arguments() -> argparse.Namespace:
     parser.add_argument('--only', nargs='+', metavar='NAME', help='options; default: all')
     parser.add_argument('--seconds', type=float, default=SECONDS, metavar='N',
                         help=f'processor time of the problems of one option; default: {SECONDS:g}')
+    parser.add_argument('--seconds-slow', type=float, default=SECONDS_SLOW, metavar='N',
+                        help=f'the same of problems that take over {SLOW:g} s; default: '
+                        f'{SECONDS_SLOW:g}')
     parser.add_argument('--results', type=Path, default=Path('provenance.jsonl'), metavar='FILE',
                         help='lines of JSON; what it holds is not measured again')
     return parser.parse_args()
@@ -136,18 +145,18 @@ def watch(options: Options, seen: set[str]) -> Options:
     return replace(options, **{each.name: watched(each.name) for each in fields(options)})
 
 
-def measure(file: Path) -> Result:
+def measure(name: str) -> Result:
     """Solve a problem with the default options: once to note the options, once for the time."""
     seen = set[str]()
-    found = run(file.stem, watch(DEFAULTS, seen), LIMIT)
+    found = run(name, watch(DEFAULTS, seen), LIMIT)
     if found.time < SLOW:
-        found = run(file.stem, DEFAULTS, LIMIT)
+        found = run(name, DEFAULTS, LIMIT)
     return replace(found, options=sorted(seen))
 
 
 def run(name: str, options: Options, limit: float) -> Result:
-    """Solve a problem of obc_ros/examples; an exception is its status."""
-    problem = build_problem(load_file(PROBLEMS / f'{name}.yaml')[0])
+    """Solve a problem; an exception is its status."""
+    problem = build_problem(load_file(FILES[name])[0])
     begun = time.process_time()
     try:
         found = solve(problem, time_limit=limit, options=options)
@@ -172,7 +181,7 @@ def change_option(name: str, value: Value) -> Options:
 
 
 def try_option(option: Option, whole: dict[str, Result], others: Iterable[dict[str, Any]],
-               seconds: float) -> dict[str, Any]:
+               seconds: float, seconds_slow: float) -> dict[str, Any]:
     """
     Solve problems with changed values of an option.
 
@@ -184,8 +193,8 @@ def try_option(option: Option, whole: dict[str, Result], others: Iterable[dict[s
         Those with the default options.
     others : iterable of dict
         What is known of other options: problems that need these are tried first.
-    seconds : float
-        Processor time of the problems with the default options [s].
+    seconds, seconds_slow : float
+        Processor time of the quick and of the slow problems with the default options [s].
 
     Returns
     -------
@@ -195,13 +204,15 @@ def try_option(option: Option, whole: dict[str, Result], others: Iterable[dict[s
 
     """
     reading = [each for each in whole.values() if option.name in each.options]
-    chosen = choose([each for each in reading if each.time < SLOW and each.status == 'solved'],
-                    Counter(name for other in others for name, *_ in other['needs']), seconds)
-    needs = ([[*row] for row in _try_values(option, chosen, FACTORS)]
-             or [[*row] for row in _try_tests(option)]
-             or [[*row] for row in _try_values(option, chosen, FAR)])
-    return {'option': option.name, 'read': len(reading), 'tried': [each.name for each in chosen],
-            'needs': needs}
+    solved = [each for each in reading if each.status == 'solved']
+    needing = Counter(name for other in others for name, *_ in other['needs'])
+    chosen = choose([each for each in solved if each.time < SLOW], needing, seconds)
+    slow = choose([each for each in solved if each.time >= SLOW], needing, seconds_slow)
+    needs = (list(_try_values(option, chosen, FACTORS)) or list(_try_tests(option, FACTORS))
+             or list(_try_values(option, chosen, FAR)) or list(_try_tests(option, FAR))
+             or list(_try_values(option, slow, FAR)))
+    return {'option': option.name, 'read': len(reading),
+            'tried': [each.name for each in chosen + slow], 'needs': needs}
 
 
 def choose(results: Sequence[Result], needing: Counter[str], seconds: float) -> list[Result]:
@@ -230,10 +241,10 @@ def _try_values(option: Option, chosen: Sequence[Result], factors: tuple[float, 
                     break
 
 
-def _try_tests(option: Option) -> Iterator[tuple[str, float, str]]:
+def _try_tests(option: Option, factors: tuple[float, ...]) -> Iterator[tuple[str, float, str]]:
     """Yield test file, factor and the first test that fails."""
     for file in TESTS.get(option.name.split('.')[0], ()):
-        for factor in FACTORS:
+        for factor in factors:
             value = change(option.value, factor)
             if value != option.value and (test := find_failure(file, option.name, value)):
                 yield Path(file).name, factor, f'fails: {test}'
@@ -253,7 +264,7 @@ def find_failure(file: str, name: str, value: Value) -> str:
 
 def compare(before: Result, options: Options) -> str:
     """Return what is worse with other options: '' if nothing is."""
-    after = run(before.name, options, 20 * before.time + 5.0)
+    after = run(before.name, options, 4 * before.time + 8.0)
     if after.status != 'solved':
         return f'is not solved: {after.status}'
     excess = (after.cost - before.cost) / max(abs(before.cost), LEAST_COST)
