@@ -22,7 +22,7 @@ class DescentStage(str, Enum):
     STALLED = 'on a mesh that gained little'
     NEXT_MESH = 'before a finer mesh'
     VIOLATED = 'at the end of a descent'
-    CERTIFIED = 'where a certificate is near'
+    CERTIFIED = 'on a finer mesh without a certificate'
     FINISHED = 'after the search'
 
 
