@@ -117,7 +117,7 @@ class Descent:
         """Return whether a certificate may pass, or whether this is the last chance for one."""
         bench, options = self._state.bench, self._state.bench.options.descent
         # The certificate may pass although the next mesh would reduce the excess.
-        worth = number and above < math.inf and (
+        worth = number and above < bench.options.coarse.error and (
             bench.programs.twin or bench.judged(course).spread < options.spread)
         return bool(above < options.enough_bounded or worth or bench.meter.stopped)
 
@@ -125,7 +125,8 @@ class Descent:
         """Return whether improvements are tried that lead to certificates."""
         bench, options = self._state.bench, self._state.bench.options.descent
         chorded = above > options.enough_bounded and bench.judged(course).chorded
-        return number > 0 and above < math.inf and (chorded or not self._is_certified)
+        close = above < bench.options.coarse.error
+        return number > 0 and close and (chorded or not self._is_certified)
 
     def _is_enough(self, number: int, above: float) -> bool:
         """Return whether no finer mesh is needed."""

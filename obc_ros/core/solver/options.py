@@ -60,7 +60,6 @@ class CoarseOptions:
         (0.5, 0.8), 'infeasibility above which it does', 'first infeasibility', 'orbit_transfer')
     wild: float = steer(
         1e6, 'infeasibility, or excess of the cost, of paths that diverged', 'scaled')
-    calmest: float = steer(0.1, 'least part of the ranges of guesses; a divergence halves it')
     error: float = steer(
         1e-2, 'error of a step, of the cost or of an input that is small enough',
         'relative', 'rayleigh_mintime')

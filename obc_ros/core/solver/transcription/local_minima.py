@@ -59,7 +59,7 @@ class LocalMinima:
             known = self._seen or new
             self._seen = np.maximum(known[0], new[0]), np.maximum(known[1], new[1])
         if path is None and not (infeasibility < self._options.wild or rollout):
-            self._part = max(self._part / 2, self._options.calmest)
+            self._part /= 2
         if path is not None or self._knows(cost, infeasibility):
             self._costs.append(cost)
             self._regular += [] if rollout else [cost]
