@@ -12,7 +12,7 @@ import problems
 import pytest
 
 TEST = Path(__file__).resolve().parents[2]
-WITHOUT = 4   # options without provenance
+WITHOUT = 3   # options without provenance
 
 
 def write(value):
