@@ -125,7 +125,7 @@ class Descent:
         """Return whether improvements are tried that lead to certificates."""
         bench, options = self._state.bench, self._state.bench.options.descent
         chorded = above > options.enough_bounded and bench.judged(course).chorded
-        close = above < bench.options.coarse.error
+        close = above < options.boundary_excess
         return number > 0 and close and (chorded or not self._is_certified)
 
     def _is_enough(self, number: int, above: float) -> bool:

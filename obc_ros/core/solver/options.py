@@ -93,6 +93,9 @@ class DescentOptions:
     iterations: int = steer(
         350, 'maximum on a finer mesh, from the coarser one', 'iterations', 'sphere_geodesic')
     work: int = steer(450_000, 'maximum on a finer mesh, but for 50 iterations', 'work')
+    boundary_excess: float = steer(
+        0.1, 'excess below which arcs along state bounds are sought', 'relative',
+        'heated_rod_limit')
     spread: float = steer(
         1.5e-4, 'variation of H above which no certificate is computed', 'relative',
         'hypersensitive_long')
