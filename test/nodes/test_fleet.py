@@ -40,7 +40,7 @@ def test_the_loop_starts_its_nodes_with_the_scenario() -> None:
         for each in nodes('loop.launch.py', scenario=scenario):
             given = yaml.safe_load(each.files[0].read_text(encoding='utf-8'))
             assert given[f'/**/{each.name}']['ros__parameters']
-            assert each.files == (each.files[0],) * 2
+            assert len(each.files) == 1
 
 
 @pytest.mark.parametrize('file', FILES)
