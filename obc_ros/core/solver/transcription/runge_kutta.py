@@ -2,18 +2,19 @@
 # SPDX-License-Identifier: Apache-2.0
 """One explicit Runge-Kutta step of order 6, under an input linear over the step."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import lru_cache
 
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 from obc_ros.core.numerics.arrays import Array
-from obc_ros.core.numerics.runge_kutta import BUTCHER, take_step
+from obc_ros.core.numerics.runge_kutta import BUTCHER
 from obc_ros.core.ocp.problem import Problem
 
 # Returns f and L at x and u.
 Rate = Callable[[ca.SX, ca.SX], tuple[ca.SX, ca.SX]]
+
 
 
 def build_rate(problem: Problem) -> Rate:
@@ -44,12 +45,35 @@ def step(rate: Callable[[ca.SX, ca.SX], ca.SX], x: ca.SX, inputs: tuple[ca.SX, c
         Length of the step.
 
     """
-    first, last = inputs
-    at = {c: first + c * (last - first) for c in BUTCHER.c} | {1.0: last}
-    # In parts of the step, so that its length occurs in the slopes only.
-    end, _ = take_step(BUTCHER, lambda z, s: h * rate(z, at[float(s)]), ca.vertcat(x, 0),
-                       ca.SX(0), ca.SX(1))
+    start, slopes = ca.vertcat(x, 0), list[ca.SX]()
+    for row, u in zip(BUTCHER.A, _called(_along(inputs[0].numel()), *inputs), strict=True):
+        inner = _called(_after(row, start.numel()), start, h, *slopes)[0] if row else start
+        slopes.append(rate(inner, u))
+    end, = _called(_after(BUTCHER.b, start.numel()), start, h, *slopes)
     return end[:-1], end[-1]
+
+
+def _called(function: ca.Function, *arguments: ca.SX) -> Sequence[ca.SX]:
+    return function.call(arguments)
+
+
+# Calling a cached function is faster than building its operations again.
+@lru_cache(maxsize=64)
+def _along(m: int) -> ca.Function:
+    """Return the function from the inputs at both ends to those at the stages."""
+    a, b = ca.SX.sym('a', m), ca.SX.sym('b', m)
+    change, between = b - a, {0.0: a, 1.0: b}
+    between |= {c: a + c * change for c in BUTCHER.c if c not in between}
+    return ca.Function('along', [a, b], [between[c] for c in BUTCHER.c])
+
+
+@lru_cache(maxsize=256)
+def _after(weights: tuple[float, ...], n: int) -> ca.Function:
+    """Return the function from start, h and all slopes, each (n,), to start + h weights'slopes."""
+    start, h = ca.SX.sym('start', n), ca.SX.sym('h')
+    slopes = [ca.SX.sym('slope', n) for _ in weights]
+    total = sum((a * slope for a, slope in zip(weights, slopes, strict=True) if a), ca.SX(0))
+    return ca.Function('after', [start, h, *slopes], [start + h * total])
 
 
 @lru_cache(maxsize=4)
@@ -73,7 +97,7 @@ def step_of(problem: Problem) -> ca.Function:
     rate = ca.Function('rate', [ca.vertcat(problem.x, ca.SX.sym('cost')), problem.u, problem.p],
                        [ca.vertcat(problem.f, problem.L)])
     return ca.Function('step', [problem.x, ua, ub, h, problem.p], [
-        *step(lambda z, u: rate(z, u, problem.p), problem.x, (ua, ub), h)])
+        *step(lambda z, u: _called(rate, z, u, problem.p)[0], problem.x, (ua, ub), h)])
 
 
 def compute_amplification(z: NDArray[np.complex128]) -> Array:
