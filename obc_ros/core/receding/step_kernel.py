@@ -210,14 +210,19 @@ class StepKernel:
         np.maximum.at(found, self._program.limited, np.abs(self._memory['lam_a'][self._soft]))
         return found
 
+    @property
+    def gap(self) -> float:
+        """Return the largest gap between the iterate and the model, relative to its size."""
+        memory = self._memory
+        return _find_largest(memory['gaps']) / (1.0 + _find_largest(memory['E']))
+
     def measure_residual(self) -> float:
         """
         Return the relative residual of the optimality conditions of the iterate.
 
         With its own linearization and the multipliers of the program before: the gradient of the
         Lagrangian, and the products of multipliers and distances from limits, each over 1 + the
-        largest term of its sum; the gaps of the model times `_GAPS`, and the distance from the
-        bounds.
+        largest term of its sum; the gaps of the model and the distance from the bounds.
         """
         memory = self._memory
         size = 1.0 + max(_find_largest(memory['steep']), _find_largest(memory['lam_a']))
@@ -226,7 +231,7 @@ class StepKernel:
         value = 1.0 + abs(float(memory['value'][0]))
         return float(np.max([   # NaN if one is
             _find_largest(memory['slope']) / size, _find_largest(memory['products']) / value,
-            _GAPS * _find_largest(memory['gaps']) / (1.0 + _find_largest(memory['E'])), outside]))
+            self.gap, outside]))
 
 
 def _find_largest(values: Array) -> float:
@@ -234,8 +239,6 @@ def _find_largest(values: Array) -> float:
     return float(np.abs(values).max(initial=0.0))
 
 
-# A plan that follows the model exceeds limits by about as much as the iterate leaves it.
-_GAPS = 100.0
 _OPTIONS: dict[str, Any] = {
     'print_time': False, 'inf': 1e5, 'error_on_fail': False, 'inputs_check': False, 'hpipm': {
         'iter_max': 60, 'mode': 'speed', 'res_g_max': 1e-8, 'res_b_max': 1e-8,

@@ -25,6 +25,7 @@ from obc_ros.core.receding.step_kernel import HorizonMotion, StepKernel
 from obc_ros.core.text.errors import StatementError
 
 STEP_TOLERANCE = 1e-6      # relative residual of the optimality conditions of an optimal plan
+_GAP = 1e-8           # relative gap of the model in a plan that exceeds limits
 _MOST = 30            # quadratic programs of a step
 _CURVED = 12           # programs with second derivatives, before those of the cost alone
 _TRIED = 3            # last iterates that are applied to the model if none is optimal
@@ -237,17 +238,24 @@ class _Search:
             tried.append((kernel.E.copy(), kernel.V.copy()))
             moved = kernel.follow() if residual <= STEP_TOLERANCE else None
             if moved is not None:
-                best, status, kept = moved, 'optimal', residual
+                best, kept = moved, residual
                 self._keep_multipliers()
-                break
+                if kernel.gap <= _GAP or not self._exceeds(moved):
+                    break
             if self.curved and self.count >= _CURVED:
                 self._forget_curvature(best)
             longest = max(longest, time.monotonic() - now)
-        if status != 'optimal':
+        if math.isfinite(kept):
+            status = 'optimal'
+        else:
             motions = [self.follow(*each) for each in tried]
             best = min([best, *(each for each in motions if each is not None)],
                        key=lambda each: each.find_value(self.penalties))
         return self._report(best, status, kept, begun)
+
+    def _exceeds(self, motion: HorizonMotion) -> bool:
+        """Return whether a motion exceeds a limit; larger gaps of the model let it do so."""
+        return bool((motion.worst > _KEPT * self.solver._sizes).any())
 
     def _solve_program(self, best: HorizonMotion) -> bool:
         """Solve the program about the iterate, and linearize about its answer; False: it fails."""
