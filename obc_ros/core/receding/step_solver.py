@@ -104,7 +104,9 @@ class StepSolver:
         soft = problem.soft
         self._sizes = 1.0 + np.where(np.isfinite(soft.upper), np.abs(soft.upper),
                                      np.abs(soft.lower))
-        self._rooms = np.minimum(soft.upper - soft.at_set_point, soft.at_set_point - soft.lower)
+        rooms = np.minimum(soft.upper - soft.at_set_point, soft.at_set_point - soft.lower)
+        self._rooms = np.maximum(rooms, _LEAST_ROOM * self._sizes)
+        self._slope = 2.0 * float(np.linalg.norm(problem.P, 2))
         self._multipliers: tuple[float, Array, Array] | None = None
 
     def prepare(self) -> str:
@@ -193,9 +195,7 @@ class StepSolver:
         make things worse after a small disturbance: a plan over a short horizon then spends any
         input to end an excess one sample sooner, and the aircraft falls.
         """
-        slope = 2.0 * float(np.linalg.norm(self.problem.P, 2))
-        least = np.maximum(self._rooms, _LEAST_ROOM * self._sizes)
-        return slope * np.maximum(least, np.linalg.norm(e0))
+        return self._slope * np.maximum(self._rooms, np.linalg.norm(e0))
 
 
 class _Search:
