@@ -42,6 +42,7 @@ _WRONG = 1e-7       # dH/du of the wrong sign that counts as 0, relative to the 
 
 _Rows = tuple[Array, Array]   # A and b of A v = b or A v >= b
 
+
 @dataclass(frozen=True)
 class ActiveInterval:
     """A constraint active between two fine times; `sign` is 1 at its upper bound, else -1."""

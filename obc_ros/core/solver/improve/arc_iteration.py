@@ -140,12 +140,8 @@ class ArcIteration:
 
         On a coarse mesh a short singular arc looks like several bang arcs.
         """
-        arcs = self.checked(found, outcome, moving=False)
-        shown = get_signature(arcs)
-        if shown in seen or self.bench.meter.stopped:
-            return None, shown
-        seen.add(shown)
-        return self.with_arcs(arcs, outcome, density), shown
+        return self.solve_unseen(
+            self.checked(found, outcome, moving=False), outcome, density, seen)
 
     def closed(self, found: list[Arc], outcome: TranscriptionOutcome, density: float,
                seen: set[Signature]
@@ -163,8 +159,13 @@ class ArcIteration:
             self.problem, found, self.linear, self.programs.deciding,
             ((course.t[:-1] + course.t[1:]) / 2, (course.ua + course.ub) / 2,
              self.slopes(course)))
+        return self.solve_unseen(arcs, outcome, density, seen)
+
+    def solve_unseen(self, arcs: list[Arc], outcome: TranscriptionOutcome, density: float,
+                     seen: set[Signature]) -> tuple[TranscriptionOutcome | None, Signature]:
+        """Solve with arcs and return the outcome, None if they were seen; and their signature."""
         shown = get_signature(arcs)
-        if shown in seen:
+        if shown in seen or self.bench.meter.stopped:
             return None, shown
         seen.add(shown)
         return self.with_arcs(arcs, outcome, density), shown
