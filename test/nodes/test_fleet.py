@@ -96,7 +96,7 @@ def test_sink_and_source_are_passed_to_the_nodes(file: str) -> None:
     assert choices['state_source'] == ['', *SOURCES]
 
 
-@pytest.mark.parametrize(('file', 'extra'), zip(FILES, ({}, {'vehicles': '2'}), strict=True))
+@pytest.mark.parametrize(('file', 'extra'), [*zip(FILES, ({}, {'vehicles': '2'}), strict=True)])
 def test_all_nodes_respawn_on_request(file: str, extra: dict[str, str]) -> None:
     """By default none does."""
     assert all(each.respawn for each in nodes(file, respawn='true', **extra))
