@@ -41,7 +41,9 @@ def changed(path, value):
 FAULTS = [
     # Keys and types
     ('runing_cost', 'u', r"^runing_cost: unknown key \(did you mean 'running_cost'\?\)"),
-    ('horizon', 3, '^horizon: unknown key; known keys: name, system, states, inputs, '),
+    ('final_state', {'x': 0}, r"^final_state: .* \(did you mean 'terminal_constraints'\?\)"),
+    ('horizon', 3, r"^horizon: unknown key \(did you mean 'final_time'\?\); known keys: name, "),
+    ('colour', 3, '^colour: unknown key; known keys: name, system, states, inputs, '),
     ('states', ..., '^states: missing'),
     ('states', 'h', "^states: wanted a list, found str 'h'"),
     ('states', {'h': 1}, '^states: wanted a list, found a mapping'),

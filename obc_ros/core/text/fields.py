@@ -14,6 +14,19 @@ from obc_ros.core.text.errors import describe_type, quote, StatementError, sugge
 from obc_ros.core.text.expressions import check_name, parse_number
 
 MAX_COUNT = 1_000  # entries of a list or mapping
+# Words of other tools and books, by the key that they mean here.
+_OTHER_KEYS = {other: key for key, others in {
+    'inputs': ('controls',),
+    'dynamics': ('f', 'ode', 'equations'),
+    'running_cost': ('L', 'cost', 'objective', 'integrand', 'lagrange'),
+    'terminal_cost': ('V', 'final_cost', 'mayer'),
+    'initial_state': ('x0', 'start', 'initial_conditions'),
+    'terminal_constraints': ('xf', 'goal', 'target', 'end', 'final_state', 'terminal_state',
+                             'final_constraints', 'final_conditions'),
+    'input_bounds': ('u_bounds', 'input_limits', 'control_bounds'),
+    'state_bounds': ('x_bounds', 'state_limits'),
+    'path_constraints': ('constraints', 'obstacles'),
+    'final_time': ('T', 'tf', 'horizon', 'duration')}.items() for other in others}
 
 Given = Mapping[Any, Any]
 
@@ -129,8 +142,10 @@ def check_keys(given: Given, known: Sequence[str], others: Sequence[str] = (), w
     for key in given:
         if key not in known and key not in others:
             place = f'{where}.{quote(str(key))}' if where else quote(str(key))
-            raise StatementError(f'{place}: unknown key{suggest_name(str(key), known)}; known '
-                                 f'keys: {", ".join(known)}')
+            meant = _OTHER_KEYS.get(str(key), '')
+            raise StatementError(
+                f'{place}: unknown key{suggest_name(meant if meant in known else str(key), known)}'
+                f'; known keys: {", ".join(known)}')
 
 
 def read_names(given: Given, key: str, most: int = MAX_COUNT) -> tuple[str, ...]:
