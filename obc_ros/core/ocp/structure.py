@@ -90,6 +90,26 @@ def find_shared_inputs(problem: Problem) -> Mask:
     return np.asarray(find_dependence(problem.path, problem.u).any(axis=0))
 
 
+def find_mixed_equalities(problem: Problem) -> Mask:
+    """
+    Return the inputs of each path constraint that is an equality of states and inputs.
+
+    Parameters
+    ----------
+    problem : Problem
+        Any problem.
+
+    Returns
+    -------
+    ndarray of bool, shape (k, m)
+        A row for each of the k equalities.
+
+    """
+    inputs = np.asarray(find_dependence(problem.path, problem.u))
+    mixed = inputs.any(axis=1) & find_dependence(problem.path, problem.x).any(axis=1)
+    return np.asarray(inputs[(problem.path_lower == problem.path_upper) & mixed])
+
+
 def find_clocks(problem: Problem) -> Mask:
     """
     Return the states with a given x(0) whose rates are constant, for example a time.

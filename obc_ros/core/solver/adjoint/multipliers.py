@@ -228,13 +228,15 @@ class Fitter:
         The product of multiplier and distance is the barrier parameter at every node of a
         transcription, so that the larger of the two shows whether a constraint is active. The
         multipliers of an arc are proportional to the lengths of intervals, and small on a fine
-        mesh.
+        mesh. An equality is active at all times.
         """
         value = self.values(problem, course)
         mass = np.hstack([outcome.node_bounds, outcome.node_path])
         slopes = self._shaped(self._point(course.x, course.ua, problem.p_value))[4]
         weights = compute_densities(outcome, slopes[:, self.n:], course.ua)
         cost = outcome.scales.cost if outcome.scales else abs(outcome.objective)
+        equal = np.append(problem.x_lower, problem.path_lower) == np.append(
+            problem.x_upper, problem.path_upper)
         found = []
         for sign, bound in ((1, np.append(problem.x_upper, problem.path_upper)),
                             (-1, np.append(problem.x_lower, problem.path_lower))):
@@ -242,7 +244,7 @@ class Fitter:
                               np.where(np.isfinite(bound), np.abs(bound), 0.0))
             distance = np.abs(value - bound) / np.where(size > 0, size, 1.0)
             for row in np.flatnonzero(np.isfinite(bound)):
-                near = distance[:, row] <= _NEAR
+                near = (distance[:, row] <= _NEAR) | equal[row]
                 heavy = np.maximum(sign * mass[:, row], 0.0)
                 apart = distance[::course.parts, row]
                 near[::course.parts] |= (heavy * size[row] > apart * cost) & (apart < _PERHAPS)

@@ -17,8 +17,9 @@ from itertools import pairwise
 import math
 
 import numpy as np
-from obc_ros.core.numerics.arrays import Array, Mask
+from obc_ros.core.numerics.arrays import Array, Index, Mask
 from obc_ros.core.ocp.problem import Problem
+from obc_ros.core.ocp.structure import find_mixed_equalities
 from obc_ros.core.solver.transcription.mesh import HELD, Layout, LINEAR, Mesh, Path, Phase
 
 # For each arc the level of each input, None where it is free, and the bounds it is on or touches.
@@ -119,12 +120,16 @@ def find_arcs(problem: Problem, path: Path, switching: Sequence[bool],
 
     """
     spans = []
+    t = np.column_stack([path.t[:-1], path.t[1:]]).ravel()
+    u = np.stack([path.ua, path.ub], axis=1).reshape(-1, problem.m)
+    status = np.column_stack([_find_status(u[:, i], problem.u_lower[i], problem.u_upper[i])
+                              for i in range(problem.m)])
+    for inputs in find_mixed_equalities(problem):
+        _free_farthest(status, u, problem, np.flatnonzero(inputs))
     for i, switches in enumerate(switching):
         bounded = math.isfinite(problem.u_lower[i]) or math.isfinite(problem.u_upper[i])
         if switches and bounded:
-            t = np.column_stack([path.t[:-1], path.t[1:]]).ravel()
-            u = np.column_stack([path.ua[:, i], path.ub[:, i]]).ravel()
-            row = _spans(t, u, problem.u_lower[i], problem.u_upper[i])
+            row = _spans(t, u[:, i], status[:, i], problem.u_lower[i], problem.u_upper[i])
             spans.append(_unheld(row) if curved is not None and curved[i] else row)
         else:
             spans.append([_Span(0.0, path.t[-1], math.nan)])
@@ -159,11 +164,23 @@ def join(spans: Sequence[Sequence[_Span]]) -> list[Arc]:
     return arcs
 
 
-def _spans(t: Array, u: Array, lower: float, upper: float) -> list[_Span]:
-    """Return the spans of an input at bounds and free, with steep slopes replaced by jumps."""
+def _find_status(u: Array, lower: float, upper: float) -> Array:
+    """Return at which bound an input (K,) is at each point."""
     size = upper - lower if math.isfinite(upper - lower) else max(1e-9, np.ptp(u))
-    status = np.where(u <= lower + 1e-3 * size, _LOWER,
-                      np.where(u >= upper - 1e-3 * size, _UPPER, _INSIDE))
+    return np.where(u <= lower + 1e-3 * size, _LOWER,
+                    np.where(u >= upper - 1e-3 * size, _UPPER, _INSIDE))
+
+
+def _free_farthest(status: Array, u: Array, problem: Problem, of: Index) -> None:
+    """Set one input of an equality inside where all of them seem to be at bounds."""
+    lower, upper = problem.u_lower[of], problem.u_upper[of]
+    distance = np.minimum(u[:, of] - lower, upper - u[:, of])
+    held = np.flatnonzero((status[:, of] != _INSIDE).all(axis=1))
+    status[held, of[np.argmax(distance[held], axis=1)]] = _INSIDE
+
+
+def _spans(t: Array, u: Array, status: Array, lower: float, upper: float) -> list[_Span]:
+    """Return the spans of an input at bounds and free, with steep slopes replaced by jumps."""
     edges = np.flatnonzero(np.diff(status)) + 1
     runs = [(int(part[0]), int(part[-1])) for part in np.split(np.arange(len(t)), edges)]
     level = {_LOWER: lower, _UPPER: upper, _INSIDE: math.nan}
@@ -306,6 +323,27 @@ def tidy_arcs(arcs: Sequence[Arc], shortest: float = 0.0) -> list[Arc]:
             kept.append(replace(arc, start=kept[-1].end if kept else 0.0))
     kept[-1] = replace(kept[-1], end=T)
     return kept
+
+
+def free_shared_inputs(arcs: Sequence[Arc], shared: Mask) -> list[Arc]:
+    """
+    Free the inputs of an equality with states on arcs on which it would have no free input.
+
+    Parameters
+    ----------
+    arcs : sequence of Arc
+        Without gaps.
+    shared : ndarray of bool, shape (k, m)
+        The inputs of each of k equalities, one at least. Inputs at bounds may satisfy an
+        equality of inputs alone.
+
+    """
+    freed = []
+    for arc in arcs:
+        held = ~np.isnan(arc.levels)
+        stuck = shared[(held | ~shared).all(axis=1)].any(axis=0)
+        freed.append(replace(arc, levels=tuple(np.where(stuck, np.nan, arc.levels).tolist())))
+    return freed
 
 
 def limit_shortening(arcs: Sequence[Arc], curved: Mask, least: float) -> Array:

@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 from obc_ros.core.numerics.arrays import Array, Mask
-from obc_ros.core.ocp.structure import find_shared_inputs
+from obc_ros.core.ocp.structure import find_mixed_equalities, find_shared_inputs
 from obc_ros.core.solver.adjoint.costates import Extremal
 from obc_ros.core.solver.adjoint.mesh_refinement import is_below
 from obc_ros.core.solver.arcs.bang_arcs import close_ends
@@ -22,6 +22,7 @@ from obc_ros.core.solver.arcs.input_arcs import (
     close_gaps,
     find_arcs,
     find_jumping_inputs,
+    free_shared_inputs,
     get_signature,
     have_moved,
     open_arcs,
@@ -177,7 +178,8 @@ class ArcIteration:
         return self.broken(self.touching(found, outcome), outcome)
 
     def broken(self, arcs: list[Arc], outcome: TranscriptionOutcome) -> list[Arc]:
-        """Return arcs cut where inputs jump without meeting a bound."""
+        """Return arcs with a free input in each equality, cut where inputs jump inside bounds."""
+        arcs = free_shared_inputs(arcs, find_mixed_equalities(self.problem))
         loose = ~(np.isfinite(self.problem.u_lower) | np.isfinite(self.problem.u_upper))
         of = (loose | find_shared_inputs(self.problem)) & np.array(self.switching)
         return cut_at_jumps(

@@ -123,3 +123,33 @@ def test_a_bang_much_shorter_than_an_interval_is_found(lag: float) -> None:
     assert found.certified
     assert found.objective == pytest.approx(heat, rel=1e-9)
     assert found.switching_times == pytest.approx([time], rel=1e-5)
+
+
+def complement(weight: float) -> tuple[float, float]:
+    """
+    Return the time of the switch, and the least cost, with a penalised complementarity.
+
+    y' = 2 - s from -1 to t = 2; y = q - p with p, q >= 0. Without a penalty s = -1 while q = 0
+    and s = 1 while p = 0. It pays to switch at y = -a < 0: 2 weight p is due until p = 0.
+    """
+    def cost(a):
+        end = 2 - (1 - a) / 3 - a
+        return (1 - a**3) / 9 + (a**3 + end**3) / 3 + weight * a**2 + (end - 5 / 3)**2
+
+    a = minimize_scalar(cost, bounds=(0, 0.1), method='bounded', options={'xatol': 1e-12}).x
+    return (1 - a) / 3, cost(a)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('weight', [200.0, 1000.0])
+def test_inputs_of_an_equality_change_their_bounds_one_after_the_other(weight: float) -> None:
+    """One of three inputs jumps; the other two meet their bounds 1 to 5 ms later, of 2 s."""
+    time, cost = complement(weight)
+    found = solve(problems.pose(
+        {'y': '2 - s'}, f'y**2 + {weight}*(p*(s + 1) + q*(1 - s))', (-1,),
+        {'free': False, 'value': 2}, inputs=['s', 'p', 'q'], terminal_cost='(y - 5/3)**2',
+        input_bounds={'s': [-1, 1], 'p': [0, 10], 'q': [0, 10]},
+        path_constraints=[{'expr': 'q - p - y', 'lower': 0, 'upper': 0}]))
+    assert found.certified
+    assert found.objective == pytest.approx(cost, rel=1e-8)
+    assert found.switching_times[0] == pytest.approx(time, rel=1e-6)
