@@ -54,7 +54,7 @@ from obc_ros.core.solver.transcription.program import ProblemScales, Transcripti
 
 _VANISHING = 1e-4     # length, as part of T, up to which a phase has vanished
 _NEAR = 1e-5          # relative distance from a bound up to which a constraint is active
-_HARDLY = 1e-3        # relative distance up to which it stays active between two boundary arcs
+_HARDLY = 1e-2        # relative distance up to which it stays active between two boundary arcs
 _MOST = 0.8           # part of a contact with inputs at bounds from which on these imply it
 _WEIGHS = 1e-5        # multiplier of a bound relative to the costates from which on it is touched
 _SAME = 1e-5          # relative increase of the cost by tangential junctions that is accepted
@@ -371,15 +371,14 @@ def _settled_on(bench: Bench, program: PhasedProgram, outcome: TranscriptionOutc
             return answer
         value = fitter.at(problem, answer.x, answer.u)
         erred = answer.certificate.residuals[Condition.DYNAMICS]
+        # The signs of dH/du mean nothing while a bound is missing.
+        touched = add_touching_arcs(problem, found.arcs, found, program.bounds, answer.t, value)
+        if get_signature(touched) != get_signature(found.arcs) and (
+                get_signature(touched), turn.fine, turn.graded) not in seen:
+            turn = turn.like(found, touched)
+            continue
         if erred > answer.certificate.tolerances[Condition.COSTATE]:
-            # At this discretisation error only the multipliers of bounds are trusted.
-            touched = add_touching_arcs(problem, found.arcs, found, program.bounds, answer.t,
-                                        value)
-            if get_signature(touched) != get_signature(found.arcs) and (
-                    get_signature(touched), turn.fine, turn.graded) not in seen:
-                turn = turn.like(found, touched)
-            else:
-                turn = turn.finer(found, erred, meter, options)
+            turn = turn.finer(found, erred, meter, options)
             continue
         new = reread_arcs(problem, program, judge, found, answer, value)
         if get_signature(new) == get_signature(found.arcs):

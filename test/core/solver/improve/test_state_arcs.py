@@ -2,19 +2,24 @@
 # SPDX-License-Identifier: Apache-2.0
 """Arcs of state constraints: multipliers of phases, and bounds that are exceeded in between."""
 
+from pathlib import Path
+
 import numpy as np
+from obc_ros.core.ocp.statement import build_problem, load_file
 from obc_ros.core.solver.arcs.constraint_orders import BoundRates
 from obc_ros.core.solver.arcs.input_arcs import Arc
 from obc_ros.core.solver.arcs.mixed_constraints import hold_constraints
 from obc_ros.core.solver.arcs.phase_program import PhasedProgram
 from obc_ros.core.solver.improve.state_arcs import add_exceeded_bounds
 from obc_ros.core.solver.nlp.meter import Meter
+from obc_ros.core.solver.solve import solve
 from obc_ros.core.solver.starts.initial_guess import estimate_scales
 from obc_ros.core.solver.transcription.mesh import build_path
 import problems
 import pytest
 
 LIMIT = 0.1
+ROBOTS = Path(__file__).parents[3] / 'collections' / 'practical'
 FREE = (np.nan,)
 
 
@@ -74,3 +79,20 @@ def test_a_bound_that_is_exceeded_between_points_becomes_active(sign):
     assert [arc.on for arc in new] == [(0, 0), (sign, 0), (0, 0), (0, sign), (0, 0)]
     assert (new[1].start, new[1].end) == pytest.approx((0.49, 0.51), abs=0.011)
     assert add_exceeded_bounds(problem, arcs, bounds, t, value * (1 - 1e-3), 1e-6) is arcs
+
+
+@pytest.mark.slow
+def test_a_bound_that_is_touched_twice_is_followed_in_between() -> None:
+    """
+    Swing up a cart-pole in least time on a short rail.
+
+    At one end of the rail the cart stands still; at first it touches the end twice. The value is
+    that of Radau collocation by hand, with IPOPT.
+    """
+    [mapping] = load_file(ROBOTS / 'cartpole_b.yaml')
+    found = solve(build_problem(mapping))
+    assert found.certified, found.message
+    expected = mapping['expected']
+    assert found.objective == pytest.approx(expected['objective'], abs=expected['tolerance'])
+    on_end = np.abs(found.x[:, 0] + 0.4) < 1e-6
+    assert np.ptp(found.t[on_end]) > 0.02
