@@ -15,7 +15,7 @@ import numpy as np
 from obc_ros.core.numerics.arrays import Array, Index
 from obc_ros.core.ocp.augmentation import restore_added_states
 from obc_ros.core.ocp.certificate.certificate import REPLAY_ERROR
-from obc_ros.core.ocp.certificate.replay import Intervals, ReplayIntegrator
+from obc_ros.core.ocp.certificate.replay import build_intervals, Intervals, ReplayIntegrator
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.ocp.solution import Solution
 from obc_ros.core.text.errors import ObcError
@@ -66,17 +66,17 @@ def interpolate(problem: Problem, solution: Solution, times: Array) -> PathValue
         raise ObcError(f'at: {times[~inside][0]:g} s is not a time of the path; wanted times from '
                        f'{t[0]:g} s to {t[-1]:g} s')
     k = np.searchsorted(t, times, side='right') - 1
-    x, u = solution.x[k], solution.u[k]
-    lam = solution.lam[k] if solution.lam.size else np.zeros((len(k), 0))
+    n, without = shown.x.shape[1], not solution.lam.size
+    if without:
+        solution = replace(solution, lam=np.zeros_like(solution.x))
+    x, u, lam = solution.x[k], solution.u[k], solution.lam[k]
     between = np.flatnonzero(times > t[k])   # the last sample has no interval
     integrator = ReplayIntegrator(problem) if between.size else None
     for part in np.array_split(between, -(-len(between) // _AT_ONCE) or 1):
         if integrator is not None:
-            x[part], u[part], found = _integrate(integrator, problem, solution, times[part],
-                                                 k[part])
-            lam[part] = found[:, :lam.shape[1]]
-    n = shown.x.shape[1]
-    return PathValues(times, x[:, :n], u, lam[:, :n])
+            x[part], u[part], lam[part] = _integrate(
+                integrator, problem, solution, times[part], k[part])
+    return PathValues(times, x[:, :n], u, lam[:, :0 if without else n])
 
 
 def _integrate(integrator: ReplayIntegrator, problem: Problem, solution: Solution, times: Array,
@@ -85,11 +85,11 @@ def _integrate(integrator: ReplayIntegrator, problem: Problem, solution: Solutio
     whole = build_intervals(problem, solution, k)
     part = ((times - solution.t[k]) / whole.h)[:, None]
     ahead, rest = _split(whole, part)
-    scale = np.maximum(np.abs(np.hstack([solution.x, _costates(solution)])).max(axis=0), 1e-300)
+    scale = np.maximum(np.abs(np.hstack([solution.x, solution.lam])).max(axis=0), 1e-300)
     run = problem.p_value, scale, REPLAY_ERROR / len(solution.t)
     end, middle = integrator.replay(whole, *run), integrator.replay(ahead, *run)
     x, u, lam = middle.x[:, -1], middle.u[:, -1], middle.lam[:, -1]
-    missed = end.lam[:, -1] - _costates(solution)[k + 1]
+    missed = end.lam[:, -1] - solution.lam[k + 1]
     with np.errstate(invalid='ignore'):
         bad = np.flatnonzero(~(np.abs(missed) <= _MISSED * scale[problem.n:]).all(axis=1))
     # As in the certificate, costates pass through their samples.
@@ -97,7 +97,7 @@ def _integrate(integrator: ReplayIntegrator, problem: Problem, solution: Solutio
     if bad.size:
         rest = rest.some(bad)
         rest = Intervals(**{**vars(rest), 'x': x[bad]})
-        lam[bad] = _from_the_end(integrator, rest, _costates(solution)[k[bad] + 1], run)
+        lam[bad] = _from_the_end(integrator, rest, solution.lam[k[bad] + 1], run)
     return x, u, lam
 
 
@@ -107,34 +107,6 @@ def _from_the_end(integrator: ReplayIntegrator, rest: Intervals, lam_end: Array,
     course = integrator.replay(rest, *run)
     _, defect = integrator.there_and_back(course, rest, lam_end, *run, back=True)
     return np.asarray(rest.lam - defect)
-
-
-def build_intervals(problem: Problem, solution: Solution, k: Index) -> Intervals:
-    """
-    Return the intervals of a solution that begin at some samples.
-
-    Parameters
-    ----------
-    problem : Problem
-        The problem.
-    solution : Solution
-        With all states of the problem.
-    k : ndarray of int, shape (K,)
-        Indices of the samples; the next sample is later.
-
-    Returns
-    -------
-    Intervals
-        For `ReplayIntegrator`.
-
-    """
-    ends = k if solution.interpolation == 'zoh' else k + 1
-    none = np.zeros((len(solution.t), problem.path.numel()))
-    s, m = solution.state_multipliers, solution.path_multipliers
-    s, m = np.zeros_like(solution.x) if s is None else s, none if m is None else m
-    return Intervals(
-        h=solution.t[k + 1] - solution.t[k], x=solution.x[k], lam=_costates(solution)[k],
-        ua=solution.u[k], ub=solution.u[ends], sa=s[k], sb=s[k + 1], ma=m[k], mb=m[k + 1])
 
 
 def restore_added_costates(problem: Problem, solution: Solution) -> Solution:
@@ -190,6 +162,3 @@ def _split(whole: Intervals, part: Array) -> tuple[Intervals, Intervals]:
     return ahead, Intervals(**{**vars(whole), 'h': (1 - part[:, 0]) * h,
                                **{f'{name}a': value for name, value in middle.items()}})
 
-
-def _costates(solution: Solution) -> Array:
-    return solution.lam if solution.lam.size else np.zeros_like(solution.x)

@@ -68,7 +68,12 @@ from obc_ros.core.numerics.vectorized import VectorizedFunction
 from obc_ros.core.ocp.certificate.defect_correction import find_correction
 from obc_ros.core.ocp.certificate.hamiltonian_minimum import HamiltonianScales as InputScales
 from obc_ros.core.ocp.certificate.hamiltonian_minimum import InputMinimum, Points
-from obc_ros.core.ocp.certificate.replay import Intervals, LEAST_COST, PARTS, ReplayIntegrator
+from obc_ros.core.ocp.certificate.replay import (
+    build_intervals,
+    LEAST_COST,
+    PARTS,
+    ReplayIntegrator,
+)
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.ocp.solution import Certificate, Condition, Solution
 
@@ -190,7 +195,7 @@ class _Judge:
         self.p = problem.p_value
         self.duration = float(solution.t[-1] - solution.t[0])
         self.rows = np.flatnonzero(np.diff(solution.t) > 0)
-        self.intervals = self._intervals()
+        self.intervals = build_intervals(problem, solution, self.rows)
         self.x_scale = self._x_scale()
         lam = float((np.abs(solution.lam) * self.x_scale).max())
         least = 1e-3 * LEAST_COST if lam else 1.0
@@ -247,16 +252,6 @@ class _Judge:
                 Condition.FINAL_TIME: self._final_time(),
                 Condition.COST: self._cost(),
             }
-
-    def _intervals(self) -> Intervals:
-        solution, k = self.solution, self.rows
-        ends = k if solution.interpolation == 'zoh' else k + 1
-        none = np.zeros((len(solution.t), self.problem.path.numel()))
-        s, m = solution.state_multipliers, solution.path_multipliers
-        s, m = np.zeros_like(solution.x) if s is None else s, none if m is None else m
-        return Intervals(
-            h=np.diff(solution.t)[k], x=solution.x[k], lam=solution.lam[k], ua=solution.u[k],
-            ub=solution.u[ends], sa=s[k], sb=s[k + 1], ma=m[k], mb=m[k + 1])
 
     def _points(self) -> Points:
         """Return H, its derivatives and its terms at the quarters of all intervals."""

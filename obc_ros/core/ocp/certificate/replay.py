@@ -32,6 +32,7 @@ from obc_ros.core.numerics.runge_kutta import DORMAND_PRINCE
 from obc_ros.core.numerics.vectorized import VectorizedFunction
 from obc_ros.core.ocp.certificate.affine_replay import AffineReplay, Rates, replay_affine
 from obc_ros.core.ocp.problem import Problem
+from obc_ros.core.ocp.solution import Solution
 
 _A, _C = DORMAND_PRINCE.A, DORMAND_PRINCE.c
 PARTS = 4           # values are returned at the quarters of an interval
@@ -66,6 +67,34 @@ class Intervals:
     def some(self, rows: Index) -> 'Intervals':
         """Return the intervals with these indices."""
         return Intervals(**{name: values[rows] for name, values in vars(self).items()})
+
+
+def build_intervals(problem: Problem, solution: Solution, k: Index) -> Intervals:
+    """
+    Return the intervals of a solution that begin at some samples.
+
+    Parameters
+    ----------
+    problem : Problem
+        The problem.
+    solution : Solution
+        With all states and costates of the problem.
+    k : ndarray of int, shape (K,)
+        Indices of the samples; the next sample is later.
+
+    Returns
+    -------
+    Intervals
+        For `ReplayIntegrator`.
+
+    """
+    ends = k if solution.interpolation == 'zoh' else k + 1
+    none = np.zeros((len(solution.t), problem.path.numel()))
+    s, m = solution.state_multipliers, solution.path_multipliers
+    s, m = np.zeros_like(solution.x) if s is None else s, none if m is None else m
+    return Intervals(
+        h=solution.t[k + 1] - solution.t[k], x=solution.x[k], lam=solution.lam[k],
+        ua=solution.u[k], ub=solution.u[ends], sa=s[k], sb=s[k + 1], ma=m[k], mb=m[k + 1])
 
 
 @dataclass(frozen=True, eq=False)
