@@ -14,6 +14,7 @@ A double is read as its shortest decimal, which is how it was written: 0.1 is 1/
 from collections.abc import Callable, Sequence
 from fractions import Fraction
 from math import isfinite
+from typing import TypeVar
 
 import casadi as ca
 from obc_ros.core.numerics.arrays import Array
@@ -23,6 +24,7 @@ from obc_ros.core.numerics.instructions import Instructions
 Monomial = tuple[tuple[int, int], ...]
 Polynomial = dict[Monomial, Fraction]
 RationalRow = dict[int, Fraction]
+Key = TypeVar('Key')
 
 _MOST_TERMS = 3000
 _MOST_POWER = 12
@@ -71,13 +73,7 @@ class Algebra:
 
     def add(self, a: Polynomial, b: Polynomial, factor: Fraction = Fraction(1)) -> Polynomial:
         """Return a + factor b."""
-        total = dict(a)
-        for monomial, value in b.items():
-            new = total.get(monomial, Fraction(0)) + factor * value
-            if new:
-                total[monomial] = new
-            else:
-                total.pop(monomial, None)
+        total = _add_sparse(a, b, factor)
         if len(total) > _MOST_TERMS:
             raise TooHardError
         return total
@@ -310,14 +306,14 @@ def reduce_rows(rows: Sequence[RationalRow]) -> dict[int, RationalRow]:
     for given in rows:
         row = dict(given)
         for pivot in [column for column in row if column in found]:
-            row = _less(row, found[pivot], row[pivot])
+            row = _add_sparse(row, found[pivot], -row[pivot])
         if not row:
             continue
         pivot = min(row)
         row = {column: value / row[pivot] for column, value in row.items()}
         for other, each in found.items():
             if pivot in each:
-                found[other] = _less(each, row, each[pivot])
+                found[other] = _add_sparse(each, row, -each[pivot])
         found[pivot] = row
     return found
 
@@ -345,12 +341,14 @@ def find_null_space(rows: Sequence[RationalRow], columns: int) -> list[RationalR
             for free in range(columns) if free not in found]
 
 
-def _less(row: RationalRow, other: RationalRow, factor: Fraction) -> RationalRow:
-    result = dict(row)
-    for column, value in other.items():
-        new = result.get(column, Fraction(0)) - factor * value
+def _add_sparse(a: dict[Key, Fraction], b: dict[Key, Fraction], factor: Fraction
+                ) -> dict[Key, Fraction]:
+    """Return a + factor b, without entries that are 0."""
+    total = dict(a)
+    for key, value in b.items():
+        new = total.get(key, Fraction(0)) + factor * value
         if new:
-            result[column] = new
+            total[key] = new
         else:
-            result.pop(column, None)
-    return result
+            total.pop(key, None)
+    return total

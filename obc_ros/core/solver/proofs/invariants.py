@@ -17,6 +17,7 @@ constraints define.
 from collections.abc import Iterator, Sequence
 from fractions import Fraction
 from itertools import combinations_with_replacement
+from math import prod
 
 import casadi as ca
 import numpy as np
@@ -165,10 +166,7 @@ def _compared(problem: Problem, end: _Surface, c: RationalRow,
 
 
 def _product(x: Sequence[Fraction], monomial: StateMonomial) -> Fraction:
-    value = Fraction(1)
-    for k in monomial:
-        value *= x[k]
-    return value
+    return prod((x[k] for k in monomial), start=Fraction(1))
 
 
 def _values(x: Array, monomials: list[StateMonomial]) -> Array:
