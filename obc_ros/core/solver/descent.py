@@ -10,7 +10,6 @@ of the cost to first order. 'Relative excess' is this loss over |J|.
 
 from collections.abc import Iterator
 from dataclasses import replace
-import math
 
 import numpy as np
 from obc_ros.core.ocp.solution import Verdict
@@ -23,9 +22,9 @@ from obc_ros.core.solver.trace import DESCENT, Entry, judge_path, MESH
 from obc_ros.core.solver.transcription.program import TranscriptionOutcome
 
 
-class Descent:
+class _Descent:
     """
-    A descent from one outcome, which can be interrupted.
+    A descent from one outcome.
 
     Parameters
     ----------
@@ -38,40 +37,21 @@ class Descent:
 
     def __init__(self, bench: Bench, start: TranscriptionOutcome) -> None:
         self._state, self._tried = State(bench, start, bench.switching), start
-        self._entry = bench.trace.begin(DESCENT, f'from cost {start.objective:.6g}')
         self._meshes = enumerate(self._refine(bench.options.descent.meshes))
-        self._started = False
 
-    def finish(self) -> Candidate:
-        """
-        Refine mesh and arcs until the certificate passes.
-
-        The last candidate that was certified is returned; otherwise the best without a certificate
-        that passes.
-        """
-        found = self.advance(math.inf)
-        assert found is not None
-        return found
-
-    def advance(self, most: float) -> Candidate | None:
-        """Do what `finish` does, up to `most` work; None if interrupted, at the end of a mesh."""
-        bench = self._state.bench
-        before = bench.work
-        with bench.trace.under(self._entry):
-            done = not self._started and self._try(DescentStage.START)
-            self._started = True
-            while not (done or self._step()):
-                if bench.work - before > most:
-                    return None
-            best = self._state.best or self._certify()
-            if not (best.certified or self._state.outcome is self._tried):
-                self._try(DescentStage.CERTIFIED)
-                best = self._state.best or best
-            if not best.feasible:
-                self._state = replace(self._state, best=best)
-                self._try(DescentStage.VIOLATED)
-                best = self._state.best or best
-        self._entry.end(*judge_path(best.solution), cost=best.solution.objective)
+    def run(self) -> Candidate:
+        """Do what `descend` does."""
+        done = self._try(DescentStage.START)
+        while not (done or self._step()):
+            pass
+        best = self._state.best or self._certify()
+        if not (best.certified or self._state.outcome is self._tried):
+            self._try(DescentStage.CERTIFIED)
+            best = self._state.best or best
+        if not best.feasible:
+            self._state = replace(self._state, best=best)
+            self._try(DescentStage.VIOLATED)
+            best = self._state.best or best
         return best
 
     def _step(self) -> bool:
@@ -176,14 +156,21 @@ class Descent:
         mesh = bench.finer(outcome, course, exceeded)
         if bench.meter.stopped or not bench.meter.allows(mesh.layout.intervals):
             return False
-        most = options.work // (mesh.layout.intervals * (1 + mesh.layout.stages))
         new = bench.collocate(mesh, outcome.path, near=True, sizes=bench.sizes(outcome),
-                              guide=outcome, most=min(options.iterations, max(50, most)))
+                              guide=outcome, most=options.iterations)
         if new.converged:
             self._state = remove_vanished_arcs(replace(self._state, outcome=new))
         return new.converged
 
 
 def descend(bench: Bench, start: TranscriptionOutcome) -> Candidate:
-    """Refine mesh and arcs of a coarse outcome until its certificate passes."""
-    return Descent(bench, start).finish()
+    """
+    Refine mesh and arcs of a coarse outcome until its certificate passes.
+
+    The last candidate that was certified is returned; otherwise the best without a certificate
+    that passes.
+    """
+    with bench.trace.attempt(DESCENT, f'from cost {start.objective:.6g}') as attempt:
+        best = _Descent(bench, start).run()
+        attempt.end(*judge_path(best.solution), cost=best.solution.objective)
+    return best

@@ -59,7 +59,8 @@ class CoarseOptions:
     left: tuple[float, ...] = steer(
         (0.5, 0.8), 'infeasibility above which it does', 'first infeasibility', 'orbit_transfer')
     wild: float = steer(
-        1e6, 'infeasibility, or excess of the cost, of paths that diverged', 'scaled')
+        1e6, 'infeasibility, or excess of the cost, of paths that diverged', 'scaled',
+        'alp_rider')
     error: float = steer(
         1e-2, 'error of a step, of the cost or of an input that is small enough',
         'relative', 'rayleigh_mintime')
@@ -92,7 +93,6 @@ class DescentOptions:
         5, 'meshes after which switching times are sought in any case', 'meshes', 'oil_shale')
     iterations: int = steer(
         350, 'maximum on a finer mesh, from the coarser one', 'iterations', 'sphere_geodesic')
-    work: int = steer(450_000, 'maximum on a finer mesh, but for 50 iterations', 'work')
     boundary_excess: float = steer(
         0.1, 'excess below which arcs along state bounds are sought', 'relative',
         'heated_rod_limit')
@@ -153,13 +153,12 @@ class MultistartOptions:
         'starts', 'hypersensitive_long')
     least_bent: int = steer(8, 'minimum for bent problems', 'starts', 'cstr_kirk')
     after: int = steer(
-        3, 'starts after a better solution, and beside a long first descent; rollouts after a '
-        'new minimum, twice as many of a bent problem', 'starts', 'cart_pole')
+        3, 'starts after a better solution; rollouts after a new minimum, twice as many of a '
+        'bent problem', 'starts', 'cart_pole')
     many: int = steer(
         24, 'minimum for hard problems by steps and costs with wells', 'starts', 'f8_aircraft')
     many_work: int = steer(15_000, 'minimum for these', 'work', 'terminal_wells_plane')
     most: int = steer(80, 'maximum', 'starts', 'terminal_wells_plane')
-    long: int = steer(60_000, 'work of the first descent before others are looked at', 'work')
     splits: int = steer(2, 'mesh halvings to confirm a lower cost', 'meshes', 'f8_aircraft')
     rough_work: int = steer(
         3000, 'work for starts of rough problems that are not hard, and for windows',

@@ -91,7 +91,7 @@ def _descend(coarse: CoarseResult, pool: StartPool) -> tuple[Candidate, Bench, l
     bench = replace(bench, meter=_budget(coarse))
     if bench.quick:
         return descend(bench, outcomes[0]), bench, []
-    first, floor = descend_from_coarse(bench, pool, outcomes[0])
+    first, floor = descend_from_coarse(bench, outcomes[0])
     if not (first.certified or bench.meter.stopped) and (
             reason := explain_contradiction(bench.stated)):
         # The discretised problem may have paths although the stated one has none.

@@ -112,9 +112,10 @@ class Trace:
         """Add work, in iterations times intervals."""
         self.work += work
 
-    def begin(self, method: str, what: str = '', *, aside: bool = False) -> Entry:
+    @contextmanager
+    def attempt(self, method: str, what: str = '', *, aside: bool = False) -> Iterator[Entry]:
         """
-        Add an attempt that belongs to the innermost one under way.
+        Add an attempt, make it the innermost one under way, and count its work.
 
         Parameters
         ----------
@@ -123,22 +124,11 @@ class Trace:
         aside : bool
             Whether another problem is solved, whose costs say nothing about this one.
 
-        Returns
-        -------
-        Entry
-            For `under`, again and again if the attempt is interrupted.
-
         """
         inner = self._open[-1].number if self._open else 0
         entry = Entry(len(self._entries) + 1, inner, method, what, self.work,
                       aside or self._aside)
         self._entries.append(entry)
-        return entry
-
-    @contextmanager
-    def under(self, entry: Entry) -> Iterator[Entry]:
-        """Make an attempt the innermost one under way, and count its work."""
-        before = self.work
         self._open.append(entry)
         self._description = None
         try:
@@ -146,13 +136,7 @@ class Trace:
         finally:
             self._open.pop()
             self._description = None
-            entry.spend(self.work - before)
-
-    @contextmanager
-    def attempt(self, method: str, what: str = '', *, aside: bool = False) -> Iterator[Entry]:
-        """Add an attempt, and make it the innermost one under way; see `begin`."""
-        with self.under(self.begin(method, what, aside=aside)) as entry:
-            yield entry
+            entry.spend(self.work - entry.begun)
 
     def found(self, cost: float, certified: bool) -> None:
         """Note the cost of a feasible path, for `describe`; a certified one replaces others."""

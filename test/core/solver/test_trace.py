@@ -59,19 +59,18 @@ def test_the_most_detailed_attempts_are_left_out(tree, most):
     assert all(not each.parent or each.parent in numbers for each in found)
 
 
-def test_an_interrupted_attempt_counts_its_own_work_only():
+def test_an_attempt_counts_its_own_work_only():
     trace = Trace()
-    first = trace.begin('descent')
-    with trace.under(first):
-        trace.spend(3)
     with trace.attempt('beside'):
         trace.spend(10)
-    with trace.under(first), trace.attempt('mesh') as mesh:
-        trace.spend(4)
-        mesh.end(Verdict.CERTIFIED, cost=1.5, loss=1e-9)
-    descent, beside, inner = trace.attempts()
-    assert (descent.work, beside.work, inner.work) == (7, 10, 4)
-    assert (inner.parent, inner.begun, inner.cost, inner.verdict) == (1, 13, 1.5, 'certified')
+    with trace.attempt('descent'):
+        trace.spend(3)
+        with trace.attempt('mesh') as mesh:
+            trace.spend(4)
+            mesh.end(Verdict.CERTIFIED, cost=1.5, loss=1e-9)
+    beside, descent, inner = trace.attempts()
+    assert (beside.work, descent.work, inner.work) == (10, 7, 4)
+    assert (inner.parent, inner.begun, inner.cost, inner.verdict) == (2, 13, 1.5, 'certified')
     assert descent.verdict is Verdict.STOPPED
     assert math.isnan(descent.cost)
 

@@ -10,7 +10,7 @@ from obc_ros.core.ocp.solution import MOST_MINIMA, Solution, Verdict
 from obc_ros.core.solver.adjoint.mesh_refinement import is_below
 from obc_ros.core.solver.bench import Bench, Candidate
 from obc_ros.core.solver.coarse_mesh import solve_next_start
-from obc_ros.core.solver.descent import descend, Descent
+from obc_ros.core.solver.descent import descend
 from obc_ros.core.solver.improve.improvement import DescentStage, State
 from obc_ros.core.solver.improve.registry import try_improvements
 from obc_ros.core.solver.program_cache import Answered, collect_numbers
@@ -25,20 +25,14 @@ from obc_ros.core.solver.transcription.mesh import build_uniform_mesh, split
 from obc_ros.core.solver.transcription.program import TranscriptionOutcome
 
 
-def descend_from_coarse(bench: Bench, pool: StartPool, first: TranscriptionOutcome
-                        ) -> tuple[Candidate, float]:
+def descend_from_coarse(bench: Bench, first: TranscriptionOutcome) -> tuple[Candidate, float]:
     """
-    Refine a coarse outcome; after much work, try cheaper outcomes of other guesses first.
-
-    A local minimum may need very fine meshes, for example between obstacles, while a better one
-    is found easily.
+    Improve and refine the best coarse outcome.
 
     Parameters
     ----------
     bench : Bench
         With the coarse mesh.
-    pool : StartPool
-        Other guesses.
     first : TranscriptionOutcome
         The best one on the coarse mesh.
 
@@ -49,20 +43,8 @@ def descend_from_coarse(bench: Bench, pool: StartPool, first: TranscriptionOutco
         Cost on the coarse mesh of the outcome that led to it.
 
     """
-    options = bench.options.multistart
     first = try_improvements(DescentStage.COARSE, State(bench, first)).outcome
-    descent = Descent(bench, first)
-    if (found := descent.advance(options.long)) is not None:
-        return found, first.objective
-    cheapest = first
-    for _ in range(options.after):
-        outcome = solve_next_start(bench, pool, once=True, hard=True)
-        if is_below(outcome.objective, cheapest.objective, ANOTHER) and bench.is_accurate(outcome):
-            cheapest = outcome
-    other = None if cheapest is first else descend(bench, cheapest)
-    if other is not None and other.certified:
-        return other, cheapest.objective
-    return descent.finish(), first.objective
+    return descend(bench, first), first.objective
 
 
 @dataclass(frozen=True)
