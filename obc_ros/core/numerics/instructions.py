@@ -12,6 +12,8 @@ from obc_ros.core.numerics.arrays import Array, Mask
 
 Number = TypeVar('Number')
 
+_NOTHING = 1e-300   # added to a sum of squares: changes no result that is not 0
+
 
 class Instructions:
     """
@@ -126,3 +128,59 @@ def separate_numbers(expressions: ca.SX, arguments: Sequence[ca.SX]
     found = Instructions(function).evaluate(
         lambda i, k: arguments[i][k], name, apply_to_expressions)[0]
     return ca.vertcat(*found), ca.vertcat(ca.SX(0, 1), *symbols.values()), np.array([*symbols])
+
+
+def make_norms_differentiable(expressions: Sequence[ca.SX], arguments: Sequence[ca.SX],
+                              but: ca.SX) -> list[ca.SX]:
+    """
+    Return expressions in which square roots of sums of squares have derivatives at 0.
+
+    CasADi's derivative of sqrt(a^2 + b^2) at a = b = 0 is 0/0. Here it is 0, as that of |a|: the
+    derivative of sqrt(a^2 + b^2) a, and one of Clarke's generalized gradients of the root. A
+    root of anything else, as sqrt(a), remains.
+
+    Parameters
+    ----------
+    expressions : sequence of casadi.SX
+        Columns.
+    arguments : sequence of casadi.SX
+        Columns of all symbols that occur.
+    but : casadi.SX
+        Symbols whose roots remain as they are.
+
+    Returns
+    -------
+    list of casadi.SX
+        The same objects if no such root occurs.
+
+    """
+    found = Instructions(ca.Function('expressions', list(arguments), [
+        ca.densify(each) for each in expressions]))
+    if not found.have(ca.OP_SQRT):
+        return list(expressions)
+    roots = 0
+
+    def apply(operation: int, operands: list[ca.SX]) -> ca.SX:
+        nonlocal roots
+        if operation == ca.OP_SQRT and _is_sum_of_squares(operands[0]) and not ca.depends_on(
+                operands[0], but):
+            roots += 1
+            return ca.sqrt(operands[0] + _NOTHING)
+        return apply_to_expressions(operation, operands)
+
+    new = found.evaluate(lambda i, k: arguments[i].nz[k], ca.SX, apply)
+    return [ca.vertcat(ca.SX(0, 1), *each) for each in new] if roots else list(expressions)
+
+
+def _is_sum_of_squares(scalar: ca.SX) -> bool:
+    """Return whether a scalar is written as a sum of squares, with positive factors or without."""
+    if scalar.is_constant() or scalar.is_symbolic():
+        return False
+    parts = [scalar.dep(k) for k in range(scalar.n_dep())]
+    if scalar.op() == ca.OP_SQ:
+        return True
+    if scalar.op() == ca.OP_ADD:
+        return all(map(_is_sum_of_squares, parts))
+    return scalar.op() == ca.OP_MUL and any(
+        a.is_constant() and float(a) > 0 and _is_sum_of_squares(b)
+        for a, b in (parts, parts[::-1]))

@@ -2,10 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Structure of the expressions of a problem, independent of its numbers: where inputs appear."""
 
+from dataclasses import replace
+
 import casadi as ca
 import numpy as np
 from obc_ros.core.numerics.arrays import Mask
-from obc_ros.core.numerics.instructions import find_dependence
+from obc_ros.core.numerics.instructions import find_dependence, make_norms_differentiable
 from obc_ros.core.ocp.problem import Problem
 
 
@@ -151,3 +153,27 @@ def find_branching_inputs(problem: Problem) -> Mask:
     curvature = ca.diag(ca.jacobian(ca.gradient(H, u), u))
     bent = find_dependence(curvature, u).diagonal()
     return np.asarray(problem.boxed & bent & ~find_shared_inputs(problem))
+
+
+def make_differentiable(problem: Problem) -> Problem:
+    """
+    Return a problem in whose expressions norms of states have derivatives at 0.
+
+    Parameters
+    ----------
+    problem : Problem
+        Any problem, as one with the drag sqrt(vx^2 + vy^2) vx that begins at rest.
+
+    Returns
+    -------
+    Problem
+        To be differentiated, not for proofs: a norm that is 0 becomes 1e-150. `problem` itself if
+        no norm of states alone occurs.
+
+    """
+    stated = problem.f, problem.L, problem.V, problem.psi, problem.path
+    f, L, V, psi, path = make_norms_differentiable(
+        stated, (problem.x, problem.u, problem.p), problem.u)
+    if f is problem.f:
+        return problem
+    return replace(problem, f=f, L=L, V=V, psi=psi, path=path)

@@ -18,6 +18,7 @@ from obc_ros.core.ocp.structure import (
     find_branching_inputs,
     find_deciding_inputs,
     find_switching_inputs,
+    make_differentiable,
 )
 from obc_ros.core.solver.adjoint.bvp import Indirect
 from obc_ros.core.solver.adjoint.bvp_solution import BoundaryValues
@@ -123,11 +124,12 @@ class ProgramCache:
     def __init__(self, problem: Problem, options: Options = DEFAULTS) -> None:
         self.options = options
         begun = time.monotonic()
-        self.twin = build_smooth_twin(problem)
-        self.judge = CostateIntegrator(problem)
+        differentiable = make_differentiable(problem)
+        self.twin = build_smooth_twin(differentiable)
+        self.judge = CostateIntegrator(differentiable)
         smooth = self.twin.problem(problem, 0) if self.twin else problem
         self.integrator = CostateIntegrator(smooth) if self.twin else self.judge
-        self.guesser = Guesser(smooth, options.guesses)
+        self.guesser = Guesser(smooth if self.twin else differentiable, options.guesses)
         self.switching = find_switching_inputs(smooth)
         self.affine = not ca.depends_on(
             ca.jacobian(problem.f, ca.vertcat(problem.x, problem.u)),
@@ -146,6 +148,11 @@ class ProgramCache:
         """Return a problem of the structure with its own numbers and the symbols of this cache."""
         return replace(problem, **{name: getattr(self._problem, name) for name in SYMBOLIC})
 
+    def _differentiable(self, problem: Problem) -> Problem:
+        """Return a problem with differentiable norms; the smooth reformulation has them."""
+        smooth = self.twin is not None and problem.p is self.twin.p
+        return problem if smooth else make_differentiable(problem)
+
     def transcription(self, problem: Problem, layout: Layout) -> Transcription:
         """
         Return the program of a layout, which is built once.
@@ -163,7 +170,7 @@ class ProgramCache:
             begun = time.monotonic()
             kind = layout.stages, layout.free_durations
             if kind not in self._pieces:
-                self._pieces[kind] = Pieces(problem, *kind)
+                self._pieces[kind] = Pieces(self._differentiable(problem), *kind)
             found = Transcription(
                 problem, layout, self._pieces[kind], self.options.coarse)
             self.build_time += time.monotonic() - begun
@@ -270,12 +277,12 @@ class ProgramCache:
     @cached_property
     def indirect(self) -> Indirect:
         """Return the boundary value problem of the indirect method."""
-        return Indirect(self._problem)
+        return Indirect(make_differentiable(self._problem))
 
     @cached_property
     def phased(self) -> PhasedProgram:
         """Return the multi-phase program for arcs along state bounds."""
-        return PhasedProgram(self._smooth, self.switching)
+        return PhasedProgram(self._differentiable(self._smooth), self.switching)
 
     def fitter(self, problem: Problem, stated: bool = False) -> Fitter:
         """
@@ -290,7 +297,7 @@ class ProgramCache:
 
         """
         if stated not in self._fitters:
-            self._fitters[stated] = Fitter(problem)
+            self._fitters[stated] = Fitter(self._differentiable(problem))
         return self._fitters[stated]
 
 

@@ -200,6 +200,20 @@ def test_exercise_2_3_is_solved_as_stated(end):
 
 
 @pytest.mark.slow
+def test_quadratic_drag_from_rest_to_rest_is_that_along_a_line():
+    """On the line to (3, 1) the drag |v| v is v^2, which is smooth."""
+    drag = '0.5*sqrt(vx**2 + vy**2)'
+    plane = solve(problems.pose(
+        {'x': 'vx', 'y': 'vy', 'vx': f'ax - {drag}*vx', 'vy': f'ay - {drag}*vy'}, 'ax**2 + ay**2',
+        (0, 0, 0, 0), 4, inputs=('ax', 'ay'), terminal_constraints=['x - 3', 'y - 1', 'vx', 'vy']))
+    line = solve(problems.pose(
+        {'s': 'v', 'v': 'a - 0.5*v**2'}, 'a**2', (0, 0), 4, inputs=('a',),
+        terminal_constraints=['s - sqrt(10)', 'v']))
+    assert plane.status == line.status == Status.SOLVED
+    assert plane.objective == pytest.approx(line.objective, rel=1e-6)
+
+
+@pytest.mark.slow
 def test_a_continuously_turning_force_has_no_switching_times():
     """On a coarse mesh the force appears to jump; on the optimal path it turns continuously."""
     solution = solve(problems.build('friction_circle'))

@@ -76,6 +76,7 @@ from obc_ros.core.ocp.certificate.replay import (
 )
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.ocp.solution import Certificate, Condition, Solution
+from obc_ros.core.ocp.structure import make_differentiable
 
 # A coarse mesh, a local minimum of H or a wrong multiplier gives residuals far above these. A
 # solution whose cost is right to six digits is below them.
@@ -131,6 +132,7 @@ class _Functions:
     """The compiled functions of a problem's structure."""
 
     def __init__(self, problem: Problem) -> None:
+        problem = make_differentiable(problem)
         x, u, p = problem.x, problem.u, problem.p
         self.integrator = ReplayIntegrator(problem)
         self.minimum = InputMinimum(problem)

@@ -18,6 +18,7 @@ import numpy as np
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.numerics.vectorized import VectorizedFunction
 from obc_ros.core.ocp.problem import Problem
+from obc_ros.core.ocp.structure import make_differentiable
 
 _FINEST = 2.0**-4   # |A| h up to which four terms of the exponential series are enough
 _MET = 1e-6         # error of a terminal constraint that counts as met, relative to its size
@@ -49,9 +50,12 @@ def find_correction(problem: Problem, x: Array, u: Array, h: Array, jumps: Array
         In units of `u_scale`; infinite if the linearised dynamics are not finite.
 
     """
+    smooth = make_differentiable(problem)
     f_x, f_u = VectorizedFunction([problem.x, problem.u, problem.p], [
-        ca.jacobian(problem.f, problem.x).T, ca.jacobian(problem.f, problem.u).T])(
+        ca.jacobian(smooth.f, problem.x).T, ca.jacobian(smooth.f, problem.u).T])(
             x, u, problem.p_value)
+    if not (np.isfinite(f_x).all() and np.isfinite(f_u).all()):
+        return np.inf
     n, T, (slopes, sizes) = problem.n, float(h.sum()), ends
     A = _exponentials(f_x.reshape(-1, n, n) * h[:, None, None])
     # A change of one scaling factor over all of T has the root mean square 1.

@@ -33,6 +33,7 @@ from obc_ros.core.numerics.vectorized import VectorizedFunction
 from obc_ros.core.ocp.certificate.affine_replay import AffineReplay, Rates, replay_affine
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.ocp.solution import Solution
+from obc_ros.core.ocp.structure import make_differentiable
 
 _A, _C = DORMAND_PRINCE.A, DORMAND_PRINCE.c
 PARTS = 4           # values are returned at the quarters of an interval
@@ -125,7 +126,8 @@ class ReplayIntegrator:
         self._problem = problem
         lam, s = ca.SX.sym('lam', problem.n), ca.SX.sym('s', problem.n)
         mu = ca.SX.sym('mu', problem.path.numel())
-        H = problem.L + ca.dot(lam, problem.f) + ca.dot(mu, problem.path)
+        smooth = make_differentiable(problem)
+        H = smooth.L + ca.dot(lam, smooth.f) + ca.dot(mu, smooth.path)
         self._rate = VectorizedFunction(
             [ca.vertcat(problem.x, lam), ca.vertcat(problem.u, s, mu), problem.p],
                                         [problem.f, -ca.gradient(H, problem.x) - s, problem.L])

@@ -56,6 +56,22 @@ def test_nonlinear_states_and_costates_match_closed_forms():
     assert found.lam[0, :, 0] == pytest.approx(2/(1 + np.tan(1.2*QUARTERS)**2), abs=1e-9)
 
 
+def test_quadratic_drag_from_rest_matches_closed_forms():
+    # x = tanh(t); lam_x / cosh(t)^2 and lam_v / cosh(t) are constant.
+    drag = 'sqrt(x**2 + v**2)'
+    problem = problems.pose({'x': f'u - {drag}*x', 'v': f'-{drag}*v'}, '0', (0, 0), 1)
+    found = replayed(problem, intervals(problem, [1.0], [[0, 0]], [2, 3], 1, 1))
+    assert found.converged
+    assert found.x[0] == pytest.approx(np.column_stack([np.tanh(QUARTERS), 0*QUARTERS]), abs=1e-9)
+    assert found.lam[0] == pytest.approx(np.column_stack([
+        2*np.cosh(QUARTERS)**2, 3*np.cosh(QUARTERS)]), rel=1e-9)
+
+
+def test_the_outflow_of_an_empty_tank_has_no_costates():
+    problem = problems.pose({'x': 'u - sqrt(x)', 'v': '0'}, '0', (0, 0), 1)
+    assert not replayed(problem, intervals(problem, [1.0], [[0, 0]], [2, 3], 1, 1)).converged
+
+
 def test_the_path_within_a_step_has_order_four():
     problem = problems.pose({'x': 'v', 'v': '-x'}, 'x**2', (0, 0), 1)
     errors = []
