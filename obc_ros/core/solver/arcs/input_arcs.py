@@ -365,66 +365,6 @@ def limit_shortening(arcs: Sequence[Arc], curved: Mask, least: float) -> Array:
     return kept
 
 
-def find_kinks(arcs: Sequence[Arc], curved: Mask) -> list[tuple[int, int]]:
-    """
-    Find the ends of arcs at which one input has a kink, and nothing else changes.
-
-    Parameters
-    ----------
-    arcs : sequence of Arc
-        In order of time.
-    curved : ndarray of bool, shape (m,)
-        Inputs in which H is not linear: they meet their bounds without a jump.
-
-    Returns
-    -------
-    list of (int, int)
-        The arc that ends there, and the input, which is held on one of the two sides.
-
-    """
-    found = []
-    for k, (before, after) in enumerate(pairwise(arcs)):
-        levels = np.array([before.levels, after.levels])
-        changes = np.flatnonzero((levels[0] != levels[1]) & ~np.isnan(levels).all(axis=0))
-        along = before.on == after.on or not (any(before.on) or any(after.on))
-        if len(changes) == 1 and along and not (any(after.met) or after.jump):
-            i = int(changes[0])
-            if curved[i] and np.isnan(levels[:, i]).any():
-                found.append((k, i))
-    return found
-
-
-def place_kinks(arcs: Sequence[Arc], kinks: Sequence[tuple[int, int]], t: Array,
-                slopes: Sequence[Array]) -> list[Arc]:
-    """
-    Return arcs that end where the minimising input has its kinks.
-
-    Parameters
-    ----------
-    arcs : sequence of Arc
-        As solved with.
-    kinks : sequence of (int, int)
-        From `find_kinks`.
-    t : ndarray, shape (N,)
-        Times of samples.
-    slopes : sequence of ndarray, shape (N,)
-        For each kink dH/du of its input, with this input at the level at which it is held beside
-        the kink. It vanishes at the kink; the nearest zero in the two arcs is taken.
-
-    """
-    ends = [arc.end for arc in arcs]
-    for (k, _), slope in zip(kinks, slopes, strict=True):
-        inside = (t > arcs[k].start) & (t < arcs[k + 1].end)
-        zero = _vanishes(t[inside], slope[inside], arcs[k].end)
-        if not math.isnan(zero):
-            ends[k] = zero
-    starts = [0.0, *ends[:-1]]
-    if any(start >= end for start, end in zip(starts, ends, strict=True)):
-        return list(arcs)
-    return [replace(arc, start=start, end=end)
-            for arc, start, end in zip(arcs, starts, ends, strict=True)]
-
-
 def get_signature(arcs: Sequence[Arc]) -> Signature:
     """
     Return the levels of arcs and the bounds they are on or touch, without their times.

@@ -34,7 +34,7 @@ from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.ocp.structure import find_idle_inputs
 from obc_ros.core.solver.arcs.constraint_orders import BoundRates
 from obc_ros.core.solver.arcs.implied_bounds import build_curvatures, find_implied_bounds
-from obc_ros.core.solver.arcs.input_arcs import Arc, find_kinks, limit_shortening
+from obc_ros.core.solver.arcs.input_arcs import Arc, limit_shortening
 from obc_ros.core.solver.arcs.phases import DEGREE, drop_negligible, Grazing, OUTWARDS, Phased
 from obc_ros.core.solver.nlp.ipopt import build_ipopt, Found, run_ipopt
 from obc_ros.core.solver.nlp.meter import Meter, Watch
@@ -232,11 +232,6 @@ class _Solve:
         for i, j in () if problem.start is None else problem.start.linked:
             self._add((x[i, 0] - x[j, 0]) / sizes.x[i], none, none)
         final = problem.final_time
-        # The cost hardly depends on the times of kinks, so that they would be arbitrary.
-        lengths = [(arc.end - arc.start) / sizes.time for arc in self.arcs]
-        for k, _ in find_kinks(self.arcs, ~program.switching):
-            self._add((self.T[k] * lengths[k + 1] - self.T[k + 1] * lengths[k]) / (
-                lengths[k] + lengths[k + 1]), none, none)
         self._add(ca.sum2(self.T), *(np.full((1, 1), each / sizes.time)
                                      for each in (final.earliest, final.latest)))
 

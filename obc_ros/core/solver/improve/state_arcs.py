@@ -32,11 +32,8 @@ from obc_ros.core.solver.arcs.control_discontinuities import (
 from obc_ros.core.solver.arcs.input_arcs import (
     Arc,
     find_arcs,
-    find_kinks,
     get_signature,
-    have_moved,
     open_arcs,
-    place_kinks,
     Signature,
     tidy_arcs,
 )
@@ -57,7 +54,6 @@ from obc_ros.core.solver.transcription.program import ProblemScales, Transcripti
 
 _VANISHING = 1e-4     # length, as part of T, up to which a phase has vanished
 _NEAR = 1e-5          # relative distance from a bound up to which a constraint is active
-_STILL = 1e-6         # distance, as part of T, up to which a kink has not moved
 _HARDLY = 1e-2        # relative distance up to which it stays active between two boundary arcs
 _MOST = 0.8           # part of a contact with inputs at bounds from which on these imply it
 _WEIGHS = 1e-5        # multiplier of a bound relative to the costates from which on it is touched
@@ -369,8 +365,7 @@ def _settled_on(bench: Bench, program: PhasedProgram, outcome: TranscriptionOutc
                             turn.fine, turn.spread, bench.options)
         if found is None or found.cost > allowed:
             break
-        found, answer = _settle_kinks(bench, program, found, certify_samples(
-            problem, program, judge, fitter, found), sizes, turn)
+        answer = certify_samples(problem, program, judge, fitter, found)
         assert answer.certificate is not None
         if answer.certificate.holds:
             return answer
@@ -403,52 +398,14 @@ def _settled_on(bench: Bench, program: PhasedProgram, outcome: TranscriptionOutc
     return None
 
 
-def _settle_kinks(bench: Bench, program: PhasedProgram, found: Phased, answer: Solution,
-                  sizes: ProblemScales, turn: _Turn) -> tuple[Phased, Solution]:
-    """Solve again with kinks where dH/du vanishes, as long as the certificate gets better."""
-    problem = bench.problem
-    while not answer.certified and (kinks := find_kinks(found.arcs, ~program.switching)):
-        slopes = [_slope_at_level(bench, answer, i, (found.arcs[k], found.arcs[k + 1]))
-                  for k, i in kinks]
-        arcs = place_kinks(found.arcs, kinks, answer.t, slopes)
-        if not have_moved(arcs, found.durations, _STILL):
-            break
-        new = settle_arcs(problem, program, arcs, sharpen_steps(join_phases(found), arcs), sizes,
-                          bench.pinned, bench.meter, turn.fine, turn.spread, bench.options)
-        if new is None:
-            break
-        better = certify_samples(
-            problem, program, bench.programs.judge, bench.programs.fitter(problem), new)
-        if not _measure_residual(better) < _measure_residual(answer):
-            break
-        found, answer = new, better
-    return found, answer
-
-
-def _slope_at_level(bench: Bench, answer: Solution, i: int, arcs: tuple[Arc, Arc]) -> Array:
-    """Return dH/du_i (N,) with u_i at the level at which one of two arcs holds it."""
-    level = next(arc.levels[i] for arc in arcs if not math.isnan(arc.levels[i]))
-    u = answer.u.copy()
-    u[:, i] = level
-    slope: Array = bench.programs.judge.hamiltonian(
-        bench.problem, answer.x, u, answer.lam, answer.path_multipliers)[1][:, i]
-    return slope
-
-
-def _measure_residual(answer: Solution) -> float:
-    """Return the worst residual of a certificate over its tolerance."""
-    assert answer.certificate is not None
-    worst = answer.certificate.worst
-    return answer.certificate.residuals[worst] / answer.certificate.tolerances[worst]
-
-
 def _resolve(bench: Bench, program: PhasedProgram, turn: _Turn, found: Phased,
              answer: Solution, seen: set[tuple[Signature, float, int]]) -> _Turn:
     """Return the next attempt when the arcs do not change."""
     assert answer.certificate is not None
     problem, options = bench.problem, bench.options.boundary
     worst, before = answer.certificate.worst, turn.off
-    turn = replace(turn, off=_measure_residual(answer))
+    turn = replace(turn, off=(answer.certificate.residuals[worst]
+                              / answer.certificate.tolerances[worst]))
     if before < math.inf:
         _, Hu, _ = bench.programs.judge.hamiltonian(
             problem, answer.x, answer.u, answer.lam, answer.path_multipliers)

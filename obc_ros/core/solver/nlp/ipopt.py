@@ -19,8 +19,7 @@ _MUMPS: dict[str, object] = {
     'linear_solver': 'mumps', 'mumps_permuting_scaling': 0, 'mumps_pivot_order': 0}
 _MESH = _ALWAYS | _MUMPS | {
     'tol': 1e-9, 'constr_viol_tol': 1e-9, 'compl_inf_tol': 1e-9, 'dual_inf_tol': 1e-6,
-    'max_iter': 1000, 'acceptable_tol': 1e-7, 'acceptable_dual_inf_tol': 1e-4,
-    'acceptable_iter': 15}
+    'max_iter': 1000, 'acceptable_tol': 1e-7, 'acceptable_iter': 15}
 _NEAR: dict[str, object] = {
     'mu_init': 1e-4, 'bound_push': 1e-6, 'bound_frac': 1e-6, 'slack_bound_push': 1e-6,
     'slack_bound_frac': 1e-6}
