@@ -156,8 +156,9 @@ class _Descent:
         mesh = bench.finer(outcome, course, exceeded)
         if bench.meter.stopped or not bench.meter.allows(mesh.layout.intervals):
             return False
+        most = options.work // (mesh.layout.intervals * (1 + mesh.layout.stages))
         new = bench.collocate(mesh, outcome.path, near=True, sizes=bench.sizes(outcome),
-                              guide=outcome, most=options.iterations)
+                              guide=outcome, most=min(options.iterations, max(50, most)))
         if new.converged:
             self._state = remove_vanished_arcs(replace(self._state, outcome=new))
         return new.converged

@@ -93,6 +93,8 @@ class DescentOptions:
         5, 'meshes after which switching times are sought in any case', 'meshes', 'oil_shale')
     iterations: int = steer(
         350, 'maximum on a finer mesh, from the coarser one', 'iterations', 'sphere_geodesic')
+    work: int = steer(
+        450_000, 'maximum on a finer mesh, but for 50 iterations', 'work', 'wheels4_a')
     boundary_excess: float = steer(
         0.1, 'excess below which arcs along state bounds are sought', 'relative',
         'heated_rod_limit')
