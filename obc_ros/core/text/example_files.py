@@ -30,5 +30,7 @@ def choose_file(given: Path) -> Path:
 def suggest_file(given: Path) -> str:
     """Return a suggestion for a file that does not exist; empty if nothing is similar."""
     beside = given.parent if given.parent.is_dir() else Path()
-    names = [path.name for path in beside.glob('*.y*ml')] if given.name else []
+    # Equal suffixes alone do not make two names similar.
+    names = [path.name for path in beside.glob('*.y*ml')
+             if suggest_name(given.stem, [path.stem])] if given.name else []
     return suggest_name(given.name, names if given.suffix else [*names, *list_examples()])
