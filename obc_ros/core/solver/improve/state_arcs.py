@@ -294,6 +294,8 @@ def solve_along_bounds(state: State) -> State | str:
     for gap in options.gaps:
         arcs = read_spans(problem, program, outcome, value, bench.margin,
                           bench.programs.switching, gap, bench.options.bangs.jump)
+        if (get_signature(arcs), 1.0, 0) in seen:
+            continue
         with bench.trace.attempt('phases', f'{len(arcs)} arcs at first') as attempt:
             answer = _settled_on(bench, program, outcome, arcs, allowed, seen)
             if answer is not None:
