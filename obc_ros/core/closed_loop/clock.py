@@ -1,0 +1,76 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+The order of stamped messages: which follows, repeats, is late, or tells of a jump of time.
+
+Only the stamps decide, so that the same messages mean the same at any speed of the simulation.
+"""
+
+from enum import auto, Enum
+from typing import NamedTuple
+
+NS = 1e-9  # [s]
+FAR = 1.0  # [s] step of the stamps that counts as a jump if there is no time-out
+
+
+class Tick(Enum):
+    """What a stamp means after the one before."""
+
+    FIRST = auto()
+    NEXT = auto()
+    SAME = auto()
+    LATE = auto()      # older than the last one: to be dropped
+    OUTAGE = auto()    # later by more than the time-out
+    RESTART = auto()   # earlier by more than the time-out
+
+
+class Order(NamedTuple):
+    """A tick, and the absolute difference [s] to the last stamp."""
+
+    tick: Tick
+    by: float
+
+
+class StampClock:
+    """
+    Judges the stamps of one source in the order of their arrival.
+
+    Attributes
+    ----------
+    last : int or None
+        Last stamp [ns] that was not late.
+
+    """
+
+    def __init__(self) -> None:
+        self.last: int | None = None
+
+    def order(self, stamp: int, timeout: float) -> Order:
+        """
+        Return what a stamp means, and remember it unless it is late.
+
+        Parameters
+        ----------
+        stamp : int
+            [ns]
+        timeout : float
+            Larger steps are jumps [s]; 0: those above `FAR` are.
+
+        Returns
+        -------
+        Order
+
+        """
+        last, far = self.last, timeout or FAR
+        if last is None:
+            self.last = stamp
+            return Order(Tick.FIRST, 0.0)
+        by = (stamp - last) * NS
+        if -far <= by < 0.0:
+            return Order(Tick.LATE, -by)
+        self.last = stamp
+        if by < 0.0:
+            return Order(Tick.RESTART, -by)
+        if by > far:
+            return Order(Tick.OUTAGE, by)
+        return Order(Tick.NEXT if by else Tick.SAME, by)
