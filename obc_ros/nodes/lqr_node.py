@@ -12,9 +12,9 @@ and ``/diagnostics``. Services: ``~/stop``, ``~/start`` (std_srvs/Trigger), ``~/
 
 from dataclasses import replace
 import sys
+from time import time_ns
 from typing import Any
 
-from obc_ros.core.closed_loop import references
 from obc_ros.core.lqr.design.reference_checks import check
 from obc_ros.core.lqr.design.reference_tracking import Course
 from obc_ros.core.lqr.design.report import change
@@ -31,6 +31,7 @@ from obc_ros.nodes.lqr.settings import (
     Settings,
 )
 from obc_ros.nodes.lqr.weight_suggestions import fill_suggestion, suggest_weights
+from obc_ros.ros.conversions import read_nanoseconds
 from obc_ros.ros.executor import run
 from obc_ros.srv import SuggestWeights, TryDesign
 from rclpy.qos_overriding_options import QoSOverridingOptions
@@ -47,14 +48,18 @@ class LqrNode(ControllerNode):
 
     def _create_topics(self, settings: Settings) -> None:
         super()._create_topics(settings)
+        self._created = time_ns()
         self._references = self.create_subscription(
             Trajectory, 'reference', self._on_reference, LATCHED_QOS,
+            callback_group=self._desk.changes,
             qos_overriding_options=QoSOverridingOptions(OVERRIDES))
 
     def _create_services(self) -> None:
         super()._create_services()
-        self.create_service(TryDesign, '~/try_design', self._on_try_design)
-        self.create_service(SuggestWeights, '~/suggest_weights', self._on_suggest_weights)
+        for kind, name, callback in (
+                (TryDesign, '~/try_design', self._on_try_design),
+                (SuggestWeights, '~/suggest_weights', self._on_suggest_weights)):
+            self.create_service(kind, name, callback, callback_group=self._desk.group)
 
     def _shared_topics(self) -> list[str]:
         return [self._references.topic_name]
@@ -78,68 +83,78 @@ class LqrNode(ControllerNode):
         super()._adopt(candidate)
 
     def _forget(self) -> None:
-        if self._courses:
-            self._courses = ()
-            self._adopted = judge_lqr_settings(self._table.settings)
-            self._loop.adopt(self._adopted.control)
+        self._courses = ()
 
     def _note_refused(self, reason: str) -> None:
         self._refuse_reference(reason)
-        self._courses = tuple(each for each in self._courses if not each.reference.refused)
 
-    def _on_reference(self, message: Trajectory) -> None:
+    async def _on_reference(self, message: Trajectory, info: Any) -> None:
         """Follow a reference; one without samples ends the one that is followed."""
         try:
-            courses = read_courses(
-                message, self._adopted.design.plant.system, self._frame, self._courses,
-                self._loop.stamp)
-            candidate = judge_lqr_settings(self._table.settings, courses)
-            if courses:
-                control = candidate.control
-                check(courses[-1], candidate.design, control.limits, control.legs[-1].allowed)
+            self._check_age(message, info)
+            courses, candidate = await self._desk.run(
+                lambda: self._judge_reference(message), is_change=True)
         except ObcError as error:
             self._refuse_reference(str(error))
             return
-        loop = self._loop
-        if self._is_active and loop.x is not None and not (loop.is_stale or loop.stopped):
-            # It begins after its gains have been computed.
-            references.begin_now(candidate.control.legs, loop.stamp)
-            for reason in references.judge_references(candidate.control, loop.stamp, loop.x):
-                self._refuse_reference(reason)
-            if courses and courses[-1].reference.refused:
-                return
+        if reason := self._loop.offer(candidate.control):
+            self._refuse_reference(reason)
+            return
         self._courses, self._adopted = courses, candidate
-        self._loop.adopt(candidate.control)
         self._log.info(
             'reference', f'a reference of {courses[-1].reference.duration:g} s, '
             f'{describe_ending(courses[-1], candidate)}' if courses else
             'no reference is followed')
 
+    def _check_age(self, message: Trajectory, info: Any) -> None:
+        """Reject a reference that begins at once if it was published before the node began."""
+        sent = info['source_timestamp'] if info else 0
+        if message.t and not read_nanoseconds(message.header.stamp) and 0 < sent < self._created:
+            raise StatementError(
+                f'it was published {(self._created - sent) * 1e-9:.3g} s before this node '
+                'started, and has no stamp: publish it again')
+
+    def _judge_reference(self, message: Trajectory) -> tuple[tuple[Course, ...], LqrCandidate]:
+        """Return the references to follow after a message, and their control; at the desk."""
+        followed = self._loop.reference
+        courses = read_courses(
+            message, self._adopted.design.plant.system, self._frame,
+            tuple(each for each in self._courses if each.reference is followed))
+        candidate = judge_lqr_settings(self._table.settings, courses)
+        if courses:
+            control = candidate.control
+            check(courses[-1], candidate.design, control.limits, control.legs[-1].allowed)
+        return courses, candidate
+
     def _refuse_reference(self, reason: str) -> None:
         self._monitor.refused(f'reference: {reason}')
         self._log.warning('reference', f'a reference was rejected: {reason}')
 
-    def _on_try_design(self, request: TryDesign.Request, response: TryDesign.Response
-                       ) -> TryDesign.Response:
+    async def _on_try_design(self, request: TryDesign.Request, response: TryDesign.Response
+                             ) -> TryDesign.Response:
         try:
-            response.design = self._tried(apply_request(request.weights, self._table.settings))
+            response.design = await self._desk.run(lambda: self._tried(
+                apply_request(request.weights, self._table.settings)))
         except ObcError as error:
             response.message = str(error)
         else:
             response.success, response.message = True, response.design.sentence
         return response
 
-    def _on_suggest_weights(self, request: SuggestWeights.Request,
-                            response: SuggestWeights.Response) -> SuggestWeights.Response:
+    async def _on_suggest_weights(self, request: SuggestWeights.Request,
+                                  response: SuggestWeights.Response) -> SuggestWeights.Response:
         try:
-            found = suggest_weights(request, self._adopted.design.plant)
-            fill_suggestion(response, found)
-            response.design = self._tried({
-                'weights': 'matrices', 'cross': (),
-                'stability': 0.0, 'Qx': tuple(response.qx), 'Qu': tuple(response.qu)})
+            await self._desk.run(lambda: self._suggest(request, response))
         except ObcError as error:
             response.success, response.message = False, str(error)
         return response
+
+    def _suggest(self, request: SuggestWeights.Request, response: SuggestWeights.Response) -> None:
+        """Fill a response with weights and their design; at the desk."""
+        fill_suggestion(response, suggest_weights(request, self._adopted.design.plant))
+        response.design = self._tried({
+            'weights': 'matrices', 'cross': (),
+            'stability': 0.0, 'Qx': tuple(response.qx), 'Qu': tuple(response.qu)})
 
     def _tried(self, values: dict[str, Any]) -> LqrDesign:
         """Return the design of the present settings with other values."""

@@ -11,26 +11,29 @@ in `controller_node`.
 
 At a state the command of the plan made for this instant is sent; then a process of its own plans
 from the state that is predicted for the next instant. Without a new plan the present one is
-followed to its end, then the regulator inside the terminal set, then `on_stale` acts.
+followed to its end, then the regulator with the limits, as `on_unplanned` says.
+
+A node that starts itself tries to become active with each new state, less and less often; the log
+says each reason once.
 
 With `priority`, the solver process has a real-time priority one less than that of the node's
 threads. Where the system does not allow it, the log says so.
 """
 
+from collections import deque
 from dataclasses import replace
-from queue import Empty, SimpleQueue
 import sys
-from threading import Lock
 from time import monotonic
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
+from lifecycle_msgs.msg import Transition
 import numpy as np
-from obc_ros.core.closed_loop.control import Control, Leg
+from obc_ros.core.closed_loop.laws import free_drift
 from obc_ros.core.text.errors import ObcError, StatementError
 from obc_ros.msg import Trajectory
 from obc_ros.nodes.control.controller_node import CHECK_PERIOD, ControllerNode
-from obc_ros.nodes.mpc.plan_legs import make_leg, select_legs
+from obc_ros.nodes.mpc.plan_laws import make_plan
 from obc_ros.nodes.mpc.plan_messages import make_plan_message
 from obc_ros.nodes.mpc.plan_monitor import PlanMonitor
 from obc_ros.nodes.mpc.settings import (
@@ -44,15 +47,18 @@ from obc_ros.ros.executor import run
 from obc_ros.workers.steps.step_link import StepLink
 from obc_ros.workers.steps.step_supervisor import STEP_PATIENCE, StepSupervisor
 from obc_ros.workers.wire import pack, Packet
+from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 from rclpy.qos import QoSProfile
+from rclpy.task import Future
 
 READY = 30.0     # [s] that a process may take to prepare a changed problem
 FIRST = 20.0     # [s] that the first plan may take
 LAST_STATE = 1.0  # [s] age of the state from which the first plan begins, at most
-ATTEMPT = 0.1    # [s] between two looks of a node that starts itself
+ATTEMPT = 0.1    # [s] between two attempts of a node that starts itself; doubled after a refusal
+LONGEST = 2.0    # [s]
 
 
 class MpcNode(ControllerNode):
@@ -65,20 +71,25 @@ class MpcNode(ControllerNode):
 
     def _prepare(self) -> None:
         self._plans = PlanMonitor()
-        self._legs: tuple[Leg, ...] = ()
-        self._lock = Lock()   # guards the plans: two threads change them
-        self._first: SimpleQueue[Packet] = SimpleQueue()
+        self._first: Future | None = None       # of the answer to the request of a first plan
+        self._late = 0.0                        # when that is given up
+        self._answers: deque[Packet] = deque()  # to it, from the thread of the supervisor
         self._heard: tuple[list[float], float] | None = None
         self._published, self._is_listening = 0.0, False
         self._beginning: Packet | None = None   # the first plan, before it is followed
-        self._waits = ''    # what activation waits for, as logged
-        self._asked: int | None = None  # stamp [ns] for which a plan was asked
+        self._attempted, self._pause = 0.0, ATTEMPT
+        # For which stamps [ns] plans were asked, and in which run of the law.
+        self._asked: deque[tuple[int, int]] = deque(maxlen=8)
         self._steps = StepSupervisor(self._on_reply, self._on_ready, self._on_solver_news)
-        self._known = self.create_guard_condition(self._take_terminal_set)
+        self._known = self.create_guard_condition(
+            self._take_terminal_set, callback_group=self._desk.group)
+        self._answered = self.create_guard_condition(
+            self._take_first, callback_group=self._desk.group)
 
     def _create_topics(self, settings: Settings) -> None:
         super()._create_topics(settings)
         self._period = round(1e9 / settings.rate)
+        self._plans.period = 1.0 / settings.rate
         self._plan_topic = self.create_publisher(Trajectory, '~/plan', QoSProfile(depth=1))
         self._steps.use(self._adopted.link)
         self._steps.start()
@@ -88,19 +99,26 @@ class MpcNode(ControllerNode):
     def _start_itself(self) -> None:
         self.trigger_configure()
         # Simulated time may not run before the first command.
-        self._attempts = self.create_timer(
-            ATTEMPT, self._attempt, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self._idle_reason = 'it starts'
+        self.create_timer(ATTEMPT, self._attempt, clock=Clock(clock_type=ClockType.STEADY_TIME),
+                          callback_group=MutuallyExclusiveCallbackGroup())
 
-    def _attempt(self) -> None:
-        """Activate the node once: as soon as a plan can be made, or is known to be impossible."""
-        reason = self._steps.refusal
-        if not reason and (waits := self._find_obstacle()):
-            if waits != self._waits:
-                self._waits = waits
-                self.get_logger().info(f'not active yet: {waits}')
+    async def _attempt(self) -> None:
+        """Try to become active, unless somebody has decided otherwise."""
+        if not self._idle_reason or self._is_active or (
+                monotonic() - self._attempted < self._pause):
             return
-        self._attempts.cancel()
-        if not self._is_active:
+        reason = await self._plan_first()
+        if not self._idle_reason or self._is_active:   # in the meantime
+            return
+        if reason != self._idle_reason:
+            self._pause = ATTEMPT
+            self._idle_reason = reason
+            if reason:
+                self.get_logger().info(f'not active yet: {reason}')
+        if reason:
+            self._attempted, self._pause = monotonic(), min(2.0 * self._pause, LONGEST)
+        else:
             self.trigger_activate()
 
     # Changes
@@ -117,10 +135,11 @@ class MpcNode(ControllerNode):
         if not self._is_active:
             return candidate
         try:   # the present plan is followed meanwhile
-            candidate = candidate.with_terminal_set(link.wait_until_ready(READY))
+            candidate = candidate.with_terminal_set(
+                link.wait_until_ready(READY, self._desk.is_cancelled))
             if (x := self._loop.x) is not None:
                 link.call({'kind': 'first', 'present': self._find_excess(candidate.problem)},
-                          {'x': np.array(x)}, FIRST)
+                          {'x': np.array(x)}, FIRST, self._desk.is_cancelled)
         except ObcError:
             link.close()
             raise
@@ -142,33 +161,25 @@ class MpcNode(ControllerNode):
         if is_new and candidate.link is not None:
             self._steps.use(candidate.link)
 
-    def _use(self, control: Control) -> None:
-        with self._lock:   # the present plan goes on until one of the new problem arrives
-            self._loop.adopt(replace(control, legs=self._legs))
-
-    def _forget(self) -> None:
-        with self._lock:
-            self._legs = ()
-            self._loop.adopt(self._adopted.control)
-
-    def _take_terminal_set(self) -> None:
+    async def _take_terminal_set(self) -> None:
         """Use the terminal set of a prepared problem."""
         link = self._steps.link
         if link is None or link.ready is None or self._adopted.ready is not None:
             return
         self._adopted = self._adopted.with_terminal_set(link.ready)
-        self._use(self._adopted.control)
-        self._publish_design()
+        self._loop.adopt(self._adopted.control)
+        await self._publish_design()
 
     # States, in their thread
 
-    def _answer(self, message: Any) -> None:
+    def _answer(self, message: Any, info: Any) -> None:
         if self._is_active and self._beginning is None:
-            super()._answer(message)
+            super()._answer(message, info)
             return
         now = monotonic()
-        if message.header.frame_id != self._frame and not self._is_frame(
-                message.header.frame_id, now):
+        if not self._is_own_source(info, now) or (
+                message.header.frame_id != self._frame and not self._is_frame(
+                    message.header.frame_id, now)):
             return
         x = self._read_finite(message)
         if not self._is_active:
@@ -176,7 +187,7 @@ class MpcNode(ControllerNode):
             return
         if x and self._beginning is not None:
             self._follow_first(self._beginning, read_nanoseconds(message.header.stamp), x)
-        super()._answer(message)
+        super()._answer(message, info)
 
     def _read_finite(self, message: Any) -> list[float]:
         """Return the state of a message; empty: it has another size, or is not finite."""
@@ -187,57 +198,51 @@ class MpcNode(ControllerNode):
         return x if len(x) == len(self._adopted.control.names) and np.all(np.isfinite(x)) else []
 
     def _follow_first(self, plan: Packet, stamp: int, x: list[float]) -> None:
-        """Let the checked first plan begin at a stamp [ns], at x in the states that move."""
+        """Let the checked first plan begin at a stamp [ns], beside x along the drift."""
         self._beginning = None
-        control = self._adopted.control
-        moved = np.where(control.regulator.drift, x - plan.arrays['x'][0], 0.0)
-        leg = make_leg(Packet({'stamp': stamp}, {**plan.arrays, 'x': plan.arrays['x'] + moved}),
-                       self._period, control)
-        with self._lock:
-            self._legs = (leg,)
-            self._loop.adopt(replace(control, legs=self._legs))
+        control, first = self._adopted.control, plan.arrays['x'][0]
+        drift = control.regulator.drift
+        moved = np.subtract(free_drift(x, tuple(first), drift, control.limits.error), first)
+        arrays = {**plan.arrays, 'x': plan.arrays['x'] + moved}
+        self._loop.add_plan(make_plan(Packet({'stamp': stamp}, arrays), self._period, control),
+                            self._loop.run)
 
     def _watch(self) -> float:
         return super()._watch() if self._is_active else CHECK_PERIOD
 
-    def _look_ahead(self, u: list[float] | None) -> None:
+    def _look_ahead(self) -> None:
         """Ask for the plan of the next instant, from the state and the command of this one."""
-        loop = self._loop
-        if u is None or loop.stopped or loop.x is None or loop.stamp is None:
+        loop, half = self._loop, self._period // 2
+        at, u = loop.due, loop.command
+        if at is None or u is None or loop.is_stopped or loop.x is None or (
+                self._asked and at == self._asked[-1][0] - self._period):
             return
-        if self._asked is not None and self._is_now(self._asked):   # else that state was lost
+        if self._asked and self._asked[-1][1] == loop.run and at >= self._asked[-1][0] - half:
             last = self._plans.last
             self._plans.counts['wanted'] += 1
-            if last is None or not self._is_now(int(last.plain['stamp'])):
+            if last is None or int(last.plain['stamp']) < self._asked[-1][0]:
                 self._plans.counts['missed'] += 1
-        self._asked = loop.stamp + self._period
-        self._steps.ask({'kind': 'step', 'stamp': self._asked},
+        self._asked.append((at + self._period, loop.run))
+        self._steps.ask({'kind': 'step', 'stamp': at + self._period},
                         {'x': np.array(loop.x), 'u': np.array(u)},
                         STEP_PATIENCE + self._adopted.problem.plain['deadline'])
-
-    def _is_now(self, stamp: int) -> bool:
-        """Return whether a stamp [ns] is that of the last state, up to half a period."""
-        return abs(stamp - self._loop.stamp) <= self._period // 2
 
     # Replies, in the thread of the supervisor
 
     def _on_reply(self, reply: Packet) -> None:
         if reply.plain.get('kind') == 'first':
-            self._first.put(reply)
+            self._answers.append(reply)
+            self._answered.trigger()
             return
         if 'refused' in reply.plain:
             self._plans.fail(reply.plain['refused'])
             return
-        loop = self._loop
-        if loop.stopped or not self._is_active:
-            return
-        self._plans.add(reply)
-        with self._lock:
-            control = self._adopted.control
-            self._legs = select_legs(
-                self._legs, make_leg(reply, self._period, control), loop.stamp)
-            loop.adopt(replace(control, legs=self._legs))
-        self._show(reply)
+        stamp = int(reply.plain['stamp'])
+        run = next((run for asked, run in tuple(self._asked) if asked == stamp), None)
+        plan = make_plan(reply, self._period, self._adopted.control)
+        if run is not None and self._is_active and self._loop.add_plan(plan, run):
+            self._plans.add(reply)
+            self._show(reply)
 
     def _show(self, reply: Packet) -> None:
         """Publish a plan, at most at `plan_rate`."""
@@ -266,41 +271,51 @@ class MpcNode(ControllerNode):
             return f'no valid state on {self._states.topic_name} within {LAST_STATE:g} s'
         return ''
 
-    def _plan_first(self) -> str:
-        """Return why no first plan passes its checks; empty: one does."""
+    async def _plan_first(self) -> str:
+        """Return why no first plan passes its checks; empty: one does, and is stored."""
         if reason := self._find_obstacle():
             return reason
-        while not self._first.empty():
-            self._first.get()
-        if not self._steps.ask({'kind': 'first'}, {'x': np.array(self._heard[0])}, FIRST):
-            return 'the solver process takes no request'
-        try:
-            reply = self._first.get(timeout=FIRST)
-        except Empty:
+        if self._first is None:
+            if not self._steps.ask({'kind': 'first'}, {'x': np.array(self._heard[0])}, FIRST):
+                return 'the solver process takes no request'
+            self._answers.clear()
+            self._first, self._late = Future(), monotonic() + FIRST
+        reply = await self._first   # also of a request made before
+        if reply is None:
             return f'the first plan was not made within {FIRST:g} s'
         if 'refused' in reply.plain:
             return str(reply.plain['refused'])
         self._beginning, self._plans.first = reply, reply.plain['words']
         return ''
 
-    def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Start the control loop if a first plan passes its checks."""
-        if reason := self._plan_first():
+    def _take_first(self) -> None:
+        """Pass the answer to the request of a first plan to those who await it."""
+        first = self._first
+        if first is not None and (self._answers or monotonic() > self._late):
+            self._first = None
+            first.set_result(self._answers.popleft() if self._answers else None)
+
+    async def _on_change_state(self, request: Any, response: Any) -> Any:
+        wanted = request.transition
+        activates = wanted.id == Transition.TRANSITION_ACTIVATE or wanted.label == 'activate'
+        if activates and not self._is_active and (reason := await self._plan_first()):
             self._monitor.refused(f'activation: {reason}')
             self._log.warning('activate', f'not activated: {reason}')
+        return await super()._on_change_state(request, response)
+
+    def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Start the control loop if a first plan has passed its checks."""
+        if self._beginning is None:
             return TransitionCallbackReturn.FAILURE
-        self._thread.stop()   # `on_activate` starts it with another loop
-        self._asked = None
-        with self._lock:
-            self._legs = ()
+        self._thread.stop()   # `on_activate` starts it again
+        self._asked.clear()
         self._log.info('first plan', self._plans.first)
         return super().on_activate(state)
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Send the input at rest, and stop the control loop; the states are still listened to."""
         done = super().on_deactivate(state)
-        with self._lock:
-            self._legs = ()
+        self._beginning, self._idle_reason = None, ''   # somebody has decided it
         self._thread.start()
         return done
 
@@ -315,6 +330,7 @@ class MpcNode(ControllerNode):
     # Reports
 
     def _statuses(self) -> list[DiagnosticStatus]:
+        self._take_first()   # gives up one that does not come
         return [self._plans.status(self.get_fully_qualified_name()[1:], self._loop,
                                    self._steps.counts, self._steps.refusal)]
 

@@ -354,7 +354,7 @@ class PlantSimulator(Node):
             return Moment(plant.stamp, plant.simulator.time, plant.sample.copy(),
                           plant.simulator.u)
 
-    def _on_command(self, message: Command) -> None:
+    def _on_command(self, message: Command, _: Any = None) -> None:
         stamp = conversions.read_nanoseconds(message.header.stamp)
         with self._lock:
             reason = self._plant.command(stamp, message.u, self._now()[0])

@@ -55,7 +55,7 @@ class OwnThread:
     subscription : rclpy.subscription.Subscription
         The subscription.
     on_message : callable
-        Called in the thread with each message.
+        Called in the thread with each message and its information (`rmw_message_info_t`).
     on_time : callable
         Called in the thread after each wait; returns how long [s] to wait at most.
     events : iterable of EventHandler
@@ -65,7 +65,8 @@ class OwnThread:
 
     """
 
-    def __init__(self, node: Node, subscription: Subscription, on_message: Callable[[Any], None],
+    def __init__(self, node: Node, subscription: Subscription,
+                 on_message: Callable[[Any, Any], None],
                  on_time: Callable[[], float], events: Iterable[EventHandler] = (),
                  priority: int = 0) -> None:
         sys.setswitchinterval(SWITCH_INTERVAL)
@@ -125,7 +126,7 @@ class OwnThread:
                 wait_set.wait(int(max(self._on_time(), 0.0) * 1e9))
                 taken = handle.take_message(message_type, False)
                 if taken is not None:
-                    self._on_message(taken[0])
+                    self._on_message(*taken)
                 for event in events:
                     if event.is_ready(wait_set):
                         event.callback(event.take_data())

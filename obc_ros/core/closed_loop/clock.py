@@ -10,7 +10,12 @@ from enum import auto, Enum
 from typing import NamedTuple
 
 NS = 1e-9  # [s]
-FAR = 1.0  # [s] step of the stamps that counts as a jump if there is no time-out
+FAR = 1.0  # [s] step back of the stamps that counts as a jump if there is no time-out
+
+
+def compute_lag(stamp: int, clock: int) -> float:
+    """Return the age [s] of a stamp [ns] by a clock [ns]."""
+    return (clock - stamp) * NS
 
 
 class Tick(Enum):
@@ -54,7 +59,7 @@ class StampClock:
         stamp : int
             [ns]
         timeout : float
-            Larger steps are jumps [s]; 0: those above `FAR` are.
+            Larger steps are jumps [s]; 0: only steps back by more than `FAR` are.
 
         Returns
         -------
@@ -71,6 +76,37 @@ class StampClock:
         self.last = stamp
         if by < 0.0:
             return Order(Tick.RESTART, -by)
-        if by > far:
+        if 0.0 < timeout < by:
             return Order(Tick.OUTAGE, by)
         return Order(Tick.NEXT if by else Tick.SAME, by)
+
+
+class Pace:
+    """
+    The stamps at which a command is due: on average at most one in a period.
+
+    Of the stamps around the end of a period the nearest one counts, as far as their last distance
+    tells, so that jitter skips no state; the grid of the periods stays where it is.
+
+    """
+
+    def __init__(self) -> None:
+        self._answered: int | None = None
+        self._due: int | None = None
+        self._last: int | None = None
+
+    def forget(self) -> None:
+        """Begin a new grid with the next stamp."""
+        self._answered = self._due = self._last = None
+
+    def is_due(self, stamp: int, period: int) -> bool:
+        """Return whether a command is due at a stamp [ns], for a period [ns]; 0: always."""
+        if not period or stamp == self._answered:
+            return True
+        due, apart = self._due, 0 if self._last is None else stamp - self._last
+        self._last = stamp
+        if due is not None and stamp < due - max(apart // 2, period // 1000):
+            return False
+        self._due = (stamp if due is None or stamp - due >= period else due) + period
+        self._answered = stamp
+        return True

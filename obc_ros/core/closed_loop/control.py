@@ -3,6 +3,7 @@
 """Data of a control loop: control law, limits and rules."""
 
 from dataclasses import dataclass
+import math
 
 from obc_ros.core.closed_loop.feedback import (
     Gains,
@@ -12,39 +13,29 @@ from obc_ros.core.closed_loop.feedback import (
     StateFeedback,
     Vector,
 )
+from obc_ros.core.closed_loop.laws import SetPointLaw
 
 STALE = ('equilibrium', 'hold', 'silent')
 ENVELOPE = ('stop', *STALE)
+UNPLANNED = ('regulator', *STALE)
 
 
-@dataclass(eq=False)
+@dataclass(frozen=True, eq=False)
 class Reference:
     """
-    When a reference begins, and its status.
+    When a reference begins; the object is its identity, whatever the gains along it.
 
     Attributes
     ----------
     begin : int or None
-        Stamp [ns] of its t = 0; None until the next state.
+        Stamp [ns] of its t = 0; None: the next state.
     duration : float
         [s]
-    refused : str
-        Why it is rejected; empty: it is not.
-    is_judged : bool
-        Whether the state at its beginning was checked.
-    reported : str
-        The last event that was reported: '', 'begun' or 'ended'.
-    is_announced : bool
-        Whether its beginning and its end are reported.
 
     """
 
     begin: int | None
     duration: float
-    refused: str = ''
-    is_judged: bool = False
-    reported: str = ''
-    is_announced: bool = True
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,7 +46,8 @@ class Leg:
     Attributes
     ----------
     reference : Reference
-    along, after : ReferenceLaw
+    along : ReferenceLaw
+    after : SetPointLaw
     allowed : tuple of (float, float)
         (n,) bounds of x - xr inside which it may begin; empty: none.
     units : tuple of str
@@ -65,7 +57,7 @@ class Leg:
 
     reference: Reference
     along: ReferenceLaw
-    after: ReferenceLaw
+    after: SetPointLaw
     allowed: tuple[tuple[float, float], ...] = ()
     units: tuple[str, ...] = ()
 
@@ -140,7 +132,7 @@ class Rules:
     Attributes
     ----------
     period : int
-        Minimum time between two commands [ns], by the stamps; 0: a command for every state.
+        Time between two commands on average [ns], by the stamps; 0: a command for every state.
     state_timeout : float
         Age of the last valid state [s] at which `on_stale` acts; 0: never.
     on_stale : str
@@ -148,7 +140,11 @@ class Rules:
     x_limits : tuple of (float, float)
         (n,) lower and upper bound of the error x - xr inside which the law is used; empty: none.
     on_envelope : str
-        'stop' (until `start`), or an action as in `on_stale`.
+        'stop' (until `start`), or an action as in `on_stale`. It also acts when states are
+        further apart than `Control.longest_period`.
+    on_unplanned : str
+        'regulator' (the feedback at the set point, within the limits), or an action as in
+        `on_stale`: without a plan, outside the region of the feedback.
     transition_time : float
         Time [s] in which the jump of a change decays; 0: the command jumps.
     from_rest : bool
@@ -163,6 +159,7 @@ class Rules:
     on_stale: str = 'equilibrium'
     x_limits: tuple[tuple[float, float], ...] = ()
     on_envelope: str = 'stop'
+    on_unplanned: str = 'regulator'
     transition_time: float = 0.0
     from_rest: bool = False
     stamp_timeout: float = 0.0
@@ -184,13 +181,15 @@ class Control:
         (n,) names of the states.
     rules : Rules
     legs : tuple of Leg
-        References in the order of their beginnings; the last one that has begun is followed.
+        References, the latest last. One that begins replaces the one that is followed.
     C : tuple of tuple of float
         (p, n) outputs with integral action. The input contains -w with dw/dt = Ki C (x - xr), so
         that a change of the gain keeps the compensation of a constant disturbance.
     prediction : Prediction, optional
     horizon : Horizon, optional
     schedule : Schedule, optional
+    longest_period : float
+        Longest time between two states [s] for which the loop is stable; inf: not known.
 
     """
 
@@ -204,3 +203,4 @@ class Control:
     prediction: Prediction | None = None
     horizon: Horizon | None = None
     schedule: Schedule | None = None
+    longest_period: float = math.inf

@@ -9,7 +9,7 @@ arrays for the few states of a plant.
 
 from bisect import bisect_right
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 import math
 from operator import mul, sub
 from typing import Any, NamedTuple, Protocol
@@ -96,11 +96,6 @@ class StateFeedback:
                                   self.u, self.K, self.Ki)
         return ReferencePoint(self.x, self.u, self.K, self.Ki)
 
-    def beside(self, x: Sequence[float], t: float) -> 'StateFeedback':
-        """Return the feedback whose moving states begin at the state x (n,) of time t [s]."""
-        here = [own if v else xr for own, xr, v in zip(x, self.at(t).x, self.drift, strict=True)]
-        return replace(self, x=tuple(here))
-
 
 @dataclass(frozen=True, eq=False)
 class Gains:
@@ -142,6 +137,16 @@ class BlendedFeedback:
 
     regulator: StateFeedback
     gains: Gains
+
+    @property
+    def x(self) -> Vector:
+        """Return the set point (n,) at t = 0."""
+        return self.regulator.x
+
+    @property
+    def drift(self) -> Vector:
+        """Return its rate (n,)."""
+        return self.regulator.drift
 
     def at(self, t: float) -> ReferencePoint:
         """Return the set point at time t [s]."""

@@ -1,149 +1,283 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-The control loop: from states to commands, with checks of the states and limits of the commands.
+The control loop: clock, mode machine, law, gate; from a state to the command that answers it.
 
-A `Control` is constant. A `ControlLoop` holds the memory of a run and returns a command for each
-state. The caller passes the time: stamps of the states [ns] for the control law, and a steady
-clock [s] for time-outs. The module is long because all methods change the memory of one run.
+A `Control` is constant. A `ControlLoop` holds the memory of a run. What happens after an event is
+the table in `modes`; the loop reports events and carries out their effects with the next state.
+The caller passes the time: stamps of the states [ns] for everything that is computed, and a steady
+clock [s], which only says that no state arrives.
+
+The module is long because all methods share the memory of one run.
 """
 
 from collections import Counter, deque
 from collections.abc import Sequence
-from dataclasses import replace
 import math
 from operator import add, mul, sub
+from threading import RLock
+from typing import NamedTuple
 
-from obc_ros.core.closed_loop import references
-from obc_ros.core.closed_loop.control import Control, Prediction, Schedule
+from obc_ros.core.closed_loop.clock import compute_lag, NS, Order, Pace, StampClock, Tick
+from obc_ros.core.closed_loop.control import Control, Leg, Reference, Schedule
 from obc_ros.core.closed_loop.feedback import (
+    BlendedFeedback,
     compute_feedback,
-    ReferenceLaw,
     ReferencePoint,
-    StateFeedback,
 )
-from obc_ros.core.closed_loop.message_stamps import compute_age, NS, StampOrder
-from obc_ros.core.closed_loop.references import Running, set_point
+from obc_ros.core.closed_loop.gate import Gate
+from obc_ros.core.closed_loop.laws import (
+    Along,
+    free_drift,
+    Law,
+    Plan,
+    select_plan,
+    SetPoint,
+    SetPointLaw,
+)
+from obc_ros.core.closed_loop.memory import Integral, SentCommands
+from obc_ros.core.closed_loop.modes import Effect, Event, FOLLOWING, Mode, step
+from obc_ros.core.closed_loop.references import explain_distance, find_leg, Itinerary
 
-_AGAIN = 1.0  # [s] until the same kind of event is reported again
+_AGAIN = 1.0        # [s] until the same kind of event is reported again
+_REPEAT = 0.05      # [s] between two commands without a state, at least
+_TOO_SLOW = 3       # intervals in a row above the longest period
 
 
-class SentCommands:
-    """The commands that have not acted yet, and the prediction over the delay with them."""
+class Followed(NamedTuple):
+    """What is followed from a stamp [ns] on: a reference, or the set point."""
 
-    def __init__(self) -> None:
-        self._past: deque[list[float]] = deque()
-        self._stamp: int | None = None
+    since: int
+    reference: Reference | None
 
-    def forget(self) -> None:
-        """Forget the commands."""
-        self._past.clear()
 
-    def predict(self, prediction: Prediction, e: Sequence[float], ur: Sequence[float], p: int
-                ) -> tuple[list[float], Sequence[float]]:
-        """Return the error after the delay, and the growth of the p integrals until then."""
-        whole = [*e, *[0.0] * p]
-        ahead = [sum(map(mul, row, whole)) for row in prediction.Phi]
-        for Gamma, u in zip(prediction.Gammas, tuple(self._past), strict=False):
-            du = list(map(sub, u, ur))
-            for i, row in enumerate(Gamma):
-                ahead[i] += sum(map(mul, row, du))
-        return ahead[:len(e)], ahead[len(e):]
+class Aim(NamedTuple):
+    """The laws at a state, and at the time when its command acts."""
 
-    def remember(self, prediction: Prediction, u: list[float], stamp: int) -> None:
-        """Keep the command for a stamp [ns]; in a missed period the last one still acts."""
-        periods = 1 if self._stamp is None else round((stamp - self._stamp) / prediction.period)
-        if periods == 0 and self._past:
-            self._past[0] = u  # another command for the same state
-            return
-        for _ in range(min(periods, len(prediction.Gammas)) - 1):
-            self._past.appendleft(self._past[0] if self._past else u)
-        self._past.appendleft(u)
-        self._stamp = stamp
-        while len(self._past) > len(prediction.Gammas):
-            self._past.pop()
+    now: Law
+    ahead: Law
+
+
+class Fault(NamedTuple):
+    """Why the law does not answer: for the log, and as a reason; what a rule asks for instead."""
+
+    sentence: str
+    reason: str
+    action: str
+
+
+class Sample(NamedTuple):
+    """A state, its stamp [ns], and the command that was sent for it."""
+
+    stamp: int
+    x: Sequence[float]
+    u: Sequence[float]
 
 
 class ControlLoop:
     """
-    One run of a control loop.
-
-    `answer` and `overdue` must be called from one thread. `adopt`, `stop` and `start` may be
-    called from another thread: each is one assignment.
-
-    A moving set point begins at the plant, in the states along which it moves. It does so when
-    the control law begins or resumes, and at each state until a transition to it has ended. A
-    later change keeps the position in the states that it does not change.
+    One run of a control loop. All methods may be called from any thread.
 
     Attributes
     ----------
     counts : collections.Counter
         Numbers of events: answered, saturated, skipped, repeated, late, restarted, stale,
-        outside, unplanned, and each reason for which a state is dropped (size, finite, old,
+        outside, unplanned, slow, and each reason for which a state is dropped (size, finite, old,
         ahead, command).
     news : collections.deque of str
         Warnings, oldest first; each kind at most once a second.
     events : collections.deque of str
-        Other messages: references that begin and end, states that return.
+        Other messages: the first state, references that begin and end, states that return.
     refused : collections.deque of str
-        Reasons for which references were rejected.
-    stamp : int or None
-        Stamp of the last state in order [ns].
-    x, command : sequence of float or None
-        The last valid state, and the last command.
-    error : list of float or None
-        x - xr at the last command of the control law.
-    stopped : str
-        Why the loop is stopped; empty: it is not.
-    is_stale, is_outside, is_unplanned : bool
-        Whether states are missing, whether the last one was outside `x_limits`, and whether it
-        was outside the region of the feedback that was to be used.
+        Reasons for which references were rejected or given up.
+    mode : Mode
+    reason : str
+        Why the loop is resting or stopped; empty: it is neither.
+    run : int
+        How often plans were given up: those that began before are not used.
+    stamp, due : int or None
+        Stamps [ns] of the last state in order, and of the last one for which a command was due.
+    x, error : sequence of float or None
+        The last valid state; its error from what was asked for, a set point or a reference, at
+        the last command of the control law.
     lag : float or None
         Age of the last state [s] from its stamp; None: not known.
+    samples : tuple of Sample
+        The last two states that the control law has answered, the later one last.
+    is_outside, is_unplanned : bool
+        Whether the last state was outside `x_limits`, and whether there was no plan for it and it
+        was outside the region of the feedback.
 
     """
 
-    def __init__(self, control: Control) -> None:
+    def __init__(self, control: Control, mode: Mode = Mode.WAITING) -> None:
         self.counts: Counter[str] = Counter()
         self.news, self.events, self.refused = (deque[str](maxlen=100) for _ in range(3))
-        self.stamp: int | None = None
+        self.mode, self.reason, self.run = mode, '', 0
+        self.due: int | None = None
         self.x: Sequence[float] | None = None
-        self.command: list[float] | None = None
         self.error: list[float] | None = None
-        self.stopped = ''
-        self.is_stale = self.is_outside = self.is_unplanned = False
         self.lag: float | None = None
+        self.samples: tuple[Sample, ...] = ()
+        self.is_outside = self.is_unplanned = False
+        self._lock = RLock()
+        self._clock, self._pace, self._gate = StampClock(), Pace(), Gate()
         self._control = self._next = control
-        self._followed, self._order = set_point(control, control.regulator, 0), StampOrder()
+        self._effects, self._cause = Effect.NONE, ''
+        self._itinerary = Itinerary()
+        self._plans: tuple[Plan, ...] = ()
+        self._sent, self._integral = SentCommands(), Integral(len(control.rest))
+        self._setpoint: SetPoint
+        self._course: deque[Followed]
+        self._begin_set_point(0)
         self._seen = self._spoken = self._now = -math.inf
         self._reports: dict[str, float] = {}
-        self._excess: Sequence[float] = ()
-        self._since: int | None = None
-        self._reported: ReferenceLaw | None = None
-        self._jump: list[float] | None = None
-        self._sent = SentCommands()
+        self._intervals: deque[float] = deque(maxlen=_TOO_SLOW)
         self._measured: float | None = None
-        self._begin(control)
+        self._restarts: int | None = None
 
     @property
     def control(self) -> Control:
         """Return the control that the next state will use."""
         return self._next
 
-    def adopt(self, control: Control) -> None:
-        """Use another control from the next state on."""
-        self._next = control
+    @property
+    def stamp(self) -> int | None:
+        """Return the stamp of the last state in order [ns]."""
+        return self._clock.last
+
+    @property
+    def command(self) -> list[float] | None:
+        """Return the last command (m,)."""
+        return self._gate.sent
+
+    @property
+    def is_stopped(self) -> bool:
+        """Return whether the loop is stopped."""
+        return self.mode is Mode.STOPPED
+
+    @property
+    def stopped(self) -> str:
+        """Return why the loop is stopped; empty: it is not."""
+        return self.reason if self.mode is Mode.STOPPED else ''
+
+    @property
+    def is_stale(self) -> bool:
+        """Return whether states are missing."""
+        timeout = self._next.rules.state_timeout
+        return self.x is not None and timeout > 0.0 and self._now >= self._seen + timeout
+
+    @property
+    def reference(self) -> Reference | None:
+        """Return the reference that is followed, or whose end is held."""
+        return self._itinerary.followed or self._itinerary.held
+
+    @property
+    def interval(self) -> float | None:
+        """Return the mean of the last intervals between states [s]; None: not known."""
+        known = tuple(self._intervals)
+        return sum(known) / len(known) if len(known) == _TOO_SLOW else None
+
+    # What others ask for, from any thread
+
+    def activate(self) -> None:
+        """Begin a run; a stop goes on."""
+        with self._lock:
+            self._clock, self._intervals = StampClock(), deque(maxlen=_TOO_SLOW)
+            self.due = None
+            self._pace.forget()
+            self._gate = Gate()
+            self.x = self.error = self._restarts = None
+            self._seen = self._spoken = -math.inf
+            self._step(Event.ACTIVATE, 'the loop waits for a state')
+
+    def deactivate(self) -> list[float] | None:
+        """End a run; return the last command (m,), None if there was none before."""
+        with self._lock:
+            has_spoken = self._gate.sent is not None
+            self._step(Event.DEACTIVATE, 'the loop has ended')
+            return self._rest() if has_spoken else None
 
     def stop(self, reason: str) -> None:
-        """Command the input at rest until `start`."""
-        self.stopped = reason
+        """Command the input at rest until `start`, and give up all references."""
+        with self._lock:
+            self._step(Event.STOP, f'stopped: {reason}', reason)
 
     def start(self) -> None:
         """End a stop."""
-        self.stopped = ''
+        with self._lock:
+            self._step(Event.START, 'started: the next state begins the control law')
+
+    def adopt(self, control: Control) -> None:
+        """Use another control from the next state on."""
+        with self._lock:
+            self._next = control
+
+    def offer(self, control: Control) -> str:
+        """
+        Adopt a control whose last reference is new, if the present state is near enough to it.
+
+        Returns
+        -------
+        str
+            Why it is rejected, and nothing is adopted; empty: it is accepted. One that begins
+            later is judged again at its beginning.
+
+        """
+        with self._lock:
+            if not (self.mode in FOLLOWING and not self.is_stale and control.legs):
+                self._next = control
+                return ''
+            leg, stamp = control.legs[-1], self._clock.last
+            begin = leg.reference.begin
+            if stamp is not None and self.x is not None and (begin is None or begin <= stamp):
+                reason = self._judge(control, leg, begin, stamp, self.x)
+                if reason:
+                    return reason
+            self._next = control
+            return ''
+
+    def add_plan(self, plan: Plan, run: int) -> bool:
+        """
+        Use a plan for the states that it covers; the one that covers the last state is kept.
+
+        Parameters
+        ----------
+        plan : Plan
+            The plan.
+        run : int
+            `run` at the state from which it was made.
+
+        Returns
+        -------
+        bool
+            False: the law has begun anew since then, and the plan is not used.
+
+        """
+        with self._lock:
+            if run != self.run or self.mode in (Mode.INACTIVE, Mode.STOPPED):
+                return False
+            now = self._clock.last
+            present = None if now is None else select_plan(self._plans, now)
+            self._plans = (plan,) if present is None else (present, plan)
+            return True
+
+    def reframe(self) -> None:
+        """Tell that the next states are in another frame."""
+        with self._lock:
+            self._step(Event.FRAME, 'the frame of the states has changed: the next state begins '
+                                    'the control law')
+
+    def replace_source(self) -> None:
+        """Tell that another node publishes the next states."""
+        with self._lock:
+            self._cause = 'with another publisher of the states'
+            self._step(Event.REPLACED, f'{self._cause} the control law begins anew')
+
+    # States and time, in one thread
 
     def answer(self, stamp: int, x: Sequence[float], now: float, clock: int | None = None,
-               measured: float | None = None) -> list[float] | None:
+               measured: float | None = None, restarts: int = 0) -> list[float] | None:
         """
         Return the command (m,) for a state, or None.
 
@@ -159,6 +293,8 @@ class ControlLoop:
             Present time of the clock of the stamps [ns]; None: the age of a state is not known.
         measured : float, optional
             The scheduling variable, if it is measured.
+        restarts : int
+            How often the source of the states has begun anew.
 
         Returns
         -------
@@ -166,49 +302,53 @@ class ControlLoop:
             None: the state is dropped or skipped, or the rules ask for silence.
 
         """
-        self._now = now
-        if not (self._is_usable(x, measured, now) and self._is_timely(stamp, clock, now)
-                and self._is_in_order(stamp)):
-            return None
-        self._note_outage(now)
-        self.x, self._seen, self.is_stale, self._measured = x, now, False, measured
-        if not self._order.is_due(stamp, self._next.rules.period):
-            self.counts['skipped'] += 1
-            return None
-        new = self._next
-        if not self.stopped:
-            self._judge(new, stamp, x)
-        if new is not self._control:
-            self._take_over(new, stamp, x)
-        u = self._decide(self._control, stamp, x)
-        if u is None:
-            return None
-        if not all(map(math.isfinite, u)):
-            self.drop('command', f'a command that is not finite ({u}) was dropped', now)
-            return None
-        self._order.answered = stamp
-        self._spoken, self.command = now, u
-        self.counts['answered'] += 1
-        return u
+        with self._lock:
+            self._now = now
+            if not (self._is_usable(x, measured) and self._is_timely(stamp, clock)):
+                return None
+            order = self._clock.order(stamp, self._next.rules.state_timeout)
+            if order.tick is Tick.LATE:
+                self.counts['late'] += 1
+                self._report('late', f'a state {order.by:g} s older than the previous one was '
+                                     'dropped')
+                return None
+            self._note_order(order, restarts)
+            self.x, self._seen, self._measured = x, now, measured
+            if not self._pace.is_due(stamp, self._next.rules.period):
+                self.counts['skipped'] += 1
+                return None
+            self.due = stamp
+            u = self._answer_due(stamp, x)
+            if u is not None:
+                self._spoken = now
+                self.counts['answered'] += 1
+            return u
 
     def overdue(self, now: float) -> list[float] | None:
-        """Return the command while no state arrives; None: none is due."""
-        rules = self._next.rules
-        if now < self.wake():
-            return None
-        if not self.is_stale:
-            self.is_stale = True
-            self.drop('stale', f'no valid state for {rules.state_timeout:g} s; on_stale: '
-                               f'{rules.on_stale}', now)
-        self._spoken = now
-        return self._instead('equilibrium' if self.stopped else rules.on_stale)
+        """Return the command that is due without a state; None: none is."""
+        with self._lock:
+            if now < self.wake():
+                return None
+            self._now, rules = now, self._next.rules
+            if self.is_stale and self.mode in FOLLOWING:
+                self.counts['stale'] += 1
+                words = f'no valid state for {rules.state_timeout:g} s'
+                self._step(Event.LOST, f'{words}; on_stale: {rules.on_stale}', words)
+            self._spoken = now
+            if self.is_stopped:
+                return self._rest()
+            return self._act(rules.on_stale) if self.mode is Mode.RESTING else None
 
     def wake(self) -> float:
         """Return the time of the steady clock [s] at which to call `overdue` next."""
+        rest = self._gate.sent is not None and self.mode is Mode.STOPPED
+        if rest and self._gate.sent != self._clip_rest():
+            return -math.inf   # a stop is not to wait for a state
         timeout = self._next.rules.state_timeout
-        if self.x is None or not timeout:
+        if self.x is None or not timeout or self.mode in (Mode.INACTIVE, Mode.WAITING):
             return math.inf
-        return (self._spoken if self.is_stale else self._seen) + timeout
+        return max(self._seen + timeout, self._spoken + max(timeout, _REPEAT)
+                   if self._spoken > self._seen else -math.inf)
 
     def age(self, now: float) -> float | None:
         """Return the time since the last valid state [s]; None: there was none."""
@@ -216,174 +356,350 @@ class ControlLoop:
 
     def preview(self, control: Control) -> list[float] | None:
         """Return the change (m,) of the last command under another control; None: none yet."""
-        if self.x is None or self.stamp is None or self.command is None:
-            return None
-        u = self._input(control, self._ahead(control, self.stamp), self.stamp, self.x)
-        control.limits.clip(u)
-        return list(map(sub, u, self.command))
+        with self._lock:
+            stamp, sent = self._clock.last, self._gate.sent
+            if self.x is None or stamp is None or sent is None:
+                return None
+            at = self._carry_set_point(control, stamp, is_withdrawn=False)
+            u = self._compute(control, self._aim(control, at, stamp), stamp, self.x)
+            control.limits.clip(u)
+            return list(map(sub, u, sent))
 
     def drop(self, kind: str, sentence: str, now: float) -> None:
         """Count and report a dropped state; `now` is the steady clock [s]."""
-        self._now = now
-        self.counts[kind] += 1
-        self._report(kind, sentence)
+        with self._lock:
+            self._now = now
+            self.counts[kind] += 1
+            self._report(kind, sentence)
 
-    # Checks of a state
+    # Events of a state
 
-    def _note_outage(self, now: float) -> None:
-        gap = now - self._seen
-        if self.is_stale:
-            self._report('back', f'states have returned after {gap:.3g} s', self.events)
-        if self.x is not None and 0.0 < self._next.rules.state_timeout <= gap:
-            self._lost = gap
-
-    def _is_usable(self, x: Sequence[float], measured: float | None, now: float) -> bool:
+    def _is_usable(self, x: Sequence[float], measured: float | None) -> bool:
         names = self._next.names
         if len(x) != len(names):
             self.drop('size', f'a state with {len(x)} numbers was dropped: wanted {len(names)} '
-                              f'({", ".join(names)})', now)
+                              f'({", ".join(names)})', self._now)
             return False
         if not all(map(math.isfinite, x)):
             wrong = next(i for i, value in enumerate(x) if not math.isfinite(value))
-            self.drop('finite', f'a state with {names[wrong]} = {x[wrong]} was dropped', now)
+            self.drop('finite', f'a state with {names[wrong]} = {x[wrong]} was dropped',
+                      self._now)
             return False
         if measured is not None and self._next.schedule and not math.isfinite(measured):
-            self.drop('finite', f'a state with a speed of {measured} was dropped', now)
+            self.drop('finite', f'a state with a speed of {measured} was dropped', self._now)
             return False
         return True
 
-    def _is_timely(self, stamp: int, clock: int | None, now: float) -> bool:
+    def _is_timely(self, stamp: int, clock: int | None) -> bool:
         timeout = self._next.rules.stamp_timeout
-        self.lag = None if clock is None else compute_age(stamp, clock)
+        self.lag = None if clock is None else compute_lag(stamp, clock)
         if not timeout or self.lag is None or abs(self.lag) <= timeout:
             return True
         kind, words = ('old', 'before') if self.lag > 0.0 else ('ahead', 'after')
         self.drop(kind, f'a state stamped {abs(self.lag):.3g} s {words} the local time was '
                         f'dropped (stamp_timeout: {timeout:g} s): it is late, or the clocks '
-                        'differ', now)
+                        'differ; stamp_timeout: 0 is for clocks that are not synchronised',
+                  self._now)
         return False
 
-    def _is_in_order(self, stamp: int) -> bool:
-        last, order = self.stamp, self._order.order(stamp, self._next.rules.state_timeout or 1.0)
-        if last is not None and order:
-            self.counts[order] += 1
-            if order == 'late':
-                self._report(order, f'a state {(last - stamp) * NS:g} s older than the previous '
-                                    'one was dropped')
-                return False
-            if order == 'restarted':
-                self._report(order, f'time went back by {(last - stamp) * NS:g} s: the loop was '
-                                    'restarted')
-                self._begin(self._next)
-        self.stamp = stamp
+    def _note_order(self, order: Order, restarts: int) -> None:
+        """Report the events that the stamps and the source of a state tell of."""
+        gap = self._now - self._seen
+        if order.tick is Tick.SAME:
+            self.counts['repeated'] += 1
+        elif order.tick is Tick.NEXT:
+            self._gate.advance(order.by)
+        if order.tick in (Tick.NEXT, Tick.OUTAGE):
+            self._intervals.append(order.by)
+        if order.tick is Tick.RESTART:
+            self.counts['restarted'] += 1
+            self._restart(order.by)
+        elif order.tick is Tick.OUTAGE:
+            self._cause = f'after {order.by:.3g} s without a state'
+            self._step(Event.OUTAGE, f'{self._cause} the control law begins anew')
+        if self.is_stale:
+            self._cause = f'after {gap:.3g} s without a state'
+            self._step(Event.BACK, f'states have returned after {gap:.3g} s')
+        if self._restarts is not None and restarts != self._restarts:
+            self._cause = 'after a new beginning of the source of the states'
+            self._step(Event.JUMP, f'{self._cause} the control law begins anew')
+        self._restarts = restarts
+
+    def _restart(self, by: float) -> None:
+        self._pace.forget()
+        self._intervals.clear()
+        self._step(Event.RESTART, f'time went back by {by:g} s: the loop was restarted')
+
+    def _step(self, event: Event, sentence: str, reason: str = '') -> None:
+        """Change the mode by the table; collect the effects, and say what has happened."""
+        before, change = self.mode, step(self.mode, event)
+        self._effects |= change.effect
+        self.mode = change.mode
+        if change.mode is not before or change.mode is Mode.STOPPED and event is Event.STOP:
+            self.reason = reason if change.mode in (Mode.RESTING, Mode.STOPPED) else ''
+        if change.mode is not before or change.effect & (Effect.DROP | Effect.JUDGE):
+            is_warning = change.mode in (Mode.RESTING, Mode.STOPPED) or event in _WARNED
+            self._report(event.name, sentence, self.news if is_warning else self.events)
+        if change.effect & (Effect.DROP | Effect.CLEAR):
+            self._plans, self.run = (), self.run + 1
+        if Effect.DROP in change.effect:
+            self._drop_all(sentence)
+
+    def _drop_all(self, sentence: str) -> None:
+        """Give up the references."""
+        self._effects = Effect.NONE
+        self._begin_set_point(self._clock.last or 0)
+        for _ in self._itinerary.drop(self._next.legs):
+            self.refused.append(sentence)
+
+    # The answer to a state
+
+    def _answer_due(self, stamp: int, x: Sequence[float]) -> list[float] | None:
+        """Return the command for a state for which one is due."""
+        if self.is_stopped:
+            return self._rest()
+        if self.mode is Mode.INACTIVE:
+            return None
+        former = self._control, self._aim_now(stamp)   # what would have gone on
+        was_following = self.mode in FOLLOWING
+        self._step(Event.STATE, 'the control law begins')
+        if self._next is not self._control:
+            self._take_over(self._next, stamp)
+        control = self._control
+        if self.mode is Mode.RESTING:
+            if fault := self._find_fault(control, stamp, x):
+                return self._act(fault.action)
+            self._step(Event.RESUME, 'the control law is resumed')
+        if not self._judge_references(control, stamp, x):
+            return self._rest()
+        self._end_reference(control, stamp)
+        self._choose_plan(stamp)
+        self._place(control, stamp, x)
+        if fault := self._find_fault(control, stamp, x):
+            return self._interrupt(fault)
+        return self._command(control, stamp, x, former if was_following else None)
+
+    def _place(self, control: Control, stamp: int, x: Sequence[float]) -> None:
+        """Let the law begin or go on at a state."""
+        is_anew = Effect.ANEW in self._effects
+        if is_anew:
+            self._integral = Integral(len(control.rest))
+        if Effect.PLACE in self._effects:
+            self._integral.pause()
+            self._sent.forget()
+        if Effect.PLACE in self._effects or (
+                self._gate.is_entering and self._itinerary.followed is None):
+            self._setpoint = self._setpoint.place(
+                x, stamp, control.limits.error, stamp if is_anew else self._setpoint.origin)
+
+    def _judge_references(self, control: Control, stamp: int, x: Sequence[float]) -> bool:
+        """
+        Let near references begin, and judge the followed one again after a discontinuity.
+
+        Returns
+        -------
+        bool
+            False: the followed one is too far, and the loop is stopped.
+
+        """
+        acts = self._acts(control, stamp)
+        for leg in list(self._itinerary.find_due(control.legs, acts)):
+            reason = self._judge(control, leg, leg.reference.begin, stamp, x)
+            if reason:
+                self._itinerary.reject(leg)
+                self.refused.append(reason)
+                continue
+            self._itinerary.begin(leg, acts)
+            self._course.append(Followed(acts, leg.reference))
+            self._effects &= ~Effect.JUDGE
+            self._step(Event.BEGIN, '')
+            self.events.append(f'the reference of {leg.reference.duration:g} s begins')
+        followed = find_leg(control.legs, self._itinerary.followed)
+        if followed is None or Effect.JUDGE not in self._effects:
+            return True
+        begin = self._itinerary.get_begin(followed.reference)
+        reason = self._judge(control, followed, begin, stamp, x)
+        if reason:
+            reason = f'{self._cause}, {reason}'
+            self._step(Event.STOP, f'{reason}; stopped until ~/start', reason)
+            return False
+        if self.mode is not Mode.REFERENCE:
+            self._step(Event.BEGIN, 'the reference is followed again')
         return True
 
-    def _judge(self, new: Control, stamp: int, x: Sequence[float]) -> None:
-        """Check references when they begin, and the followed one after an outage."""
-        if references.has_unjudged(new.legs):
-            self.refused.extend(
-                references.judge_references(new, *self._expected(self._control, stamp, x)))
-        if self._lost and (reason := references.judge_again(new, stamp, x)):
-            reason = f'after {self._lost:.3g} s without a state, {reason}'
-            self.refused.append(f'{reason}; stopped until ~/start')
-            self.stop(reason)
-        self._lost = 0.0
+    def _end_reference(self, control: Control, stamp: int) -> None:
+        """Hold the end of the followed reference from its end on."""
+        followed = self._itinerary.followed
+        leg, acts = find_leg(control.legs, followed), self._acts(control, stamp)
+        if followed is None or leg is None or acts < (end := self._itinerary.get_end(followed)):
+            return
+        self._itinerary.end()
+        self._setpoint = SetPoint(leg.after, leg.after.x, end, is_designed=False)
+        self._course.append(Followed(acts, None))
+        self._step(Event.END, f'the reference of {followed.duration:g} s has ended')
 
-    # The command
+    def _choose_plan(self, stamp: int) -> None:
+        if select_plan(self._plans, stamp) is not None:
+            self._step(Event.PLANNED, 'the plan is followed')
+        else:
+            self._step(Event.UNPLANNED, 'no plan for this state')
 
-    def _decide(self, control: Control, stamp: int, x: Sequence[float]) -> list[float] | None:
-        if self.stopped:
-            return self._instead('equilibrium')
-        if self._resting:
-            self._resume(control, stamp, x)
-        elif self._is_entering and self._followed is self._setpoint:
-            self._place(control, stamp, x, self._setpoint.origin)
-            self._followed = self._setpoint
-        now = self._running(control, stamp)
-        ahead = now if control.prediction is None else self._ahead(control, stamp)
-        if ahead.law is not self._followed.law:  # a reference has begun or ended
-            before = self._going_on(stamp, x)
-            self._followed = ahead
-            self._smooth(control, before, stamp, x)
-        if ahead.law is not self._reported:
-            self._reported = ahead.law
-            self.events.extend(references.describe_events(control.legs, ahead.law))
-        here = self._point(control, now, stamp)
+    def _find_fault(self, control: Control, stamp: int, x: Sequence[float]) -> Fault | None:
+        """Return why a rule does not let the law answer a state, and what it asks for."""
+        rules, has_plan = control.rules, select_plan(self._plans, stamp) is not None
+        self.error = control.limits.error(x, self._find_asked(control, stamp, x))
+        if what := self._explain_excess(control, self.error) or self._explain_slowness(control):
+            return Fault(f'{what}; on_envelope: {rules.on_envelope}', what, rules.on_envelope)
+        what = '' if has_plan else self._explain_no_plan(control, self.error)
+        if self.is_unplanned and not what:
+            self._report('planned', 'the state can be controlled again', self.events)
+        self.is_unplanned = bool(what)
+        if not what:
+            return None
+        self.counts['unplanned'] += 1
+        sentence = f'{what}; on_unplanned: {rules.on_unplanned}'
+        if rules.on_unplanned == 'regulator':
+            self._report('unplanned', sentence)
+            return None
+        return Fault(sentence, what, rules.on_unplanned)
+
+    def _interrupt(self, fault: Fault) -> list[float] | None:
+        """Stop or suspend the law; return the command that replaces it."""
+        if fault.action == 'stop':
+            self._step(Event.STOP, f'stopped: {fault.reason}', fault.reason)
+            return self._rest()
+        self._step(Event.SUSPEND, fault.sentence, fault.reason)
+        return self._act(fault.action)
+
+    def _command(self, control: Control, stamp: int, x: Sequence[float],
+                 former: tuple[Control, Aim] | None) -> list[float] | None:
+        """Return the command of the control law, through the gate."""
+        aim = self._aim_now(stamp)
+        here = self._point(control, aim.now, stamp)
         error = control.limits.error(x, here.x)
-        if control.rules.x_limits and self._is_beyond(control, error):
-            return self._instead('equilibrium' if self.stopped else control.rules.on_envelope)
-        if self._is_unplanned(ahead.law, error):
-            return self._instead(control.rules.on_stale)
         if control.C:
-            self._integrate(control, here, error, stamp)
-        self.error, self._since = error, stamp
-        raw = self._law(control, here, error, now, ahead, stamp)
-        if self._jump is not None:
-            self._fade(raw, stamp)
-        u = raw.copy()
-        clipped = control.limits.clip(u)
-        self.counts['saturated'] += bool(clipped)
-        self._excess = list(map(sub, raw, u)) if clipped else ()
+            self._integral.advance(control.C, here.Ki, error, stamp)
+        raw = self._compute(control, aim, stamp, x)
+        time = control.rules.transition_time
+        if Effect.FADE in self._effects:
+            self._fade(control, raw, stamp, x, former)
+        wanted = self._gate.smooth(raw, time)
+        u = self._gate.let_through(wanted, control.limits)
+        self._effects = Effect.NONE
+        if u is None:
+            self.drop('command', f'a command that is not finite ({wanted}) was dropped', self._now)
+            return None
+        self.counts['saturated'] += u != wanted
+        self._integral.note(wanted, u)
         if control.prediction is not None:
             self._sent.remember(control.prediction, u, stamp)
+        self.samples = (*self.samples[-1:], Sample(stamp, x, u))
         return u
 
-    def _input(self, control: Control, ahead: Running, stamp: int, x: Sequence[float]
-               ) -> list[float]:
-        """Return the command of a control law for a state, without limits."""
-        now = ahead if control.prediction is None else self._running(control, stamp)
-        here = self._point(control, now, stamp)
-        return self._law(control, here, control.limits.error(x, here.x), now, ahead, stamp)
+    def _fade(self, control: Control, raw: Sequence[float], stamp: int, x: Sequence[float],
+              former: tuple[Control, Aim] | None) -> None:
+        """Begin a transition: from the command that would have gone on, or that was sent last."""
+        gate, time = self._gate, control.rules.transition_time
+        if former is None or Effect.PLACE in self._effects:
+            before = gate.sent or (list(control.rest) if control.rules.from_rest else None)
+            if before is not None:
+                gate.enter(before, raw, time)
+            return
+        old, aim = former
+        before = gate.smooth(self._compute(old, aim, stamp, x), time)
+        old.limits.clip(before)
+        gate.leave(before, gate.smooth(raw, time), time)
 
-    def _law(self, control: Control, here: ReferencePoint, e: list[float], now: Running,
-             ahead: Running,
-             stamp: int) -> list[float]:
-        """Return the unlimited input of the law `ahead`; e is the error from `here` of `now`."""
-        point = here
-        z: Sequence[float] = ()
-        if control.prediction is not None:
-            e, z = self._sent.predict(control.prediction, e, here.u, len(control.C))
-            if control.legs or control.horizon is not None:
-                later = stamp + control.prediction.delay
-                point = self._point(control, ahead, later)
-                if ahead.law is not now.law:
-                    on = self._point(control, now, later).x
-                    e = control.limits.error(list(map(add, on, e)), point.x)
-        u = compute_feedback(point, e)
-        if control.C:
-            for j, row in enumerate(point.Ki):
-                u[j] -= self._w[j] + sum(map(mul, row, z))
-        return u
+    def _act(self, action: str) -> list[float] | None:
+        """Return the command that replaces the control law."""
+        if action == 'hold':
+            held = self._gate.sent
+            return held and self._gate.let_through(held, self._next.limits)
+        return self._rest() if action == 'equilibrium' else None
 
-    def _ahead(self, control: Control, stamp: int) -> Running:
-        """Return the control law at the time when the command for a stamp acts."""
-        delay = control.prediction.delay if control.prediction is not None else 0
-        return self._running(control, stamp + delay)
+    def _rest(self) -> list[float] | None:
+        """Return the input at rest."""
+        self._gate.settle()
+        return self._gate.let_through(self._next.rest, self._next.limits)
 
-    def _running(self, control: Control, stamp: int) -> Running:
-        """Return the control law at a stamp."""
-        if running := references.find_current(control.legs, stamp):
-            return running
-        if control is self._control:
-            return self._setpoint
-        return set_point(control, *self._moved(control, stamp))
+    def _clip_rest(self) -> list[float]:
+        rest = list(self._next.rest)
+        self._next.limits.clip(rest)
+        return rest
 
-    def _expected(self, control: Control, stamp: int, x: Sequence[float]
-                  ) -> tuple[int, Sequence[float]]:
-        """Return the stamp at which the command acts, and the predicted state (n,)."""
-        if control.prediction is None:
-            return stamp, x
-        later, now = stamp + control.prediction.delay, self._running(control, stamp)
-        here = self._point(control, now, stamp)
-        e, _ = self._sent.predict(control.prediction, control.limits.error(x, here.x), here.u,
-                                  len(control.C))
-        return later, list(map(add, self._point(control, now, later).x, e))
+    # The rules
 
-    def _point(self, control: Control, running: Running, stamp: int) -> ReferencePoint:
-        """Return the reference and the gain at a stamp."""
-        point = running.law.at((stamp - running.origin) * NS)
-        schedule = control.schedule
-        if schedule is None or not (running.is_setpoint or schedule.input < 0):
+    def _find_asked(self, control: Control, stamp: int, x: Sequence[float]) -> Sequence[float]:
+        """Return what was asked for: a point of the reference, or of the set point."""
+        if self._itinerary.followed is not None or self.mode is Mode.SET_POINT:
+            return self._point(control, self._aim_now(stamp).now, stamp).x
+        # A plan, or a law that will begin, goes on along the drift from where the plant is.
+        return free_drift(x, self._setpoint.at(stamp).x, self._setpoint.law.drift,
+                          control.limits.error)
+
+    def _explain_excess(self, control: Control, error: Sequence[float]) -> str:
+        """Return which error is outside of `x_limits`; empty: none is."""
+        for name, value, (lower, upper) in zip(
+                control.names, error, control.rules.x_limits, strict=False):
+            if not lower <= value <= upper:
+                self.counts['outside'] += not self.is_outside
+                self.is_outside = True
+                return (f'the error of {name} is {value:g}, outside [{lower:g}, {upper:g}]')
+        self.is_outside = False
+        return ''
+
+    def _explain_slowness(self, control: Control) -> str:
+        """Return by how much states are too far apart for the gain; empty: they are not."""
+        longest = control.longest_period
+        if len(self._intervals) < _TOO_SLOW or min(self._intervals) <= longest:
+            return ''
+        self.counts['slow'] += 1
+        return (f'the last {_TOO_SLOW} states were {min(self._intervals):.3g} s apart or more: '
+                f'held longer than {longest:.3g} s the gain is unstable')
+
+    def _explain_no_plan(self, control: Control, error: Sequence[float]) -> str:
+        """Return that a state is outside the region of the feedback; empty: it is inside."""
+        region = control.regulator.region
+        if region is None or (value := region.measure(error)) <= region.level:
+            return ''
+        return ('no plan, and the state is outside the terminal set (its value is '
+                f'{value:.4g}, the level {region.level:.4g})')
+
+    # Laws
+
+    def _acts(self, control: Control, stamp: int) -> int:
+        """Return the stamp [ns] at which the command for a stamp takes effect."""
+        return stamp + (control.prediction.delay if control.prediction is not None else 0)
+
+    def _aim_now(self, stamp: int) -> Aim:
+        """Return what is followed, and forget what was followed before."""
+        while len(self._course) > 1 and self._course[1].since <= stamp:
+            self._course.popleft()
+        return self._aim(self._control, self._setpoint, stamp)
+
+    def _aim(self, control: Control, setpoint: SetPoint, stamp: int) -> Aim:
+        """Return the laws at a stamp [ns] and at the time when its command acts."""
+        if self.mode is Mode.PLAN and control is self._control:
+            plan = select_plan(self._plans, stamp)
+            if plan is not None:
+                return Aim(plan, plan)
+        now, ahead = (next(
+            each for each in reversed(self._course) if each.since <= at or each is self._course[0])
+            for at in (stamp, self._acts(control, stamp)))
+        return Aim(self._resolve(control, setpoint, now),
+                   self._resolve(control, setpoint, ahead))
+
+    def _resolve(self, control: Control, setpoint: SetPoint, followed: Followed) -> Law:
+        leg = find_leg(control.legs, followed.reference)
+        if leg is None or followed.reference is None:
+            return setpoint
+        return Along(leg.along, self._itinerary.get_begin(followed.reference))
+
+    def _point(self, control: Control, law: Law, stamp: int) -> ReferencePoint:
+        """Return the target and the gain of a law at a stamp [ns]."""
+        point, schedule = law.at(stamp), control.schedule
+        if schedule is None or isinstance(law, Plan) or not (
+                schedule.input < 0 or isinstance(law, SetPoint) and law.is_designed):
             return point
         K, Ki = schedule.gains.at(self._variable(schedule, point))
         return point._replace(K=K, Ki=Ki)
@@ -393,170 +709,91 @@ class ControlLoop:
         if self._measured is not None:
             return self._measured
         # Before the first command of the law the plant does not follow a command.
-        is_moving = self._since is not None and self.command is not None
-        return (self.command if is_moving and self.command else point.u)[schedule.input]
+        has_begun = self.mode in FOLLOWING and Effect.PLACE not in self._effects
+        return (self._gate.sent if has_begun and self._gate.sent else point.u)[schedule.input]
 
-    def _instead(self, action: str) -> list[float] | None:
-        """Return the command that replaces the control law."""
-        if action == 'hold':
-            return self.command and self.command.copy()
-        self._resting = True
-        return list(self._control.rest) if action == 'equilibrium' else None
-
-    def _is_beyond(self, control: Control, error: Sequence[float]) -> bool:
-        for i, (value, (lower, upper)) in enumerate(
-                zip(error, control.rules.x_limits, strict=True)):
-            if not lower <= value <= upper:
-                what = (f'the error of {control.names[i]} is {value:g}, outside [{lower:g}, '
-                        f'{upper:g}]')
-                if not self.is_outside:
-                    self.is_outside = True
-                    self.counts['outside'] += 1
-                    self._report('outside', f'{what}; on_envelope: {control.rules.on_envelope}')
-                if control.rules.on_envelope == 'stop':
-                    self.stop(what)
-                return True
-        self.is_outside = False
-        return False
-
-    def _is_unplanned(self, law: ReferenceLaw, error: Sequence[float]) -> bool:
-        """Return whether an error is outside the region of the feedback that is to be used."""
-        region = law.region if isinstance(law, StateFeedback) else None
-        value = 0.0 if region is None else region.measure(error)
-        was_unplanned = self.is_unplanned
-        self.is_unplanned = region is not None and not value <= region.level
-        if region is None or not self.is_unplanned:
-            if was_unplanned:
-                self._report('planned', 'the state can be controlled again', self.events)
-            return False
-        self.counts['unplanned'] += 1
-        self._report('unplanned', f'no plan, and the state is outside the terminal set (its value '
-                     f'is {value:.4g}, the level {region.level:.4g}); on_stale: '
-                     f'{self._control.rules.on_stale}')
-        return True
-
-    # The memory of a run: moving set point, integral, transition, sent commands
-
-    def _begin(self, control: Control) -> None:
-        """Reset the memory."""
-        references.forget(control.legs)
-        self._regulator = control.regulator
-        self._setpoint = set_point(control, control.regulator, 0)
-        self._followed = self._setpoint
-        self._w = [0.0] * len(control.regulator.u)
-        self._excess, self._reported = (), None
-        self._jump, self._jumped, self._is_entering = None, 0, False
-        self._resting, self._lost = True, 0.0
-        self._sent = SentCommands()
-        self.error = self._since = None
-
-    def _resume(self, control: Control, stamp: int, x: Sequence[float]) -> None:
-        """Begin with the control law, or resume it after another command."""
-        self._resting = False
-        self._w = [0.0] * len(self._w)
-        self._since = None
-        self._sent.forget()
-        self._place(control, stamp, x, stamp)
-        self._follow(control, stamp)
-        before = self.command or (list(control.rest) if control.rules.from_rest else None)
-        if before is not None:
-            self._smooth(control, before, stamp, x)
-        self._is_entering = self._jump is not None
-
-    def _place(self, control: Control, stamp: int, x: Sequence[float], origin: int) -> None:
-        """Put a moving set point at the plant; `origin` is the stamp of its t = 0."""
-        here = self._regulator.beside(x, (stamp - self._setpoint.origin) * NS)
-        self._hold(control, replace(here, x=here.at((origin - stamp) * NS).x), origin)
-
-    def _hold(self, control: Control, regulator: StateFeedback, origin: int) -> None:
-        """Use a regulator for the set point."""
-        self._regulator, self._setpoint = regulator, set_point(control, regulator, origin)
-
-    def _follow(self, control: Control, stamp: int) -> None:
-        """Store the present control law; references without a beginning begin now."""
-        references.begin_now(control.legs, stamp)
-        self._followed = self._ahead(control, stamp)
-
-    def _take_over(self, new: Control, stamp: int, x: Sequence[float]) -> None:
-        """Replace the control by `new`."""
-        before = None
-        if not (self._resting or self.stopped or self.command is None):
-            before = self._going_on(stamp, x)
-        self._hold(new, *self._moved(new, stamp))
-        if not (new.C and self._control.C):
-            self._w = [0.0] * len(self._w)
-        self._control, self._excess = new, ()
-        self._follow(new, stamp)
-        if before is not None:
-            self._smooth(new, before, stamp, x)
-
-    def _going_on(self, stamp: int, x: Sequence[float]) -> list[float]:
-        """Return the command of the control law before a change."""
-        u = self._input(self._control, self._followed, stamp, x)
-        if self._jump is not None:
-            self._fade(u, stamp)
-        self._control.limits.clip(u)
+    def _compute(self, control: Control, aim: Aim, stamp: int, x: Sequence[float]) -> list[float]:
+        """Return the input of the law at the time when it acts, without limits."""
+        here = self._point(control, aim.now, stamp)
+        e, point = control.limits.error(x, here.x), here
+        z: Sequence[float] = ()
+        if control.prediction is not None:
+            e, z = self._sent.predict(control.prediction, e, here.u, len(control.C))
+            later = self._acts(control, stamp)
+            point, on = self._point(control, aim.ahead, later), self._point(
+                control, aim.now, later).x
+            if aim.ahead is not aim.now:
+                e = control.limits.error(list(map(add, on, e)), point.x)
+        u = compute_feedback(point, e)
+        for j, row in enumerate(point.Ki if control.C else ()):
+            u[j] -= self._integral.w[j] + sum(map(mul, row, z))
         return u
 
-    def _moved(self, new: Control, stamp: int) -> tuple[StateFeedback, int]:
-        """Return the regulator of `new` at the present set point, and the stamp of t = 0."""
-        old = self._control
-        moved = self._regulator.at((stamp - self._setpoint.origin) * NS).x
-        # Continue from the end of a reference.
-        if references.select_accepted(old.legs) and not new.legs:
-            here = self._point(old, self._running(old, stamp), stamp).x
-            moves = map(any, zip(old.regulator.drift, new.regulator.drift, strict=True))
-            moved = tuple([h if v else m for h, m, v in zip(here, moved, moves, strict=True)])
-        x = [is_now if wanted == before else wanted for wanted, before, is_now in zip(
-            new.regulator.x, old.regulator.x, moved, strict=True)]
-        regulator = replace(new.regulator, x=tuple(x))
-        if new.horizon is None or references.restarts_horizon(old, new):
-            return regulator, stamp
-        origin = self._setpoint.origin
-        return replace(regulator, x=regulator.at((origin - stamp) * NS).x), origin
+    def _judge(self, control: Control, leg: Leg, begin: int | None, stamp: int,
+               x: Sequence[float]) -> str:
+        """Return why a state is too far from a reference where its command acts; empty: near."""
+        acts = self._acts(control, stamp)
+        begin = acts if begin is None else begin
+        t, end = (acts - begin) * NS, leg.reference.duration
+        wanted = leg.along.at(t) if t < end else leg.after.at(t - end)
+        return explain_distance(control, leg, t, self._expect(stamp, x), wanted.x)
 
-    def _smooth(self, new: Control, before: Sequence[float], stamp: int, x: Sequence[float]
-                ) -> None:
-        """Begin a transition from the command `before`."""
-        self._jump = None
-        if new.rules.transition_time:
-            after = self._input(new, self._followed, stamp, x)
-            self._jump, self._jumped = list(map(sub, before, after)), stamp
+    def _expect(self, stamp: int, x: Sequence[float]) -> Sequence[float]:
+        """Return the state (n,) that is predicted for the time when a command acts."""
+        control = self._control
+        if control.prediction is None:
+            return x
+        law, later = self._aim(control, self._setpoint, stamp).now, self._acts(control, stamp)
+        here = self._point(control, law, stamp)
+        e, _ = self._sent.predict(control.prediction, control.limits.error(x, here.x), here.u,
+                                  len(control.C))
+        return list(map(add, self._point(control, law, later).x, e))
 
-    def _fade(self, u: list[float], stamp: int) -> None:
-        """Add the rest of the jump, in place; it decays with zero slope at both ends."""
-        time = self._control.rules.transition_time
-        s = (stamp - self._jumped) * NS / time if time else 1.0
-        if self._jump is None or s >= 1.0:
-            self._jump, self._is_entering = None, False
-            return
-        left = 1.0 - s * s * (3.0 - 2.0 * s)
-        for j, jump in enumerate(self._jump):
-            u[j] += left * jump
+    # Changes of the control
 
-    def _integrate(self, control: Control, here: ReferencePoint, error: Sequence[float], stamp: int
-                   ) -> None:
-        """
-        Advance w, dw/dt = Ki C e, by the trapezoidal rule.
+    def _begin_set_point(self, origin: int) -> None:
+        """Let the set point of the parameters begin at a stamp [ns]."""
+        law = _design_law(self._control)
+        self._setpoint = SetPoint(law, law.x, origin)
+        self._course = deque([Followed(origin, None)])
 
-        The integral of an output is held while an input exceeds a limit and the output would
-        increase the excess (conditional anti-windup).
-        """
-        if self.error is None or self._since is None:
-            return
-        dt = (stamp - self._since) * NS
-        timeout = control.rules.state_timeout
-        if timeout and dt > timeout:
-            return  # the error in between is not known
-        for k, row in enumerate(control.C):
-            now = sum(map(mul, row, error))
-            if not any(-gains[k] * now * excess > 0.0
-                       for gains, excess in zip(here.Ki, self._excess, strict=False)):
-                dz = 0.5 * dt * (now + sum(map(mul, row, self.error)))
-                for j, gains in enumerate(here.Ki):
-                    self._w[j] += gains[k] * dz
+    def _carry_set_point(self, new: Control, stamp: int, is_withdrawn: bool) -> SetPoint:
+        """Return the present set point by another design."""
+        held = find_leg(new.legs, self._itinerary.held)
+        if held is not None:
+            return self._setpoint.carry(held.after, stamp, restarts=False)
+        law, old = _design_law(new), self._control
+        if is_withdrawn or not self._setpoint.is_designed:
+            return SetPoint(law, law.x, stamp)
+        restarts = new.horizon is None or (
+            old.horizon is None or old.horizon.time != new.horizon.time
+            or (old.regulator.x, old.regulator.u) != (new.regulator.x, new.regulator.u))
+        return self._setpoint.carry(law, stamp, restarts)
+
+    def _take_over(self, new: Control, stamp: int) -> None:
+        """Replace the control."""
+        is_withdrawn = self._itinerary.keep(new.legs)
+        self._setpoint = self._carry_set_point(new, stamp, is_withdrawn)
+        if not (new.C and self._control.C):
+            self._integral = Integral(len(new.rest))
+        self._integral.clear_excess()
+        self._control = new
+        self._step(Event.ADOPT, '')
+        if is_withdrawn:
+            self._course = deque([Followed(stamp, None)])
+            self._step(Event.WITHDRAWN, 'the reference is given up: the set point is held')
 
     def _report(self, kind: str, sentence: str, queue: deque[str] | None = None) -> None:
-        if self._now - self._reports.get(kind, -math.inf) >= _AGAIN:
+        if sentence and self._now - self._reports.get(kind, -math.inf) >= _AGAIN:
             self._reports[kind] = self._now
             (self.news if queue is None else queue).append(sentence)
+
+
+_WARNED = (Event.RESTART, Event.OUTAGE, Event.JUMP, Event.REPLACED, Event.FRAME)
+
+
+def _design_law(control: Control) -> SetPointLaw:
+    """Return the law of the set point of a control, with the gains of its horizon if any."""
+    if control.horizon is None:
+        return control.regulator
+    return BlendedFeedback(control.regulator, control.horizon.gains)

@@ -5,6 +5,7 @@
 from dataclasses import dataclass
 import math
 
+from obc_ros.core.closed_loop.clock import NS
 from obc_ros.core.closed_loop.feedback import (
     convert_rows,
     convert_vector,
@@ -13,7 +14,6 @@ from obc_ros.core.closed_loop.feedback import (
     Rows,
     Vector,
 )
-from obc_ros.core.closed_loop.message_stamps import NS
 from obc_ros.core.numerics.arrays import Array
 
 

@@ -21,6 +21,7 @@ from obc_ros.core.text.errors import DynamicsError, ObcError, StatementError
 _STEPS = 50
 _HALVINGS = 30
 _TOLERANCE = 1e-10  # of f, relative to its terms
+_ROUNDING = 16.0 * np.finfo(float).eps  # of f, relative to its terms
 _NEGLIGIBLE = 1e-5  # times the tolerance, where Newton's method ends: below it is rounding error
 
 
@@ -84,7 +85,7 @@ def find_equilibrium(
     best = _keep_inputs(system, u, best, loose, held)
     _check_limits(system, best)
     drift = system.f(best.x, best.u)
-    drift[held] = 0.0
+    drift[held | (np.abs(drift) <= _ROUNDING * _sum_terms(system, best.x, best.u))] = 0.0
     return Equilibrium(best.x, best.u, drift)
 
 
@@ -255,12 +256,16 @@ def _candidate(system: System, z: Array, held: Mask) -> _Found:
     f = system.f(x, u)
     if not np.isfinite(f).all():
         return _Found(x, u, f, np.inf, np.inf)
-    fx, fu = map(np.abs, system.jacobians(x, u))
-    # The rounding error of f is proportional to its terms.
-    terms = 1e-3 + fx @ np.abs(x) + fu @ np.abs(u) + np.abs(system.f(0 * x, 0 * u))
-    terms[~np.isfinite(terms)] = 1e-3
+    terms = 1e-3 + _sum_terms(system, x, u)
     left = np.abs(f[held]) / (_TOLERANCE * terms[held])
     return _Found(x, u, f, float(np.linalg.norm(f[held])), float(left.max(initial=0.0)))
+
+
+def _sum_terms(system: System, x: Array, u: Array) -> Array:
+    """Return the size (n,) of the terms of f, to which its rounding error is proportional."""
+    fx, fu = map(np.abs, system.jacobians(x, u))
+    terms = fx @ np.abs(x) + fu @ np.abs(u) + np.abs(system.f(0 * x, 0 * u))
+    return np.where(np.isfinite(terms), terms, 0.0)
 
 
 def _check_limits(system: System, found: _Found) -> None:

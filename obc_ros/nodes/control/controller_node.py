@@ -7,8 +7,9 @@ Subscribes to ``state`` (State) or ``odom`` (nav_msgs/Odometry). Publishes ``com
 see `command_sinks`), ``~/design`` (LqrDesign, transient local) and ``/diagnostics``. Services:
 ``~/stop``, ``~/start`` (std_srvs/Trigger), and those of a lifecycle node.
 
-A separate thread computes the commands; everything else runs in the executor. A change reaches
-that thread as one assignment.
+A separate thread computes the commands. What takes time runs in a third thread, the desk, and is
+awaited, so that the executor answers ``~/stop`` at once. A change reaches the loop as one
+assignment.
 
 The module is long because a node is one class.
 """
@@ -21,6 +22,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from lifecycle_msgs.srv import ChangeState
 from obc_ros.core.closed_loop.control import Control
 from obc_ros.core.closed_loop.loop import ControlLoop
+from obc_ros.core.closed_loop.modes import Mode
 from obc_ros.core.lqr.design.report import Change, change
 from obc_ros.core.text.errors import quote, StatementError
 from obc_ros.msg import LqrDesign
@@ -33,9 +35,11 @@ from obc_ros.nodes.control.controller_settings import (
     explain_former_limits,
 )
 from obc_ros.nodes.control.design_message import design_message
-from obc_ros.nodes.control.loop_monitor import LoopMonitor
+from obc_ros.nodes.control.loop_monitor import LoopMonitor, predict_error
+from obc_ros.nodes.control.source_watch import Source, SourceWatch
 from obc_ros.ros import state_sources
 from obc_ros.ros.conversions import make_body_reader, read_nanoseconds
+from obc_ros.ros.desk import Desk
 from obc_ros.ros.hardware_id import identify
 from obc_ros.ros.parameters.node_parameters import Parameters
 from obc_ros.ros.subscription_thread import Apart, OwnThread
@@ -77,16 +81,18 @@ class ControllerNode(LifecycleNode):  # type: ignore[misc] # rclpy's classes are
         super().__init__(name, allow_undeclared_parameters=True, **options)
         self._is_active = False  # first: rclpy 9 also destroys a node with rejected parameters
         self._monitor, self._log = LoopMonitor(), ThrottledLog(self)
+        self._desk, self._source = Desk(self), SourceWatch()
         self._adopted: Any = None
+        self._idle_reason = ''   # why the node is not active although it should be
         self._prepare()
         self._table: Parameters[Any, Any] = Parameters(
             self, table, self._judge, self._adopt, self._monitor.refused, describe_opening,
-            explain_former_limits)
+            explain_former_limits, self._desk)
         self._adopted, self._revision, self._change = self._table.candidate, 1, Change()
-        self._loop = ControlLoop(self._adopted.control)
+        self._loop = ControlLoop(self._adopted.control, Mode.INACTIVE)
         self._create_topics(self._table.settings)
         self._create_services()
-        self._publish_design()
+        self._send_design(self._make_design())
         if self._table.settings.autostart:
             self._start_itself()
 
@@ -108,11 +114,11 @@ class ControllerNode(LifecycleNode):  # type: ignore[misc] # rclpy's classes are
         self.trigger_configure()
         self.trigger_activate()
 
-    def _look_ahead(self, u: list[float] | None) -> None:
-        """Continue after a state, in its thread; u is the command or None."""
+    def _look_ahead(self) -> None:
+        """Continue after a state, in its thread."""
 
     def _forget(self) -> None:
-        """Forget what is followed, after ~/stop."""
+        """Forget the references, after ~/stop."""
 
     def _note_refused(self, reason: str) -> None:
         """Report a reference that the loop has rejected."""
@@ -143,7 +149,8 @@ class ControllerNode(LifecycleNode):  # type: ignore[misc] # rclpy's classes are
             self, self._states, self._answer, self._watch, self._deadline_events(),
             settings.priority)
         self._news = self.create_guard_condition(self._log_news)
-        self._designed = self.create_guard_condition(self._publish_design)
+        self._designed = self.create_guard_condition(
+            self._publish_design, callback_group=self._desk.group)
         self.create_timer(1.0, self._diagnose, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def _deadline_events(self) -> list[EventHandler]:
@@ -162,12 +169,15 @@ class ControllerNode(LifecycleNode):  # type: ignore[misc] # rclpy's classes are
         for service in self.services:
             if service.srv_type is ChangeState:
                 self._change_state, service.callback = service.callback, self._on_change_state
+                self._desk.move(service, self._desk.group)
 
     # States and commands, in the thread of the states
 
-    def _answer(self, message: Any) -> None:
+    def _answer(self, message: Any, info: Any) -> None:
         begun = monotonic()
         header, loop = message.header, self._loop
+        if not self._is_own_source(info, begun):
+            return
         if header.frame_id != self._frame and not self._is_frame(header.frame_id, begun):
             return
         try:
@@ -178,11 +188,12 @@ class ControllerNode(LifecycleNode):  # type: ignore[misc] # rclpy's classes are
         else:
             clock = None if self._is_simulated else time_ns()
             speed = message.twist.twist.linear.x if self._has_speed else None
-            u = loop.answer(read_nanoseconds(header.stamp), x, begun, clock, speed)
+            u = loop.answer(read_nanoseconds(header.stamp), x, begun, clock, speed,
+                            0 if self._has_speed else message.restarts)
             if u is not None:
                 self._commands.publish(self._sink.message(u, header.stamp))
                 self._monitor.latencies.append(monotonic() - begun)
-            self._look_ahead(u)
+            self._look_ahead()
         if loop.news or loop.events or loop.refused:
             self._news.trigger()
 
@@ -194,6 +205,19 @@ class ControllerNode(LifecycleNode):  # type: ignore[misc] # rclpy's classes are
         if loop.news:
             self._news.trigger()
         return min(CHECK_PERIOD, loop.wake() - now)
+
+    def _is_own_source(self, info: Any, now: float) -> bool:
+        """Return whether a state is of the publisher whose states are used."""
+        found = self._source.judge(
+            info['publication_sequence_number'], now,
+            self._adopted.control.rules.state_timeout or CHECK_PERIOD)
+        if found is Source.REPLACED:
+            self._loop.replace_source()
+        if found is Source.OTHER:
+            self._loop.drop('source', f'a state of a second publisher on {self._monitor.topic} '
+                            'was dropped', now)
+            self._news.trigger()
+        return found is not Source.OTHER
 
     def _is_frame(self, frame: str, now: float) -> bool:
         """Return whether a frame is `frame_id`, or without that the frame of the first state."""
@@ -215,6 +239,8 @@ class ControllerNode(LifecycleNode):  # type: ignore[misc] # rclpy's classes are
         before, self._adopted = self._adopted, candidate
         if candidate.settings.frame_id != before.settings.frame_id:
             self._frame = candidate.settings.frame_id
+            self._forget()
+            self._loop.reframe()
         if candidate.design.plant.system is not before.design.plant.system:
             self._sink = Sink(
                 candidate.settings.command_sink, candidate.design.plant.system,
@@ -223,23 +249,33 @@ class ControllerNode(LifecycleNode):  # type: ignore[misc] # rclpy's classes are
             self._revision += 1
             self._change = change(
                 before.design, candidate.design, self._loop.preview(candidate.control))
-            self._designed.trigger()
+            self._designed.trigger()   # margins take time
         self._use(candidate.control)
 
     def _use(self, control: Control) -> None:
         """Let the loop use a control from the next state on."""
         self._loop.adopt(control)
 
-    def _publish_design(self) -> None:
-        message = design_message(
-            self._adopted.design, self._change, self._loop.error, self._adopted.note)
-        message.header.stamp, message.revision = self._time(), self._revision
+    async def _publish_design(self) -> None:
+        self._send_design(await self._desk.run(self._make_design))
+
+    def _make_design(self) -> LqrDesign:
+        """Return the message of the design in use; its margins take time."""
+        adopted, revision = self._adopted, self._revision
+        message = design_message(adopted.design, self._change, self._loop.error, adopted.note)
+        message.revision = revision
+        return message
+
+    def _send_design(self, message: LqrDesign) -> None:
+        message.header.stamp = self._time()
         self._designs.publish(message)
-        self._monitor.design = f'revision {self._revision}: {message.sentence}'
+        self._monitor.design = f'revision {message.revision}: {message.sentence}'
         self.get_logger().info(self._monitor.design)
 
     def _on_stop(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         self._loop.stop('by ~/stop')
+        self._thread.wake()   # the input at rest leaves now, not with the next state
+        self._desk.cancel('cancelled by ~/stop')
         self._forget()
         response.success = True
         response.message = (f'stopped at {list(self._adopted.control.rest)}; the set point is '
@@ -274,10 +310,9 @@ class ControllerNode(LifecycleNode):  # type: ignore[misc] # rclpy's classes are
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Start the control loop."""
-        stopped = self._loop.stopped
-        self._loop = ControlLoop(self._adopted.control)
-        self._loop.stop(stopped)
-        self._is_active = True
+        self._loop.activate()
+        self._source = SourceWatch()
+        self._is_active, self._idle_reason = True, ''
         done = super().on_activate(state)
         self._thread.start()
         self._log.info('activate', f'activated: the loop runs; it was {state.label}')
@@ -299,12 +334,12 @@ class ControllerNode(LifecycleNode):  # type: ignore[misc] # rclpy's classes are
         if self._is_active:
             self._is_active = False
             self._thread.stop()
-            if self._loop.command is not None:
-                rest = self._adopted.control.rest
+            rest = self._loop.deactivate()
+            if rest is not None:
                 self._commands.publish(self._sink.message(rest, self._time()))
                 self._commands.wait_for_all_acked(FAREWELL)  # before the node is destroyed
 
-    def _on_change_state(self, request: Any, response: Any) -> Any:
+    async def _on_change_state(self, request: Any, response: Any) -> Any:
         try:
             return self._change_state(request, response)
         except RuntimeError as error:  # RCLError: no such transition from here
@@ -315,6 +350,7 @@ class ControllerNode(LifecycleNode):  # type: ignore[misc] # rclpy's classes are
     def destroy_node(self) -> None:
         """Send the input at rest, and destroy the node."""
         self._rest()
+        self._desk.close()
         super().destroy_node()
         # rclpy does not destroy it; while it exists others see the node in the graph.
         self._state_machine.destroy_when_not_in_use()
@@ -353,7 +389,8 @@ class ControllerNode(LifecycleNode):  # type: ignore[misc] # rclpy's classes are
         error = self._loop.error
         array.status = self._monitor.statuses(
             self.get_fully_qualified_name()[1:], self._loop, self._revision, self._is_active,
-            None if error is None else self._adopted.design.cost_to_go(error))
+            None if error is None else self._adopted.design.cost_to_go(error),
+            self._idle_reason, predict_error(self._adopted.design.plant.system, self._loop))
         array.status += self._statuses()
         identify(array.status, self, self._table.settings.hardware_id,
                  self._adopted.design.plant.system.name)

@@ -12,14 +12,20 @@ from time import monotonic
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
+import numpy as np
+from obc_ros.core.closed_loop.clock import NS
 from obc_ros.core.closed_loop.control import Control
 from obc_ros.core.closed_loop.loop import ControlLoop
+from obc_ros.core.closed_loop.modes import Mode
+from obc_ros.core.systems.system import System
 
 DROPPED = {'size': 'of wrong size', 'finite': 'not finite', 'frame': 'in another frame',
-           'late': 'out of order', 'old': 'stamped too long ago',
+           'source': 'of a second publisher', 'late': 'out of order',
+           'old': 'stamped too long ago',
            'ahead': 'stamped in the future', 'command': 'without a finite command'}
 LOOKS, GROWTH = 5, 4.0  # successive increases of the cost-to-go, and their total factor
 COUNTED = ('answered', 'skipped', 'repeated', 'restarted', 'stale', 'deadline')
+LONGEST_PREDICTION = 1.0   # [s] between two states: over more the model is not compared
 
 
 @dataclass
@@ -71,7 +77,8 @@ class LoopMonitor:
             grows and cost > max(self._worst, GROWTH * self._costs[0]))
 
     def statuses(self, name: str, loop: ControlLoop, revision: int, is_active: bool,
-                 cost: float | None = None) -> list[DiagnosticStatus]:
+                 cost: float | None = None, idle: str = '',
+                 missed: Mapping[str, float] | None = None) -> list[DiagnosticStatus]:
         """
         Return the statuses of states, commands and design.
 
@@ -87,29 +94,38 @@ class LoopMonitor:
             Whether the node is active.
         cost : float, optional
             Cost-to-go at the last error; None: there was no error.
+        idle : str
+            Why the node is not active although it should be; empty: it need not be.
+        missed : mapping, optional
+            By how much the model has missed the last state, by name.
 
         """
         now, counts = monotonic(), Counter(loop.counts)
         elapsed, self._looked = now - self._looked, now
         new, self._before = counts - self._before, counts
-        return [self._states(name, loop, new, elapsed, now, is_active),
-                self._commands(name, loop, new, cost),
+        return [self._states(name, loop, new, elapsed, now, is_active, idle),
+                self._commands(name, loop, new, cost, missed or {}),
                 make_status(f'{name}: design', DiagnosticStatus.OK, self.design, {
                     'revision': revision, 'changes refused': self.refusals,
                     'last refusal': self.last_refusal})]
 
     def _states(self, name: str, loop: ControlLoop, new: Counter[str], elapsed: float, now: float,
-                is_active: bool) -> DiagnosticStatus:
+                is_active: bool, idle: str) -> DiagnosticStatus:
         dropped = {words: new[kind] for kind, words in DROPPED.items() if new[kind]}
         age = loop.age(now)
         level, words = DiagnosticStatus.OK, 'states are answered'
-        if not is_active:
+        if idle:
+            level, words = DiagnosticStatus.ERROR, f'not active: {idle}'
+        elif not is_active:
             words = 'not active'
         elif loop.is_stale:
             level, words = DiagnosticStatus.ERROR, (
                 f'no valid state for {age:.3g} s; on_stale: {loop.control.rules.on_stale}')
-        elif age is None:
+        elif age is None and not dropped:
             words = 'no state yet'
+        elif dropped and not new['answered']:
+            level, words = DiagnosticStatus.ERROR, 'all states are dropped: ' + ', '.join(
+                f'{count} {what}' for what, count in dropped.items())
         elif dropped:
             level, words = DiagnosticStatus.WARN, 'states dropped: ' + ', '.join(
                 f'{count} {what}' for what, count in dropped.items())
@@ -125,11 +141,12 @@ class LoopMonitor:
             'rate [Hz]': f'{new["answered"] / elapsed:.1f}',
             'age [s]': '' if age is None else f'{age:.4f}',
             'age by its stamp [s]': '' if loop.lag is None else f'{loop.lag:.4f}',
+            'interval [s]': '' if loop.interval is None else f'{loop.interval:.4f}',
             **{kind: loop.counts[kind] for kind in COUNTED},
             **{f'dropped {words}': loop.counts[kind] for kind, words in DROPPED.items()}})
 
-    def _commands(self, name: str, loop: ControlLoop, new: Counter[str], cost: float | None
-                  ) -> DiagnosticStatus:
+    def _commands(self, name: str, loop: ControlLoop, new: Counter[str], cost: float | None,
+                  missed: Mapping[str, float]) -> DiagnosticStatus:
         latencies, share = list(self.latencies), new['saturated'] / max(new['answered'], 1)
         self.latencies.clear()
         percent = quantiles(latencies, n=100) if len(latencies) > 1 else [float('nan')] * 99
@@ -145,15 +162,43 @@ class LoopMonitor:
                 * (not loop.control.rules.x_limits))
         if loop.is_outside:
             level, words = DiagnosticStatus.WARN, 'the error is outside x_limits'
-        if loop.stopped:
-            level, words = DiagnosticStatus.WARN, f'stopped: {loop.stopped}'
+        if loop.mode is Mode.RESTING:
+            level, words = DiagnosticStatus.WARN, f'the control law rests: {loop.reason}'
+        if loop.is_stopped:
+            level, words = DiagnosticStatus.WARN, f'stopped: {loop.reason}'
         return make_status(f'{name}: commands', level, words, {
+            'mode': loop.mode.name, 'mode reason': loop.reason,
             'latency p50 [us]': f'{1e6 * percent[49]:.0f}',
             'latency p99 [us]': f'{1e6 * percent[98]:.0f}',
             'share at a limit': f'{share:.3f}',
             'cost-to-go': '' if cost is None else f'{cost:.4g}',
             'answers at a limit': loop.counts['saturated'],
-            'times outside x_limits': loop.counts['outside']})
+            'times outside x_limits': loop.counts['outside'],
+            'states too far apart': loop.counts['slow'],
+            **{f'missed by the model {name}': f'{value:.3g}' for name, value in missed.items()}})
+
+
+def predict_error(system: System, loop: ControlLoop) -> dict[str, float]:
+    """
+    Return by how much the model has missed the last state, by name.
+
+    The prediction begins at the state before it, with the command that was sent for that one; it
+    is empty if the command acts later, or if the states are far apart.
+    """
+    samples = loop.samples
+    if len(samples) < 2 or loop.control.prediction is not None:
+        return {}
+    first, last = samples
+    dt = (last.stamp - first.stamp) * NS
+    if not 0.0 < dt < LONGEST_PREDICTION:
+        return {}
+    x, u = np.array(first.x), np.array(first.u)
+    k1 = system.f(x, u)   # the classical Runge-Kutta method
+    k2 = system.f(x + 0.5 * dt * k1, u)
+    k3 = system.f(x + 0.5 * dt * k2, u)
+    ahead = x + dt / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + system.f(x + dt * k3, u))
+    return dict(zip(system.state_names, loop.control.limits.error(last.x, ahead.tolist()),
+                    strict=True))
 
 
 def make_status(name: str, level: Any, message: str, values: Mapping[str, Any]

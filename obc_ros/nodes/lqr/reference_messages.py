@@ -9,8 +9,8 @@ from obc_ros.msg import Trajectory
 from obc_ros.ros.conversions import read_nanoseconds
 
 
-def read_courses(message: Trajectory, system: System, frame: str, present: tuple[Course, ...],
-                 now: int | None) -> tuple[Course, ...]:
+def read_courses(message: Trajectory, system: System, frame: str, followed: tuple[Course, ...]
+                 ) -> tuple[Course, ...]:
     """
     Return the references to follow after a message, in the order of their beginnings.
 
@@ -22,10 +22,8 @@ def read_courses(message: Trajectory, system: System, frame: str, present: tuple
         The system that follows.
     frame : str
         Frame of its states; empty: not known.
-    present : tuple of Course
-        The references before the message; the followed one is kept until the new one begins.
-    now : int, optional
-        Stamp of the last state [ns].
+    followed : tuple of Course
+        The one that is followed, if any: it goes on until the new one begins.
 
     Returns
     -------
@@ -48,7 +46,4 @@ def read_courses(message: Trajectory, system: System, frame: str, present: tuple
     stamp = read_nanoseconds(message.header.stamp)
     new = read_course(system, (message.state_names, message.input_names), message.t, message.x,
                       message.u, message.interpolation, stamp or None)
-    begun = [each for each in present
-             if now is not None and each.reference.begin is not None
-             and each.reference.begin <= now]
-    return (*begun[-1:], new)  # the followed one is kept for the case that the new one is rejected
+    return (*followed, new)

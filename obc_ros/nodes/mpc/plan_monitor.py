@@ -33,6 +33,8 @@ class PlanMonitor:
         Why the last step has failed.
     first : str
         What was checked of the plan with which the node became active.
+    period : float
+        Time between two plans [s].
 
     """
 
@@ -40,6 +42,7 @@ class PlanMonitor:
     last: Packet | None = None
     reason: str = ''
     first: str = ''
+    period: float = 1.0
     _taken: float = 0.0
     _times: deque[float] = field(default_factory=lambda: deque(maxlen=5_000))
     _before: Counter[str] = field(default_factory=Counter)
@@ -78,7 +81,7 @@ class PlanMonitor:
             Why the node cannot plan at all; empty: it can.
 
         """
-        new = Counter(self.counts) - self._before
+        new, interval = Counter(self.counts) - self._before, loop.interval
         self._before = Counter(self.counts)
         slack = self._slack()
         level, words = DiagnosticStatus.OK, 'plans are followed'
@@ -86,8 +89,11 @@ class PlanMonitor:
             level, words = DiagnosticStatus.ERROR, why
         elif loop.is_unplanned:
             level, words = DiagnosticStatus.ERROR, (
-                'no plan, and the state is outside the terminal set; on_stale: '
-                f'{loop.control.rules.on_stale}')
+                'no plan, and the state is outside the terminal set; on_unplanned: '
+                f'{loop.control.rules.on_unplanned}')
+        elif interval and not 0.7 < interval / self.period < 1.4:
+            level, words = DiagnosticStatus.WARN, (
+                f'states come at {1.0 / interval:.3g} Hz, and rate is {1.0 / self.period:.3g} Hz')
         elif new['failed']:
             level, words = DiagnosticStatus.WARN, f'{new["failed"]} steps failed: {self.reason}'
         elif new['missed']:

@@ -12,7 +12,7 @@ import math
 from typing import Any
 
 import numpy as np
-from obc_ros.core.closed_loop.control import Control
+from obc_ros.core.closed_loop.control import Control, UNPLANNED
 from obc_ros.core.closed_loop.feedback import convert_rows, InputLimits, Region, Vector
 from obc_ros.core.lqr.design.design import Design, design, Sampling
 from obc_ros.core.lqr.design.set_point import check_set_point
@@ -69,6 +69,9 @@ class Settings(ControllerSettings):
         texts=True)
     deadline: float = declare_field(
         0.0, 'time that a solve may take; 0: 0.8 of the period', 's', lower=0.0, upper=10.0)
+    on_unplanned: str = declare_field(
+        'regulator', 'command while states arrive and there is no plan, outside the terminal set: '
+        'the regulator with the limits, or one of those of on_stale', choices=UNPLANNED)
     plan_rate: float = declare_field(
         10.0, 'maximum rate of ~/plan; 0: none is published', 'Hz', lower=0.0)
     problem: str = declare_field(
@@ -161,7 +164,8 @@ def judge_mpc_settings(settings: Settings) -> MpcCandidate:
     return MpcCandidate(settings, found, Control(
         regulator=replace(found.regulator, region=nowhere), limits=limits,
         rest=found.plant.rest, names=system.state_names,
-        rules=make_rules(settings, settings.rate, system.state_names)),
+        rules=replace(make_rules(settings, settings.rate, system.state_names),
+                      on_unplanned=settings.on_unplanned)),
         _state_problem(settings, found, limits))
 
 

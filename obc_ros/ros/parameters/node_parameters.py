@@ -25,10 +25,11 @@ value is rejected, also at the start. A change that removes its effect resets it
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import fields, MISSING, replace
-from typing import Any, Generic, TypeVar
+from typing import Any, cast, Generic, TypeVar
 
 from obc_ros.core.text.errors import ObcError, quote, StatementError
 from obc_ros.ros.callback_guards import guard
+from obc_ros.ros.desk import Desk
 from obc_ros.ros.parameters.conditions import (
     condition_holds,
     count_depth,
@@ -45,6 +46,7 @@ from obc_ros.ros.parameters.table import (
     suggest_key,
 )
 from rcl_interfaces.msg import SetParametersResult
+from rcl_interfaces.srv import SetParameters, SetParametersAtomically
 from rclpy.node import Node
 from rclpy.parameter import get_parameter_value, Parameter
 from yaml import YAMLError
@@ -102,6 +104,7 @@ class Parameters(Generic[Settings, Judged]):
         refused: Callable[[str], None] | None = None,
         opening: Callable[[Judged], str] | None = None,
         former: Callable[[Mapping[str, Any], Mapping[str, Value]], str] = lambda *_: '',
+        desk: Desk | None = None,
     ) -> None:
         self._node, self._table, self._former = node, table, former
         self._judge, self._adopt, self._refused = judge, adopt, refused
@@ -111,6 +114,8 @@ class Parameters(Generic[Settings, Judged]):
         self._pending: tuple[dict[str, Value], Settings, Judged] | None = None
         self._asked: list[Parameter] = []  # as given, before `_normalise`
         self._is_attempt = False  # whose rejection is not reported
+        self._desk = desk
+        self._prepared: tuple[Settings, Judged | None, Exception | None] | None = None
         # rclpy has no public list of the values given by files and arguments
         self._overrides: dict[str, Parameter] = getattr(node, '_parameter_overrides', {})
         for entry in self._rows():
@@ -126,8 +131,11 @@ class Parameters(Generic[Settings, Judged]):
         node.add_pre_set_parameters_callback(self._normalise)
         node.add_on_set_parameters_callback(self._on_set)
         node.add_post_set_parameters_callback(self._post_set)
-        serve_parameters(node, self._is_kept, self._attempt,
+        serve_parameters(node, self._is_kept, self._attempt, self._prepare,
                          lambda name: count_depth(self._entries, name))
+        for service in node.services if desk is not None else ():
+            if service.srv_type in (SetParameters, SetParametersAtomically):
+                desk.move(service, desk.changes)
         guard(node)
 
     def _rows(self) -> Iterable[ParameterRow]:
@@ -250,6 +258,22 @@ class Parameters(Generic[Settings, Judged]):
             return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)
 
+    async def _prepare(self, changes: list[Parameter]) -> None:
+        """Judge changes at the desk, so that they are set without delay afterwards."""
+        self._prepared = None
+        if self._desk is None:
+            return
+        try:
+            ours = self._read([*changes, *self._lost(changes)])
+            settings = self._propose(ours)[1] if ours else self.settings
+        except ObcError:   # the change itself is rejected with this reason
+            return
+        try:
+            judged = await self._desk.run(lambda: self._judge(settings), is_change=True)
+            self._prepared = settings, judged, None
+        except (ObcError, ArithmeticError) as error:
+            self._prepared = settings, None, error
+
     def _attempt(self, changes: list[Parameter]) -> SetParametersResult:
         """Set all or none; a rejection is in the result only."""
         self._is_attempt = True
@@ -281,13 +305,23 @@ class Parameters(Generic[Settings, Judged]):
 
     def _judged(self, ours: Mapping[str, Value]) -> tuple[dict[str, Value], Settings, Judged]:
         """Return the values, settings and candidate after changes, or raise ObcError."""
+        values, settings = self._propose(ours)
+        prepared, self._prepared = self._prepared, None
+        if prepared is None or prepared[0] != settings:
+            return values, settings, self._judge(settings)
+        _, judged, error = prepared
+        if error is not None:
+            raise error
+        return values, settings, cast(Judged, judged)
+
+    def _propose(self, ours: Mapping[str, Value]) -> tuple[dict[str, Value], Settings]:
+        """Return all values and the settings after changes; ObcError: one has no effect."""
         values = {**self._values, **ours}
         for name in self._idle(values):
             raise StatementError(
                 explain_idle(self._entries, name, values) + self._advice({name: values[name]},
                                                                          values))
-        settings = self._assembled(values)
-        return values, settings, self._judge(settings)
+        return values, self._assembled(values)
 
     def _advice(self, given: Mapping[str, Any], values: Mapping[str, Value]) -> str:
         advice = self._former(given, values)

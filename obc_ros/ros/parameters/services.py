@@ -9,9 +9,10 @@ The services that set parameters of a node, without exceptions and needless reje
 - Parameters that are acceptable together are set together, in any order of the request, and the
   node adopts them once. Otherwise each is tried separately, after those that give it an effect.
 - Each rejection is logged with its reason, including those by rclpy.
+- A node may judge a change elsewhere, and serve other requests meanwhile.
 """
 
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable
 from typing import Any
 
 from obc_ros.core.text.errors import quote
@@ -25,9 +26,11 @@ TYPES = {each.value for each in Parameter.Type}
 
 IsKept = Callable[[Parameter], bool]
 SetTogether = Callable[[list[Parameter]], SetParametersResult]
+Prepare = Callable[[list[Parameter]], Awaitable[None]]
+Answer = Callable[[Any, Any], Awaitable[Any]]
 
 
-def serve_parameters(node: Node, is_kept: IsKept, attempt: SetTogether,
+def serve_parameters(node: Node, is_kept: IsKept, attempt: SetTogether, prepare: Prepare,
                      depth: Callable[[str], int]) -> None:
     """
     Replace the callbacks of the services that set parameters of a node.
@@ -40,6 +43,8 @@ def serve_parameters(node: Node, is_kept: IsKept, attempt: SetTogether,
         Returns whether a parameter has the given value already and would reject it as given.
     attempt : callable
         Sets all given parameters or none, and reports a rejection in its result only.
+    prepare : callable
+        Awaited before parameters are set; may judge them elsewhere meanwhile.
     depth : callable
         Returns the number of parameters that have to be set in turn before a parameter is used.
 
@@ -47,37 +52,41 @@ def serve_parameters(node: Node, is_kept: IsKept, attempt: SetTogether,
     log = ThrottledLog(node)
     for service in node.services:
         if service.srv_type is SetParameters:
-            service.callback = _logged(_one_by_one(service.callback, is_kept, attempt, depth), log)
+            service.callback = _logged(
+                _one_by_one(service.callback, is_kept, attempt, prepare, depth), log)
         elif service.srv_type is SetParametersAtomically:
-            service.callback = _logged(_together(service.callback, is_kept), log)
+            service.callback = _logged(_together(service.callback, is_kept, prepare), log)
 
 
 def _one_by_one(callback: Callable[[Any, Any], Any], is_kept: IsKept, attempt: SetTogether,
-                depth: Callable[[str], int]) -> Callable[[Any, Any], Any]:
-    def answer(request: SetParameters.Request, response: SetParameters.Response) -> Any:
+                prepare: Prepare, depth: Callable[[str], int]) -> Answer:
+    async def answer(request: SetParameters.Request, response: SetParameters.Response) -> Any:
         given = list(request.parameters)
         if refusal := _unknown_type(given):
             response.results = [refusal] * len(given)
             return response
-        kept = [is_kept(Parameter.from_parameter_msg(each)) for each in given]
-        changes = [each for each, same in zip(given, kept, strict=True) if not same]
-        if len(changes) > 1 and attempt(
-                [Parameter.from_parameter_msg(each) for each in changes]).successful:
-            response.results = [_done()] * len(given)
-            return response
-        order = sorted(range(len(changes)), key=lambda index: depth(changes[index].name))
-        request.parameters = [changes[index] for index in order]
-        answers = callback(request, response).results
-        results = (answers[order.index(index)] for index in range(len(order)))
-        response.results = [_done() if same else next(results) for same in kept]
+        results = [_done() if is_kept(Parameter.from_parameter_msg(each)) else None
+                   for each in given]
+        left = [index for index, result in enumerate(results) if result is None]
+        changes = [Parameter.from_parameter_msg(given[index]) for index in left]
+        if len(changes) > 1:
+            await prepare(changes)
+            if attempt(changes).successful:
+                response.results = [_done()] * len(given)
+                return response
+        for index in sorted(left, key=lambda index: depth(given[index].name)):
+            await prepare([Parameter.from_parameter_msg(given[index])])
+            request.parameters = [given[index]]
+            results[index] = callback(request, SetParameters.Response()).results[0]
+        response.results = results
         return response
 
     return answer
 
 
-def _together(callback: Callable[[Any, Any], Any], is_kept: IsKept) -> Callable[[Any, Any], Any]:
-    def answer(request: SetParametersAtomically.Request,
-               response: SetParametersAtomically.Response) -> Any:
+def _together(callback: Callable[[Any, Any], Any], is_kept: IsKept, prepare: Prepare) -> Answer:
+    async def answer(request: SetParametersAtomically.Request,
+                     response: SetParametersAtomically.Response) -> Any:
         given = list(request.parameters)
         if refusal := _unknown_type(given):
             response.result = refusal
@@ -87,15 +96,16 @@ def _together(callback: Callable[[Any, Any], Any], is_kept: IsKept) -> Callable[
         if given and not request.parameters:
             response.result = _done()
             return response
+        await prepare([Parameter.from_parameter_msg(each) for each in request.parameters])
         return callback(request, response)
 
     return answer
 
 
-def _logged(callback: Callable[[Any, Any], Any], log: ThrottledLog) -> Callable[[Any, Any], Any]:
-    def answer(request: Any, response: Any) -> Any:
+def _logged(callback: Answer, log: ThrottledLog) -> Answer:
+    async def answer(request: Any, response: Any) -> Any:
         names = [each.name for each in request.parameters]
-        answered = callback(request, response)
+        answered = await callback(request, response)
         if isinstance(answered, SetParameters.Response):
             results = answered.results
         else:

@@ -60,8 +60,8 @@ class RecedingSteps:
     """
     The steps of one problem, each from the plan before it.
 
-    A moving set point begins at the plant, in the states along which it moves: with the first
-    step, and with a step that the plan before it does not reach.
+    A moving set point begins beside the plant: with the first step, and with a step that the plan
+    before it does not reach.
 
     Parameters
     ----------
@@ -134,9 +134,11 @@ class RecedingSteps:
                       {'x': plan.x + self._moved, 'u': plan.u})
 
     def _place(self, x: Array, t: float) -> None:
-        """Let a moving set point be at the state x (n,) at time t [s] in its moving states."""
-        problem = self._problem
-        self._moved = np.where(problem.drift, x - problem.xe - problem.drift * t, 0.0)
+        """Let a moving set point be beside the state x (n,) at time t [s], along its drift."""
+        drift = self._problem.drift
+        if drift.any():
+            error = self._problem.error(x, t)
+            self._moved = drift * (drift @ error) / (drift @ drift)
 
     def _predict(self, x: Array, u: Array, t: float) -> Array:
         """Return the state (n,) at time t [s], a period after x, in which u (m,) is held."""

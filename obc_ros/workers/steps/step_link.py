@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """One process that solves steps, seen from the node."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 import itertools
 import os
@@ -19,6 +19,7 @@ from obc_ros.workers.pool import ENVIRONMENT
 from obc_ros.workers.wire import Channel, Packet
 
 SEND = 0.005   # [s] that a request may take to be sent: the process reads at once, or is stopped
+LOOK = 0.05    # [s] between two looks whether a reply is still wanted
 END = 0.2      # [s] until a process has ended after its channel was closed
 
 
@@ -84,20 +85,24 @@ class StepLink:
         """Return the process id."""
         return self._process.pid
 
-    def wait_until_ready(self, timeout: float) -> Packet:
+    def wait_until_ready(self, timeout: float,
+                         is_cancelled: Callable[[], bool] = lambda: False) -> Packet:
         """
         Return the reply of the prepared process.
 
         Raises
         ------
         ObcError
-            If it refuses the problem, has ended, or is not ready within `timeout` seconds.
+            If it refuses the problem, has ended, is not ready within `timeout` seconds, or is not
+            wanted any more.
 
         """
         end = time.monotonic() + timeout
         while self.ready is None and (left := end - time.monotonic()) > 0.0:
+            if is_cancelled():
+                raise ObcError('cancelled')
             try:
-                self.look(self._channel.receive(left))
+                self.look(self._channel.receive(min(left, LOOK)))
             except EOFError:
                 raise ObcError(f'the solver process has ended: {self.find_end()}') from None
         if self.ready is None:
@@ -128,21 +133,23 @@ class StepLink:
         """Return the next reply; None: there was none within `timeout`. EOFError: it has ended."""
         return self._channel.receive(timeout)
 
-    def call(self, plain: Mapping[str, Any], arrays: Mapping[str, Array], timeout: float
-             ) -> Packet:
+    def call(self, plain: Mapping[str, Any], arrays: Mapping[str, Array], timeout: float,
+             is_cancelled: Callable[[], bool] = lambda: False) -> Packet:
         """
         Send a request and return its reply.
 
         Raises
         ------
         ObcError
-            If the reply is a refusal or does not arrive.
+            If the reply is a refusal or does not arrive, or is not wanted any more.
 
         """
         number, end = self.send(plain, arrays), time.monotonic() + timeout
         while (left := end - time.monotonic()) > 0.0:
+            if is_cancelled():
+                raise ObcError('cancelled')
             try:
-                packet = self._channel.receive(left)
+                packet = self._channel.receive(min(left, LOOK))
             except EOFError:
                 raise ObcError(f'the solver process has ended: {self.find_end()}') from None
             if packet is not None and packet.plain.get('id') == number:

@@ -111,7 +111,7 @@ def test_a_transition_is_smooth_and_ends_at_the_new_law() -> None:
 
 def test_a_second_change_during_a_transition_is_smooth() -> None:
     """A second change starts from the present command."""
-    rules = Rules(transition_time=1.0)
+    rules = Rules(transition_time=1.0, state_timeout=5.0)
     loop = ControlLoop(control(rules=rules))
     answers(loop, (0.0, [1.0, 0.0]))
     loop.adopt(control(gain=((5.0, 0.0),), rules=rules))
@@ -123,7 +123,8 @@ def test_a_second_change_during_a_transition_is_smooth() -> None:
 
 def test_a_transition_after_a_stop_begins_at_the_rest_input() -> None:
     """After a start the command moves from the input at rest to the control law."""
-    loop = ControlLoop(control(rest=(0.3,), rules=Rules(transition_time=1.0)))
+    loop = ControlLoop(control(
+        rest=(0.3,), rules=Rules(transition_time=1.0, state_timeout=5.0)))
     answers(loop, (0.0, [1.0, 0.0]))
     loop.stop('by test')
     answers(loop, (1.0, [1.0, 0.0]))
@@ -219,10 +220,11 @@ def test_a_horizon_uses_the_gain_at_the_time_the_command_acts() -> None:
 
 def test_a_horizon_with_a_moving_set_point_keeps_its_start() -> None:
     """The set point moves from the plant's initial position; later changes leave it."""
-    moving = within(2.0, u=10.0, drift=(10.0, 0.0))
+    rules = Rules(state_timeout=5.0)
+    moving = within(2.0, u=10.0, drift=(10.0, 0.0), rules=rules)
     loop = ControlLoop(moving)
     assert answers(loop, (100.0, [500.0, 0.0]), (101.0, [511.0, 0.0])) == [[10.0], [5.0]]
-    loop.adopt(within(2.0, K=20.0, u=10.0, drift=(10.0, 0.0)))
+    loop.adopt(within(2.0, K=20.0, u=10.0, drift=(10.0, 0.0), rules=rules))
     assert answers(loop, (101.0, [511.0, 0.0]), (102.0, [521.0, 0.0])) == [[0.0], [-10.0]]
 
 

@@ -6,8 +6,9 @@ from dataclasses import replace
 
 from hypothesis import given, strategies
 import numpy as np
-from obc_ros.core.closed_loop.control import Control, Leg, Reference, Rules
+from obc_ros.core.closed_loop.control import Control, Rules
 from obc_ros.core.closed_loop.feedback import InputLimits, Region, StateFeedback
+from obc_ros.core.closed_loop.laws import Plan
 from obc_ros.core.closed_loop.loop import ControlLoop
 from obc_ros.core.closed_loop.sampled_plan import make_sampled_plan
 import pytest
@@ -33,26 +34,26 @@ def test_before_and_after_its_samples_a_plan_goes_on_in_a_line_and_rests():
     assert PLAN.duration == pytest.approx(0.06)
 
 
-def make_control(level, legs=()):
-    """Return u = -x within x'x <= level, and a plan."""
+def make_control(level):
+    """Return u = -x within x'x <= level."""
     regulator = StateFeedback((0.0,), (0.0,), ((1.0,),), (0.0,), region=Region(((1.0,),), level))
     return Control(regulator, InputLimits((-50.0,), (50.0,)), rest=(7.0,), names=('x',),
-                   rules=Rules(on_stale='equilibrium'), legs=legs)
+                   rules=Rules(on_stale='equilibrium'))
 
 
-def test_a_plan_then_the_feedback_in_its_region_then_rest():
+@pytest.mark.parametrize(('action', 'outside'), [('equilibrium', 7.0), ('regulator', -3.0)])
+def test_a_plan_then_the_feedback_in_its_region_then_the_rule(action, outside):
     control = make_control(4.0)
-    leg = Leg(Reference(-PERIOD // 2, PLAN.duration, is_judged=True, is_announced=False),
-              PLAN, control.regulator)
-    loop = ControlLoop(replace(control, legs=(leg,)))
+    loop = ControlLoop(replace(control, rules=Rules(on_unplanned=action)))
+    assert loop.add_plan(Plan(PLAN, -PERIOD // 2), 0)
     given = [0.1, 1.0, 3.5, 1.5, 3.0, 1.0]
     sent = [loop.answer(k * PERIOD, (x,), 0.02 * k)[0] for k, x in enumerate(given)]
     along = [U[k, 0] - 2.0 * (given[k] - X[k, 0]) for k in range(3)]
-    assert sent == pytest.approx([*along, -1.5, 7.0, -1.0])
+    assert sent == pytest.approx([*along, -1.5, outside, -1.0])
     assert loop.counts['unplanned'] == 1
     assert 'outside the terminal set (its value is 9, the level 4)' in loop.news[-1]
-    assert loop.events[-1] == 'the state can be controlled again'
-    assert len(loop.events) == 1, 'plans are not announced'
+    assert loop.events[1] == 'the plan is followed'
+    assert loop.events[-1] == 'the state can be controlled again' or action == 'equilibrium'
 
 
 def test_without_a_region_the_feedback_is_used_everywhere():

@@ -20,12 +20,12 @@ from obc_ros.core.closed_loop.feedback import (
     convert_vector,
     Gains,
     interpolate_vectors,
-    ReferenceLaw,
     ReferencePoint,
     Rows,
     StateFeedback,
     Vector,
 )
+from obc_ros.core.closed_loop.laws import SetPointLaw
 from obc_ros.core.lqr.design.design import Design, design_again, linearize_plant, LinearizedPlant
 from obc_ros.core.lqr.sampled import discretize_cost
 from obc_ros.core.numerics.arrays import Array
@@ -245,7 +245,7 @@ def _terminal(found: Design, P1: Array | None) -> Array:
 
 
 def _settling(gains: Gains, after: StateFeedback, at_end: Design,
-              P1: Array | None) -> ReferenceLaw:
+              P1: Array | None) -> SetPointLaw:
     """Return the feedback after the end; its gain begins with the last one of the reference."""
     if P1 is None or after.K != at_end.regulator.K:
         return after

@@ -82,7 +82,7 @@ def _movers(plant: LinearizedPlant) -> tuple[bool, bool]:
     """Return whether a state and whether an input makes the set point move."""
     system, at = plant.system, plant.equilibrium
     fx, fu = system.jacobians(at.x, at.u)
-    moving = abs(at.drift) > _STILL
+    moving = at.drift != 0.0
     by_state = bool((moving @ (abs(fx * at.x) > _STILL)).any() or _speeds(system.states, at.x))
     by_input = bool((moving @ (abs(fu * at.u) > _STILL)).any() or _speeds(system.inputs, at.u))
     return by_state or bool(moving.any()) and not by_input, by_input
@@ -97,7 +97,7 @@ def _speeds(signals: Sequence[Signal], values: SetPointValues) -> list[str]:
 def _motion(plant: LinearizedPlant) -> str:
     system, at = plant.system, plant.equilibrium
     rates = [f'd{signal.name}/dt = {rate:g} {signal.unit or "1"}/s'
-             for signal, rate in zip(system.states, at.drift, strict=True) if abs(rate) > _STILL]
+             for signal, rate in zip(system.states, at.drift, strict=True) if rate]
     return ', '.join(rates or [*_speeds(system.states, at.x), *_speeds(system.inputs, at.u)])
 
 

@@ -1,0 +1,166 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+The three laws of a loop as values: hold a set point, follow a reference, follow a plan.
+
+Each gives the target, its input and the gain at a stamp [ns].
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from operator import mul
+from typing import Protocol
+
+from obc_ros.core.closed_loop.clock import NS
+from obc_ros.core.closed_loop.feedback import ReferenceLaw, ReferencePoint, Vector
+from obc_ros.core.closed_loop.sampled_plan import SampledPlan
+
+MeasureError = Callable[[Sequence[float], Sequence[float]], list[float]]
+
+
+class SetPointLaw(ReferenceLaw, Protocol):
+    """A reference that is constant or moves at a constant rate."""
+
+    @property
+    def x(self) -> Vector:
+        """Return the set point (n,) at t = 0."""
+
+    @property
+    def drift(self) -> Vector:
+        """Return its rate (n,)."""
+
+
+class Law(Protocol):
+    """What a loop follows."""
+
+    def at(self, stamp: int) -> ReferencePoint:
+        """Return the target at a stamp [ns]."""
+
+
+@dataclass(frozen=True, eq=False)
+class SetPoint:
+    """
+    A set point, where it is now.
+
+    Attributes
+    ----------
+    law : SetPointLaw
+        As designed.
+    x : tuple of float
+        Where it is at `origin`, (n,): a moving one begins at the plant.
+    origin : int
+        Stamp of t = 0 of the law [ns].
+    is_designed : bool
+        Whether it is that of the parameters and not the end of a reference.
+
+    """
+
+    law: SetPointLaw
+    x: Vector
+    origin: int
+    is_designed: bool = True
+
+    def at(self, stamp: int) -> ReferencePoint:
+        """Return the target at a stamp [ns]."""
+        t = (stamp - self.origin) * NS
+        point = self.law.at(t)
+        return point._replace(x=move(self.x, self.law.drift, t))
+
+    def place(self, x: Sequence[float], stamp: int, error: MeasureError, origin: int
+              ) -> 'SetPoint':
+        """
+        Return the set point beside a state, with another t = 0.
+
+        The component of the error along the drift is freed and nothing else:
+        xe += d (d'(x - xe)) / (d'd).
+
+        Parameters
+        ----------
+        x : sequence of float
+            State (n,) at the stamp.
+        stamp, origin : int
+            [ns]
+        error : callable
+            Returns x - xe (n,), with angles wrapped.
+
+        """
+        drift, t = self.law.drift, (stamp - self.origin) * NS
+        here = free_drift(x, move(self.x, drift, t), drift, error)
+        return replace(self, x=move(here, drift, (origin - stamp) * NS), origin=origin)
+
+    def carry(self, law: SetPointLaw, stamp: int, restarts: bool) -> 'SetPoint':
+        """
+        Return another law at the present place of this one.
+
+        A state that the new design moves to another value is there; the others go on.
+
+        Parameters
+        ----------
+        law : SetPointLaw
+            The new design.
+        stamp : int
+            Present stamp [ns].
+        restarts : bool
+            Whether t = 0 is now.
+
+        """
+        moved = move(self.x, self.law.drift, (stamp - self.origin) * NS)
+        x = tuple([now if wanted == before else wanted for wanted, before, now in zip(
+            law.x, self.law.x, moved, strict=True)])
+        origin = stamp if restarts else self.origin
+        return replace(self, law=law, x=move(x, law.drift, (origin - stamp) * NS), origin=origin)
+
+
+@dataclass(frozen=True, eq=False)
+class Along:
+    """A reference law from its beginning, a stamp [ns], on."""
+
+    law: ReferenceLaw
+    begin: int
+
+    def at(self, stamp: int) -> ReferencePoint:
+        """Return the target at a stamp [ns]."""
+        return self.law.at((stamp - self.begin) * NS)
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """
+    A plan, from half a period before its first sample on.
+
+    Attributes
+    ----------
+    law : SampledPlan
+    begin : int
+        Stamp of its t = 0 [ns].
+
+    """
+
+    law: SampledPlan
+    begin: int
+
+    def at(self, stamp: int) -> ReferencePoint:
+        """Return the target at a stamp [ns]."""
+        return self.law.at((stamp - self.begin) * NS)
+
+    def covers(self, stamp: int) -> bool:
+        """Return whether the plan has an input for a stamp [ns]."""
+        return 0 <= stamp - self.begin < len(self.law.u) * self.law.period
+
+
+def select_plan(plans: Sequence[Plan], stamp: int) -> Plan | None:
+    """Return the last of some plans that covers a stamp [ns], or None."""
+    return next((each for each in reversed(plans) if each.covers(stamp)), None)
+
+
+def move(x: Sequence[float], drift: Vector, t: float) -> Vector:
+    """Return x + drift t."""
+    return tuple([a + v * t for a, v in zip(x, drift, strict=True)]) if any(drift) else tuple(x)
+
+
+def free_drift(x: Sequence[float], xe: Vector, drift: Vector, error: MeasureError) -> Vector:
+    """Return xe + d (d'(x - xe)) / (d'd) for the drift d; xe itself without a drift."""
+    if not any(drift):
+        return xe
+    along = sum(map(mul, drift, error(x, xe))) / sum(map(mul, drift, drift))
+    return move(xe, drift, along)

@@ -1,0 +1,52 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""Which of several publishers of the states a controller uses: the first, until it is silent."""
+
+from dataclasses import dataclass
+from enum import auto, Enum
+
+FAR = 1000   # messages: more are not lost in a row before the source counts as silent
+
+
+class Source(Enum):
+    """What a message tells of its publisher."""
+
+    SAME = auto()
+    OTHER = auto()      # a second publisher, not to be used
+    REPLACED = auto()   # the first one is silent
+
+
+@dataclass
+class SourceWatch:
+    """
+    Tells publishers apart by the numbers that the middleware gives their messages.
+
+    rclpy does not say who has sent a message, but every publisher counts its own messages. Two
+    that began together cannot be told apart by their numbers; the graph shows both.
+    """
+
+    _last: int | None = None
+    _heard: float = 0.0
+
+    def judge(self, number: int | None, now: float, patience: float) -> Source:
+        """
+        Return whose message this is.
+
+        Parameters
+        ----------
+        number : int or None
+            Number of the message by its publisher; None: the middleware gives none.
+        now : float
+            Steady clock [s].
+        patience : float
+            Silence [s] after which another publisher is used.
+
+        """
+        if number is None:
+            return Source.SAME
+        last, heard = self._last, self._heard
+        is_next = last is None or last < number <= last + FAR
+        if not is_next and now - heard < patience:
+            return Source.OTHER
+        self._last, self._heard = number, now
+        return Source.SAME if is_next else Source.REPLACED

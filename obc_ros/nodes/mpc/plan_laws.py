@@ -1,0 +1,31 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""Plans of the solver process as laws of the loop."""
+
+from obc_ros.core.closed_loop.control import Control
+from obc_ros.core.closed_loop.laws import Plan
+from obc_ros.core.closed_loop.sampled_plan import make_sampled_plan
+from obc_ros.workers.wire import Packet
+
+
+def make_plan(reply: Packet, period: int, control: Control) -> Plan:
+    """
+    Return a plan as a law, with the feedback of the set point along it.
+
+    Parameters
+    ----------
+    reply : Packet
+        A plan: ``stamp`` of its first sample [ns], arrays x (N + 1, n) and u (N, m).
+    period : int
+        Time between two samples [ns].
+    control : Control
+        The control that follows it.
+
+    Returns
+    -------
+    Plan
+
+    """
+    along = make_sampled_plan(period, reply.arrays['x'], reply.arrays['u'], control.regulator.K)
+    # It begins half a period before its first sample, see `SampledPlan`.
+    return Plan(along, int(reply.plain['stamp']) - period // 2)
