@@ -4,14 +4,13 @@
 
 import math
 import os
-from pathlib import Path
 import signal
 
-from diagnostic_msgs.msg import DiagnosticArray
 from lifecycle_msgs.msg import Transition
-from lifecycle_msgs.srv import ChangeState, GetState
+from lifecycle_msgs.srv import ChangeState
+from mpc_bench import BOUND, BOUNDS, LONG, Loop
 import numpy as np
-from obc_ros.msg import Command, LqrDesign, State, Trajectory
+from obc_ros.msg import LqrDesign
 from obc_ros.workers.real_time import find_priority_refusal
 import pytest
 from rclpy.qos import DurabilityPolicy, QoSProfile
@@ -19,51 +18,6 @@ from std_srvs.srv import Trigger
 
 pytestmark = [pytest.mark.slow, pytest.mark.nodes]
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-NEAR = [0.02, 0.0, 0.0, 0.0, 0.0, 0.0]   # inside the terminal set of the stand-in
-BOUND = 1.0
-BOUNDS = [-math.inf, BOUND, *5 * [-math.inf, math.inf]]
-STAND_IN = str(Path(__file__).parents[1] / 'stand_in_mpc_node.py')
-ACTIVE = 3   # label of the state of the lifecycle
-LONG = 60.0  # [s] reached only by a failing test
-
-
-class Loop:
-    """A plant, the node with a linear plan, and what is heard of them."""
-
-    def __init__(self, spawn, probe, x0=NEAR, **parameters):
-        self.probe = probe
-        self.states, self.commands = probe.listen(State, 'state'), probe.listen(Command, 'command')
-        self.plans = probe.listen(Trajectory, 'mpc_node/plan')
-        self.reports = probe.listen(DiagnosticArray, '/diagnostics')
-        self.plant = spawn('plant_simulator', {
-            'system': 'aircraft', 'x0': x0, 'publish_rate': 50.0})
-        self.node = spawn('python', {'system': 'aircraft', 'x_bounds': BOUNDS, **parameters},
-                          arguments=[STAND_IN])
-
-    def figure(self, name):
-        """Return a value of the last status of the plans; empty before the first."""
-        for report in reversed(self.reports):
-            for status in report.status:
-                if status.name == 'mpc_node: plan':
-                    return next((each.value for each in status.values if each.key == name), '')
-        return ''
-
-    def is_active(self):
-        """Return whether the node is active."""
-        return self.probe.call(GetState, 'mpc_node/get_state').current_state.id == ACTIVE
-
-    def wait_until_planned(self):
-        """Wait for plans."""
-        del self.plans[:]
-        self.probe.wait_for(lambda: len(self.plans) > 3, LONG, 'plans')
-
-    def solver(self):
-        """Return the process id of the solver."""
-        children = Path(f'/proc/{self.node.pid}/task')
-        found = [int(pid) for task in children.iterdir()
-                 for pid in (task / 'children').read_text().split()]
-        assert len(found) == 1, found
-        return found[0]
 
 
 def test_plans_are_followed_and_published(spawn, probe):
@@ -83,18 +37,13 @@ def test_plans_are_followed_and_published(spawn, probe):
 
 def test_activation_is_refused_with_the_reason_where_no_plan_begins(spawn, probe):
     loop = Loop(spawn, probe, x0=[2.0 * BOUND, *5 * [0.0]])
-    loop.node.wait_for_output('not activated: no plan keeps the bounds from here', LONG)
+    loop.node.wait_for_output('not active yet: no plan keeps the bounds from here', LONG)
     assert not loop.is_active()
     assert not loop.commands
     request = ChangeState.Request(transition=Transition(id=Transition.TRANSITION_ACTIVATE))
     assert not probe.call(ChangeState, 'mpc_node/change_state', request).success
     assert probe.set_parameters('/mpc_node', x_bounds=[])[0].successful
-
-    def activates():   # when the changed problem is prepared
-        probe.spin_for(0.2)
-        return probe.call(ChangeState, 'mpc_node/change_state', request).success
-
-    probe.wait_for(activates, LONG, 'activation')
+    probe.wait_for(loop.is_active, LONG, 'activation')   # by itself
     probe.wait_for(lambda: loop.commands, LONG)
 
 
