@@ -30,7 +30,7 @@ from support import children
 
 NODES: dict[str, dict[str, Any]] = {
     'plant_simulator': {'system': 'aircraft', 'x0': [0.0] * 6, 'command_timeout': 0.3},
-    'lqr_node': {'system': 'aircraft', 'state_timeout': 0.3},
+    'lqr_node': {'system': 'aircraft', 'state_timeout': 0.3, 'stamp_timeout': 0.0},
     'trajectory_server': {'workers': 1}}
 
 

@@ -16,6 +16,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 X0 = [1.0, -1.0, 0.1, 0.0, 0.0, 0.0]
 PLANT = {'system': 'aircraft', 'x0': X0}
+CONTROLLER = {'system': 'aircraft', 'stamp_timeout': 0.0}   # those of lockstep are simulated
 LOCKSTEP = {**PLANT, 'lockstep': True, 'speed': 0.0}
 
 
@@ -27,7 +28,7 @@ def test_the_loop_over_dds_equals_the_loop_in_one_process(spawn, probe):
     spawn('plant_simulator', {
         **LOCKSTEP, 'qos_overrides./state.publisher.depth': all_of_them})
     probe.wait_for(lambda: states, what='the first state, which waits for its answer')
-    spawn('lqr_node', {'system': 'aircraft'})
+    spawn('lqr_node', CONTROLLER)
     probe.wait_for(lambda: read_nanoseconds(states[-1].header.stamp) > count * 5_000_000
                    and designs)
     design = designs[-1]
@@ -48,7 +49,7 @@ def test_the_loop_over_dds_equals_the_loop_in_one_process(spawn, probe):
 def test_a_killed_and_restarted_node_rejoins_the_loop(spawn, probe, victim, parameters):
     # At rest the is_waiting command keeps the plant in place.
     nodes = {'plant_simulator': {**parameters, 'x0': [0.0] * 6},
-             'lqr_node': {'system': 'aircraft'}}
+             'lqr_node': CONTROLLER}
     running = {name: spawn(name, given) for name, given in nodes.items()}
     traffic = Heard(probe)
     probe.wait_for(lambda: traffic.answers > 30, what='states that are answered')
@@ -62,7 +63,7 @@ def test_a_killed_and_restarted_node_rejoins_the_loop(spawn, probe, victim, para
 
 def test_a_stopped_controller_only_delays_lockstep(spawn, probe):
     plant = spawn('plant_simulator', LOCKSTEP)
-    controller = spawn('lqr_node', {'system': 'aircraft'})
+    controller = spawn('lqr_node', CONTROLLER)
     commands = probe.listen(Command, 'command')
     states = probe.listen(State, 'state')
     probe.wait_for(lambda: states and len(commands) > 100)

@@ -234,6 +234,8 @@ class ControlLoop:
                 reason = self._judge(control, leg, begin, stamp, self.x)
                 if reason:
                     return reason
+                if begin is None:
+                    self._itinerary.set_begin(leg.reference, self._acts(control, stamp))
             self._next = control
             return ''
 
@@ -398,7 +400,8 @@ class ControlLoop:
         kind, words = ('old', 'before') if self.lag > 0.0 else ('ahead', 'after')
         self.drop(kind, f'a state stamped {abs(self.lag):.3g} s {words} the local time was '
                         f'dropped (stamp_timeout: {timeout:g} s): it is late, or the clocks '
-                        'differ; stamp_timeout: 0 is for clocks that are not synchronised',
+                        'differ: set use_sim_time for a simulation, or stamp_timeout: 0 for clocks '
+                        'that are not synchronised',
                   self._now)
         return False
 
@@ -504,7 +507,8 @@ class ControlLoop:
         """
         acts = self._acts(control, stamp)
         for leg in list(self._itinerary.find_due(control.legs, acts)):
-            reason = self._judge(control, leg, leg.reference.begin, stamp, x)
+            begin = self._itinerary.find_begin(leg.reference)
+            reason = self._judge(control, leg, begin, stamp, x)
             if reason:
                 self._itinerary.reject(leg)
                 self.refused.append(reason)
@@ -517,8 +521,8 @@ class ControlLoop:
         followed = find_leg(control.legs, self._itinerary.followed)
         if followed is None or Effect.JUDGE not in self._effects:
             return True
-        begin = self._itinerary.get_begin(followed.reference)
-        reason = self._judge(control, followed, begin, stamp, x)
+        reason = self._judge(
+            control, followed, self._itinerary.get_begin(followed.reference), stamp, x)
         if reason:
             reason = f'{self._cause}, {reason}'
             self._step(Event.STOP, f'{reason}; stopped until ~/start', reason)

@@ -48,17 +48,25 @@ class Itinerary:
     def find_due(self, legs: Sequence[Leg], stamp: int) -> Iterator[Leg]:
         """Yield the references that are to begin at a stamp [ns] or were before."""
         for leg in legs:
-            begin = leg.reference.begin
+            begin = self.find_begin(leg.reference)
             if self.is_pending(leg) and (begin is None or begin <= stamp):
                 yield leg
+
+    def find_begin(self, reference: Reference) -> int | None:
+        """Return the stamp [ns] of t = 0 of a reference; None: it is not known yet."""
+        return self._begins.get(reference, reference.begin)
+
+    def set_begin(self, reference: Reference, stamp: int) -> None:
+        """Let a reference without a stamp of its own begin at a stamp [ns]."""
+        self._begins.setdefault(reference, stamp)
 
     def begin(self, leg: Leg, stamp: int) -> None:
         """Follow a reference; without a stamp of its own it begins at a stamp [ns]."""
         if self.followed is not None:
             self._over.add(self.followed)
         self.followed, self.held = leg.reference, None
-        given = leg.reference.begin
-        self._begins[leg.reference] = stamp if given is None else given
+        begin = self.find_begin(leg.reference)
+        self._begins[leg.reference] = stamp if begin is None else begin
 
     def end(self) -> None:
         """Hold the end of the followed reference."""

@@ -212,11 +212,11 @@ def test_each_choice_of_weights_gives_its_optimal_gain(spawn: Any, probe: Any) -
 
 
 def test_states_with_wrong_stamps_are_dropped(spawn: Any, probe: Any) -> None:
-    """States stamped in the past or future are dropped; stamps of other clocks are accepted."""
+    """States stamped in the past or future are dropped at any age, unless there is no check."""
     bench = Bench(spawn, probe, state_timeout=0.2, stamp_timeout=0.3,
                   **{'qos_overrides./state.subscription.depth': 10})
     good = bench.answer(X, time.time())
-    for late in (5.0, -5.0, 60.0):
+    for late in (5.0, -5.0, 86400.0):
         seen = len(bench.commands)
         bench.send([0.9] * 6, time.time() - late)
         probe.spin_for(0.1)
@@ -230,7 +230,6 @@ def test_states_with_wrong_stamps_are_dropped(spawn: Any, probe: Any) -> None:
     assert 'no valid state' in status.message  # on_stale is in force
     assert (np.array(bench.commands[-1].u) == HOVER).all()
     assert (bench.answer(X, time.time()) == good).all()
-    bench.answer(X, 0.5)  # the time of a simulation
     assert bench.set(stamp_timeout=0.0).successful
     bench.answer(X, time.time() - 5.0)
 
@@ -268,7 +267,7 @@ def test_example_2_5_at_20_hz_and_50_ms_needs_a_sampled_design(spawn: Any, probe
             'publish_rate': 20.0, 'dt': 0.001, 'input_delay': 0.05}, namespace=f'/{name}')
     probe.wait_for(lambda: all(states.values()), what='the first states')
     for name, parameters in loops.items():
-        spawn('lqr_node', {**EXAMPLE_2_5, **parameters, 'state_timeout': 0.0},
+        spawn('lqr_node', {**EXAMPLE_2_5, **parameters, 'state_timeout': 0.0, 'stamp_timeout': 0.0},
               namespace=f'/{name}')
     probe.wait_for(lambda: all(
         seen[-1].header.stamp.sec >= 6 for seen in states.values()), 40.0)

@@ -317,7 +317,8 @@ def test_a_second_publisher_is_reported(spawn: Any, probe: Any) -> None:
 def test_qos_overrides_apply_and_mismatches_are_reported(spawn: Any, probe: Any) -> None:
     """Diagnostics name a publisher of incompatible QoS, and missed deadlines."""
     parameters = {'qos_overrides./state.subscription.reliability': 'reliable',
-                  'qos_overrides./state.subscription.deadline': 200_000_000}
+                  'qos_overrides./state.subscription.deadline': 200_000_000,
+                  'stamp_timeout': 0.0}
     process = spawn('lqr_node', parameters, name='careful')
     unfit = probe.node.create_publisher(State, 'state', BEST_EFFORT)
     reports = probe.listen(DiagnosticArray, '/diagnostics')

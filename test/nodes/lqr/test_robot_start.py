@@ -91,6 +91,7 @@ class Robot:
         words = shlex.split(command)[4:]
         self.probe = probe
         self.twists: list[Any] = probe.listen(TwistStamped, 'cmd_vel')
+        words += ['-p', 'stamp_timeout:=0.0']   # stamps begin at 0
         self.process = spawn('lqr_node', arguments=words)
         self.odom = probe.publisher(Odometry, 'odom')
         probe.wait_for(lambda: probe.node.count_publishers('cmd_vel'), what='cmd_vel')

@@ -182,7 +182,7 @@ def test_a_reference_needs_the_frame_of_the_states(frame: str, states: str, sent
     message.header.frame_id = frame
     system = registry.get_system('double_integrator')
     if not sentence:
-        assert len(read_courses(message, system, states, (), None)) == 1
+        assert len(read_courses(message, system, states, ())) == 1
         return
     with pytest.raises(ObcError, match=sentence):
-        read_courses(message, system, states, (), None)
+        read_courses(message, system, states, ())
