@@ -51,6 +51,7 @@ from obc_ros.nodes.views.plant_view import (
     ViewSettings,
 )
 from obc_ros.ros import conversions
+from obc_ros.ros.clock_watch import ClockWatch
 from obc_ros.ros.executor import run
 from obc_ros.ros.hardware_id import HARDWARE, identify
 from obc_ros.ros.messages import flatten_doubles
@@ -119,7 +120,7 @@ def _of_outputs(values: Mapping[str, Any]) -> Iterator[ParameterRow]:
 
 def _read_problem(name: str) -> StartValues:
     """Return the plant of a problem file and its initial state, if that is given."""
-    from obc_ros.ros.problem_files import list_plant_values, read_problem_file
+    from obc_ros.ros.parameters.problem_files import list_plant_values, read_problem_file
     found = read_problem_file(name)
     values, problem = list_plant_values(found), found.problem
     if problem.start is None:
@@ -255,7 +256,7 @@ class PlantSimulator(Node):
         super().__init__('plant_simulator', allow_undeclared_parameters=True, **options)
         # first: rclpy 9 also destroys a node with rejected parameters
         self._thread: OwnThread | None = None
-        self._log = ThrottledLog(self)
+        self._log, self._clock_watch = ThrottledLog(self), ClockWatch(self)
         self._settings = Parameters(self, Settings, self._judge, self._adopt)
         settings, candidate = self._settings.settings, self._settings.candidate
         self._follows = self.get_parameter('use_sim_time').value and not settings.simulated_stamps
@@ -482,9 +483,9 @@ class PlantSimulator(Node):
         self._diagnostics.publish(array)
 
     def _health(self) -> tuple[bytes, str]:
-        plant = self._plant
-        if plant.fault:
-            return DiagnosticStatus.ERROR, plant.fault
+        plant, clock = self._plant, self._clock_watch.find_fault()
+        if plant.fault or clock:
+            return DiagnosticStatus.ERROR, plant.fault or clock
         contested, self._contested = self._contested, plant.contested
         publishers = self.count_publishers('command')  # killed ones are counted for a while
         if publishers > 1 and plant.contested > contested:
