@@ -238,8 +238,9 @@ def judge_plant_settings(settings: Settings) -> PlantCandidate:
     check_view(system, settings.view)
     return PlantCandidate(system, x0, conditions, Pacing(
         steps, settings.speed, settings.lockstep, settings.simulated_stamps,
-        settings.command_timeout, settings.pause_at, settings.hold_until_command and not settings.lockstep),
-        settings.view, _sensors(settings, system))
+        settings.command_timeout, settings.pause_at,
+        settings.hold_until_command and not settings.lockstep), settings.view,
+        _sensors(settings, system))
 
 
 def _sensors(settings: Settings, system: System) -> Sensors:
