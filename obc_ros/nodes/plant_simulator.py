@@ -151,8 +151,8 @@ class Settings:
     lockstep: bool = declare_field(
         False, 'true: after each state, wait for its command', read_only=True)
     hold_until_command: bool = declare_field(
-        True, 'true: until the first command, also after ~/reset, the state stays at x0 while time '
-        'passes; disturbances act from then on. false: the plant moves with the input at rest',
+        True, 'true: until the first command, also after ~/reset, the state stays at x0 while '
+        'time passes; disturbances act from then on. false: it moves with the input at rest',
         used_when=(('lockstep', False),))
     publish_clock: bool = declare_field(
         False, 'true: publish simulated time on /clock', read_only=True)
