@@ -27,10 +27,10 @@ from obc_ros.cli.view.telemetry import (
     fits_names,
     FollowedPath,
     Frame,
-    Mode,
     Plant,
     read_mode,
     SetPoint,
+    ShownMode,
     STOPPED,
     Uncertainty,
 )
@@ -139,7 +139,7 @@ class LoopClient:
         self._solver: ActionClient | None = None
         self._waiting: list[Callable[[], None]] = []
         self._clients: dict[str, Any] = {}
-        self._modes: dict[str, tuple[Mode, float]] = {}   # of each controller, when it was read
+        self._modes: dict[str, tuple[ShownMode, float]] = {}   # and when it was read
         self._context = rclpy.Context()
         rclpy.init(args=[], context=self._context)
         self._node = rclpy.create_node(
@@ -197,14 +197,14 @@ class LoopClient:
         return self.controller == CONTROLLERS[0]
 
     @property
-    def mode(self) -> Mode:
+    def mode(self) -> ShownMode:
         """Return the mode of the controller; without recent diagnostics a reason only."""
         mode, read = self._modes.get(self.controller, (None, 0.0))
         if mode is None:
-            return Mode('', f'no diagnostics of {self.controller} yet')
+            return ShownMode('', f'no diagnostics of {self.controller} yet')
         if time.monotonic() - read < NEWS:
             return mode
-        return Mode('', f'no diagnostics of {self.controller} any more; the last mode was '
+        return ShownMode('', f'no diagnostics of {self.controller} any more; the last mode was '
                     f'{mode.sentence}')
 
     def list_lines(self, after: int = 0) -> list[tuple[int, str]]:
@@ -373,7 +373,7 @@ class LoopClient:
         except ObcError as error:
             return str(error)
         if response.success:   # diagnostics follow within a second
-            self._modes[controller] = Mode(STOPPED, 'by ~/stop'), time.monotonic()
+            self._modes[controller] = ShownMode(STOPPED, 'by ~/stop'), time.monotonic()
         return f'{controller}: {response.message}'
 
     async def solve(self, request: Request) -> Any:

@@ -12,8 +12,9 @@ from obc_ros.cli.view.plan_panel import PlanPanel
 from obc_ros.cli.view.plant_panel import PlantPanel
 from obc_ros.cli.view.playback import Playback
 from obc_ros.cli.view.problem_panel import ProblemPanel
-from obc_ros.cli.view.telemetry import FollowedPath, Frame, Mode, Plant, STOPPED
+from obc_ros.cli.view.telemetry import FollowedPath, Frame, Plant, ShownMode, STOPPED
 from obc_ros.cli.view.weights_panel import WeightsPanel
+from obc_ros.core.closed_loop.modes import FOLLOWING, Mode
 
 PERIOD = 1.0 / 31.0  # [s] between two frames: 30 a second with the delays of timers
 STEPS = 500          # of the slider of a recording
@@ -57,8 +58,8 @@ STOP_KEY = """<script>
   for (const type of ["keydown", "keypress", "keyup"]) window.addEventListener(type, stop, true);
 }
 </script>"""
-STYLES = {STOPPED: 'obc-stopped', 'RESTING': 'obc-resting', 'SET_POINT': 'obc-acts',
-          'REFERENCE': 'obc-acts', 'PLAN': 'obc-acts'}   # of other modes: obc-idle
+STYLES = {STOPPED: 'obc-stopped', Mode.RESTING.name: 'obc-resting',
+          **{each.name: 'obc-acts' for each in FOLLOWING}}   # of other modes: obc-idle
 
 
 class Viewer:
@@ -158,7 +159,7 @@ class LoopPage:
                     'flat color=white aria-label="light or dark"')
             if live:
                 self._mode = ui.label().props('role=status aria-live=polite')
-                self._shown: Mode | None = None
+                self._shown: ShownMode | None = None
 
     def _build_panels(self, client: LoopClient) -> None:
         with ui.tabs().props('dense align=left').classes('w-full') as tabs:

@@ -10,6 +10,7 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
 import numpy as np
+from obc_ros.core.closed_loop.modes import Mode
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.systems import registry
 from obc_ros.core.text.errors import ObcError
@@ -18,7 +19,7 @@ from obc_ros.msg import Estimate, LqrDesign, Trajectory
 COVERED = 0.95   # share of the true states inside an ellipse, or inside a band of one state
 AT_REST = 1e-6   # largest rate of a set point that does not move
 WORDS = 200      # characters of a mode and of its reason
-STOPPED = 'STOPPED'
+STOPPED = Mode.STOPPED.name
 
 
 @dataclass(frozen=True)
@@ -53,7 +54,7 @@ class Plant:
 
 
 @dataclass(frozen=True)
-class Mode:
+class ShownMode:
     """The mode of a controller, such as SET_POINT, and its reason; empty: not known."""
 
     name: str = ''
@@ -64,16 +65,13 @@ class Mode:
         """Return the mode in words."""
         words = self.name.replace('_', ' ')
         return ': '.join(filter(None, (words if self.name == STOPPED else words.lower(),
-                                       self.reason)))
+                                       self.reason))) or 'mode not known'
 
 
-def read_mode(status: DiagnosticStatus) -> Mode:
+def read_mode(status: DiagnosticStatus) -> ShownMode:
     """Return the mode in the status of the commands of a controller."""
     values = {each.key: each.value[:WORDS] for each in status.values}
-    if values.get('mode'):
-        return Mode(values['mode'], values.get('mode reason', ''))
-    stop, _, reason = status.message[:WORDS].partition(': ')   # of a node that names no mode
-    return Mode(STOPPED, reason) if stop == 'stopped' else Mode('', status.message[:WORDS])
+    return ShownMode(values.get('mode', ''), values.get('mode reason', ''))
 
 
 @dataclass(frozen=True)

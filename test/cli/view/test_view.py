@@ -46,11 +46,11 @@ from obc_ros.cli.view.telemetry import (
     FollowedPath,
     Frame,
     measure_cost,
-    Mode,
     Named,
     Plant,
     read_mode,
     SetPoint,
+    ShownMode,
 )
 from obc_ros.cli.view.weights_panel import convert_weights
 from view_recording import record
@@ -274,14 +274,13 @@ def status(name: str, message: str = '', **values: str) -> DiagnosticStatus:
 
 
 @pytest.mark.parametrize(('given', 'expected', 'sentence'), [
-    (status('', 'within the limits', mode='SET_POINT'), Mode('SET_POINT'), 'set point'),
+    (status('', 'within the limits', mode='SET_POINT'), ShownMode('SET_POINT'), 'set point'),
     (status('', 'x', mode='RESTING', mode_reason='no state for 0.6 s'),
-     Mode('RESTING', 'no state for 0.6 s'), 'resting: no state for 0.6 s'),
+     ShownMode('RESTING', 'no state for 0.6 s'), 'resting: no state for 0.6 s'),
     (status('', 'stopped: by ~/stop', mode='STOPPED', mode_reason='by ~/stop'),
-     Mode('STOPPED', 'by ~/stop'), 'STOPPED: by ~/stop'),
-    (status('', 'stopped: by ~/stop'), Mode('STOPPED', 'by ~/stop'), 'STOPPED: by ~/stop'),
-    (status('', 'within the limits'), Mode('', 'within the limits'), 'within the limits'),
-    (status('', '', mode=HOSTILE, mode_reason='y' * 10**6), Mode(HOSTILE, 'y' * 200),
+     ShownMode('STOPPED', 'by ~/stop'), 'STOPPED: by ~/stop'),
+    (status('', 'of a node that names no mode'), ShownMode(), 'mode not known'),
+    (status('', '', mode=HOSTILE, mode_reason='y' * 10**6), ShownMode(HOSTILE, 'y' * 200),
      f'{HOSTILE.lower()}: {"y" * 200}'),
 ])
 def test_the_mode_is_read_from_diagnostics(given, expected, sentence):
@@ -295,9 +294,9 @@ def test_the_mode_is_that_of_the_controller_in_the_namespace(domain, probe, monk
     monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
     with closing(LoopClient('robot1')) as client:
         publisher = probe.publisher(DiagnosticArray, '/diagnostics')
-        assert client.mode == Mode('', 'no diagnostics of lqr_node yet')
+        assert client.mode == ShownMode('', 'no diagnostics of lqr_node yet')
 
-        def shows(expected: Mode) -> bool:
+        def shows(expected: ShownMode) -> bool:
             publisher.publish(DiagnosticArray(status=[
                 status('robot1/lqr_node: states', mode='PLAN'),
                 status('lqr_node: commands', mode='PLAN'),
@@ -305,10 +304,10 @@ def test_the_mode_is_that_of_the_controller_in_the_namespace(domain, probe, monk
                 status('robot1/lqr_node: commands', mode='REFERENCE')]))
             return client.mode == expected
 
-        probe.wait_for(lambda: shows(Mode('REFERENCE')))
+        probe.wait_for(lambda: shows(ShownMode('REFERENCE')))
         now = time.monotonic() + NEWS
         monkeypatch.setattr(time, 'monotonic', lambda: now)
-        assert client.mode == Mode(
+        assert client.mode == ShownMode(
             '', 'no diagnostics of lqr_node any more; the last mode was reference')
 
 
@@ -335,7 +334,7 @@ def test_stop_reaches_each_controller_that_there_is(domain, probe, monkeypatch):
         thread.join()
         assert found == ['mpc_node: stopped at [0.0]'] and asked == [1]
         client.controller = 'mpc_node'
-        assert client.mode == Mode('STOPPED', 'by ~/stop')
+        assert client.mode == ShownMode('STOPPED', 'by ~/stop')
 
 
 @pytest.mark.parametrize(('contents', 'why'), [
