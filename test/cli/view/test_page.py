@@ -339,13 +339,14 @@ def press_keys(page: Any, element: Any, keys: str) -> None:
         page.keyboard.press(key)
 
 
-def count_requests(site: Site) -> int:
-    """Return how often lqr_node was asked to stop or to start, once its log is read."""
+def list_requests(site: Site) -> list[str]:
+    """Return what lqr_node was asked, to stop or to start, once its log is read."""
     before = -1
     while before != len(site.log):
         before = len(site.log)
         site.probe.spin_for(0.3)
-    return sum('~/stop' in each.msg or '~/start' in each.msg for each in site.log)
+    words = (each.msg.partition(':')[0] for each in site.log)
+    return [each for each in words if each in ('~/stop', '~/start')]
 
 
 @pytest.mark.parametrize('name', ['Start', 'Apply', 'Undo', 'light or dark', 'Stop'])
@@ -353,10 +354,10 @@ def test_space_stops_and_does_not_press_the_button_with_the_focus(site, page, na
     dark = page.evaluate('document.body.classList.contains("body--dark")')
     page.get_by_role('button', name='Stop').click()
     page.locator('.obc-stopped').wait_for()
-    asked, revision = count_requests(site), site.designs[-1].revision
+    asked, revision = list_requests(site), site.designs[-1].revision
     press_keys(page, page.get_by_role('button', name=name), ' ')
-    site.probe.wait_for(lambda: count_requests(site) > asked)
-    assert '~/stop' in site.log[-1].msg and count_requests(site) == asked + 1
+    site.probe.wait_for(lambda: len(list_requests(site)) > len(asked))
+    assert list_requests(site) == [*asked, '~/stop']
     assert page.locator('.obc-stopped').inner_text() == 'STOPPED: by ~/stop'
     assert site.designs[-1].revision == revision
     assert page.evaluate('document.body.classList.contains("body--dark")') == dark
