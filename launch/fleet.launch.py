@@ -6,7 +6,8 @@ Many loops on one machine: a plant_simulator and an lqr_node for each vehicle, i
 ros2 launch obc_ros fleet.launch.py vehicles:=10 scenario:=vehicle prefix:=robot
 
 starts /robot1 to /robot10. Stamps are those of the system clock, which all nodes share, or of the
-/clock that another simulator publishes (use_sim_time:=true). The nodes communicate on this machine
+/clock that another simulator publishes (use_sim_time:=true; no node of the fleet publishes it, and
+without one the nodes say so after 2 s). The nodes communicate on this machine
 only, unless the environment or discovery_range:=SUBNET says otherwise. An invalid argument is
 reported before any node starts.
 """

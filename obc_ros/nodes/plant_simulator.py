@@ -12,6 +12,9 @@ to ``lqr_node/design`` (LqrDesign). Services: ``~/reset`` (Trigger) to x0, time 
 anew; ``~/pause`` (SetBool); ``~/step`` (Trigger), to the next state of a paused plant. Parameters:
 see `Settings`.
 
+Until its first command the plant is held at x0 while time passes (``hold_until_command``). A
+``~/reset`` holds it again, and increments ``restarts`` of the states.
+
 A separate thread receives commands and paces the plant. All access to the plant holds its lock.
 
 Stamps are simulated time from 0 with ``publish_clock``, ``lockstep`` or a speed other than 1, else
@@ -48,6 +51,7 @@ from obc_ros.nodes.views.plant_view import (
     ViewSettings,
 )
 from obc_ros.ros import conversions
+from obc_ros.ros.clock_watch import ClockWatch
 from obc_ros.ros.executor import run
 from obc_ros.ros.hardware_id import HARDWARE, identify
 from obc_ros.ros.messages import flatten_doubles
@@ -116,7 +120,7 @@ def _of_outputs(values: Mapping[str, Any]) -> Iterator[ParameterRow]:
 
 def _read_problem(name: str) -> StartValues:
     """Return the plant of a problem file and its initial state, if that is given."""
-    from obc_ros.ros.problem_files import list_plant_values, read_problem_file
+    from obc_ros.ros.parameters.problem_files import list_plant_values, read_problem_file
     found = read_problem_file(name)
     values, problem = list_plant_values(found), found.problem
     if problem.start is None:
@@ -146,6 +150,10 @@ class Settings:
         1.0, 'simulated seconds per second; 0: as fast as possible', lower=0.0, upper=1e6)
     lockstep: bool = declare_field(
         False, 'true: after each state, wait for its command', read_only=True)
+    hold_until_command: bool = declare_field(
+        True, 'true: until the first command, also after ~/reset, the state stays at x0 while '
+        'time passes; disturbances act from then on. false: it moves with the input at rest',
+        used_when=(('lockstep', False),))
     publish_clock: bool = declare_field(
         False, 'true: publish simulated time on /clock', read_only=True)
     integrator: str = declare_field('rk4', 'fixed steps of dt, or adaptive steps',
@@ -230,7 +238,9 @@ def judge_plant_settings(settings: Settings) -> PlantCandidate:
     check_view(system, settings.view)
     return PlantCandidate(system, x0, conditions, Pacing(
         steps, settings.speed, settings.lockstep, settings.simulated_stamps,
-        settings.command_timeout, settings.pause_at), settings.view, _sensors(settings, system))
+        settings.command_timeout, settings.pause_at,
+        settings.hold_until_command and not settings.lockstep), settings.view,
+        _sensors(settings, system))
 
 
 def _sensors(settings: Settings, system: System) -> Sensors:
@@ -247,7 +257,7 @@ class PlantSimulator(Node):
         super().__init__('plant_simulator', allow_undeclared_parameters=True, **options)
         # first: rclpy 9 also destroys a node with rejected parameters
         self._thread: OwnThread | None = None
-        self._log = ThrottledLog(self)
+        self._log, self._clock_watch = ThrottledLog(self), ClockWatch(self)
         self._settings = Parameters(self, Settings, self._judge, self._adopt)
         settings, candidate = self._settings.settings, self._settings.candidate
         self._follows = self.get_parameter('use_sim_time').value and not settings.simulated_stamps
@@ -260,6 +270,7 @@ class PlantSimulator(Node):
         self._map = conversions.OdometryMap(candidate.system)
         self._message = State()
         self._message.header.frame_id = conversions.ODOM
+        self._message.names = list(candidate.system.state_names)
         self._odometry = self._map.message(candidate.conditions.noise)
         self._warned: set[str] = set()
         self._looked, self._contested = (time.monotonic(), 0.0), 0
@@ -332,8 +343,8 @@ class PlantSimulator(Node):
         self._publish_measurements()
         if self._odom and self._odom.get_subscription_count():
             self._odometry.header.stamp = message.header.stamp
-            self._map.fill(
-                self._odometry, plant.sample, plant.simulator.slope(plant.sample))
+            self._map.fill(self._odometry, plant.sample,
+                           None if plant.held else plant.simulator.slope(plant.sample))
             self._odom.publish(self._odometry)
 
     def _publish_measurements(self) -> None:
@@ -357,15 +368,20 @@ class PlantSimulator(Node):
     def _on_command(self, message: Command, _: Any = None) -> None:
         stamp = conversions.read_nanoseconds(message.header.stamp)
         with self._lock:
+            held = self._plant.held
             reason = self._plant.command(stamp, message.u, self._now()[0])
         if reason:
             self._warn_once(reason.split(':')[0], f'command dropped, {reason}')
+        elif held:
+            self._log.info('release', 'the first command has come: the plant moves from '
+                           f't = {self._plant.simulator.time:.9g} s on')
 
     def _on_reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         with self._lock:
             self._plant.reset(*self._now(), self._x0)
             self._sensors.reset()
             self._warned.clear()
+            self._message.restarts += 1
             self._publish()
         self._thread.wake()
         response.success, response.message = True, f'at {_listed(self._x0)}'
@@ -426,12 +442,14 @@ class PlantSimulator(Node):
 
     def _log_start(self) -> None:
         simulator = self._plant.simulator
-        held = ', '.join(f'{signal.name} = {value:.6g} {signal.unit}'.rstrip()
+        rest = ', '.join(f'{signal.name} = {value:.6g} {signal.unit}'.rstrip()
                          for signal, value in zip(
                              simulator.system.inputs, simulator.rest, strict=True))
+        pacing = self._plant.pacing
         self.get_logger().info(
             f'{simulator.system.name} at {_listed(self._x0)}; until the first command '
-            + ('it waits (lockstep)' if self._plant.pacing.lockstep else f'it is held by {held}'))
+            + ('it waits (lockstep)' if pacing.lockstep
+               else 'it is held there' if self._plant.held else f'its input is {rest}'))
 
     def _warn_once(self, what: str, sentence: str) -> None:
         """Log a warning the first time; diagnostics count the others."""
@@ -466,9 +484,9 @@ class PlantSimulator(Node):
         self._diagnostics.publish(array)
 
     def _health(self) -> tuple[bytes, str]:
-        plant = self._plant
-        if plant.fault:
-            return DiagnosticStatus.ERROR, plant.fault
+        plant, clock = self._plant, self._clock_watch.find_fault()
+        if plant.fault or clock:
+            return DiagnosticStatus.ERROR, plant.fault or clock
         contested, self._contested = self._contested, plant.contested
         publishers = self.count_publishers('command')  # killed ones are counted for a while
         if publishers > 1 and plant.contested > contested:
@@ -481,6 +499,8 @@ class PlantSimulator(Node):
             return DiagnosticStatus.WARN, sentence
         if plant.paused:
             return DiagnosticStatus.OK, 'paused'
+        if plant.held:
+            return DiagnosticStatus.OK, 'held until the first command'
         if not plant.accepted:
             return DiagnosticStatus.OK, 'no command yet'
         return DiagnosticStatus.OK, 'running'

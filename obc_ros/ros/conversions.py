@@ -183,6 +183,7 @@ class OdometryMap:
         self.complete = bool(system.plane) and all(name in names for name in _POSE)
         self.readable = bool(system.plane) and set(names) <= {*_POSE, *_TWIST}
         self._at = [names.index(name) for name in _POSE] if self.complete else []
+        self._rates = [names.index(name) if name in names else None for name in _TWIST]
 
     def message(self, noise: Sequence[float]) -> Odometry:
         """Return a message with frames, and with variances from the noise (n,) of the states."""
@@ -197,7 +198,7 @@ class OdometryMap:
         twist[about] = of.get('omega', 0.0)
         return message
 
-    def fill(self, message: Odometry, x: Array, slope: Array) -> None:
+    def fill(self, message: Odometry, x: Array, slope: Array | None) -> None:
         """
         Set pose and twist of a message.
 
@@ -205,12 +206,15 @@ class OdometryMap:
         ----------
         message : nav_msgs.msg.Odometry
             Changed in place; other fields are kept.
-        x, slope : ndarray, shape (n,)
-            State and its derivative.
+        x : ndarray, shape (n,)
+            State.
+        slope : ndarray, shape (n,), or None
+            Its derivative; None: the body is held, and only velocities that are states count.
 
         """
         px, py, theta = (float(x[i]) for i in self._at)
-        vx, vy, omega = (float(slope[i]) for i in self._at)
+        vx, vy, omega = (float(slope[i]) for i in self._at) if slope is not None else (
+            0.0 if i is None else float(x[i]) for i in self._rates)
         c, s = math.cos(theta), math.sin(theta)
         position, turn = message.pose.pose.position, message.pose.pose.orientation
         linear, angular = message.twist.twist.linear, message.twist.twist.angular

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """`obc demo` as a user runs it: flight, recording, figures, and no process left."""
 
+from itertools import pairwise
 import os
 from pathlib import Path
 import re
@@ -10,9 +11,12 @@ import subprocess
 from typing import Any
 
 import numpy as np
+from obc_ros.cli.demo.aircraft import GUST
 from obc_ros.cli.demo.flight_estimates import judge_flight
 from obc_ros.cli.demo.report import measure_step
 from obc_ros.cli.obc import main
+from obc_ros.core.closed_loop.simulator import Simulator
+from obc_ros.core.systems import registry
 from probes import Probe
 import pytest
 from rosbags.highlevel import AnyReader
@@ -76,6 +80,34 @@ def test_a_demo_writes_table_figures_and_complete_recording(scenario: str, fligh
         assert len(states) >= 400
         assert set(states[states.index(min(answered)):-1]) <= answered
         assert stamps[design]
+    if scenario == 'aircraft':
+        check_impulse(tmp_path / 'out' / 'aircraft')
+
+
+def check_impulse(recording: Path) -> None:
+    """Check the gust: what the states gain beyond the model has the integral of 1 - cos."""
+    with AnyReader([recording]) as reader:
+        x, u = ({_find_time(message): getattr(message, name) for message in (
+            reader.deserialize(data, connection.msgtype) for connection, _, data
+            in reader.messages(connections=[
+                each for each in reader.connections if each.topic == topic]))}
+            for topic, name in (('/state', 'x'), ('/command', 'u')))
+    times = sorted(set(x) & set(u))
+    model = Simulator(registry.get_system('aircraft'))
+    gained = {'before': 0.0, 'in': 0.0, 'after': 0.0}
+    for now, later in pairwise(times):
+        if not GUST - 1.0 <= now < GUST + 2.0:
+            continue
+        model.reset(x[now], u[now])
+        model.advance(round((later - now) / model.conditions.dt))
+        place = 'before' if now < GUST else 'in' if now < GUST + 1.0 else 'after'
+        gained[place] += x[later][3] - model.x[3]
+    assert gained['in'] == pytest.approx(0.5, rel=1e-3)   # 1 m/s^2 over 1 s, half of it
+    assert abs(gained['before']) < 1e-9 and abs(gained['after']) < 1e-9
+
+
+def _find_time(message: Any) -> float:
+    return float(message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec)
 
 
 @pytest.mark.nodes

@@ -74,6 +74,13 @@ def test_wrong_arguments_are_refused_before_a_node_starts(file: str, arguments: 
         nodes(file, **arguments)
 
 
+def test_no_scenario_disturbs_its_plant() -> None:
+    """A loop that somebody tunes has no gust that he did not ask for."""
+    for file in (ROOT / 'config').glob('*.yaml'):
+        given = yaml.safe_load(file.read_text(encoding='utf-8'))
+        assert 'disturbance' not in given['/**/plant_simulator']['ros__parameters'], file
+
+
 def test_scenarios_are_the_files_of_config() -> None:
     """A new file in config is a scenario without further changes."""
     for file in FILES:

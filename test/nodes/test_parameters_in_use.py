@@ -97,7 +97,7 @@ PLANT: dict[str, tuple[Any, Values]] = {
     'tolerance': (1e-6, {'integrator': 'adaptive'}), 'actuator_lag': ([0.1, 0.1], {}),
     'input_delay': (0.1, {}), 'hardware_id': ('h1', {}), 'command_timeout': (0.5, {}),
     'markers': (False, {}), 'marker_rate': (10.0, {}), 'trail_length': (50, {}),
-    'pause_at': (3.0, {}), 'seed': (3, {'noise.px': 0.1}),
+    'hold_until_command': (False, {}), 'pause_at': (3.0, {}), 'seed': (3, {'noise.px': 0.1}),
     **{f'noise.{name}': (0.1, {}) for name in STATES},
     **{f'disturbance.constant.{name}': (0.1, {}) for name in STATES},
     **{f'disturbance.gust.{name}': (0.1, {}) for name in STATES},
@@ -127,7 +127,8 @@ CONDITIONAL: dict[tuple[str, str], Values] = {
     **{('plant_simulator', name): {} for name in (
         'tolerance', 'seed', 'disturbance.gust_start', 'disturbance.gust_duration',
         *(f'measurement.{output}.{each}' for output in OUTPUTS for each in MEASURED))},
-    ('plant_simulator', 'command_timeout'): {'lockstep': True},
+    **{('plant_simulator', name): {'lockstep': True}
+       for name in ('command_timeout', 'hold_until_command')},
     **{('plant_simulator', name): {'markers': False} for name in ('marker_rate', 'trail_length')}}
 
 

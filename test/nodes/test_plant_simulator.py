@@ -30,6 +30,7 @@ from std_srvs.srv import SetBool, Trigger
 NODE = '/plant_simulator'
 SLOW = {'publish_rate': 50.0}  # a low rate, for a busy machine
 LOCKSTEP = {'lockstep': True, 'speed': 0.0}
+FREE = {'hold_until_command': False}
 
 
 def command(u, stamp=None):
@@ -72,7 +73,7 @@ def hover(x):
 
 
 def test_the_plant_rests_until_the_first_command(spawn, probe):
-    plant = spawn('plant_simulator', {'x0': [3, 4, 0, 0, 0, 0], **SLOW})
+    plant = spawn('plant_simulator', {'x0': [3, 4, 0, 0, 0, 0], **FREE, **SLOW})
     states = probe.listen(State, 'state')
     diagnostics = probe.listen(DiagnosticArray, '/diagnostics')
     probe.wait_for(lambda: len(states) > 100, what='two seconds of states')
@@ -86,11 +87,46 @@ def test_the_plant_rests_until_the_first_command(spawn, probe):
     assert len(kept) > 90
     assert_allclose(kept, np.round(kept), atol=0.05)
     assert abs(wall - stamps(states)[-1]) < 1e9
-    assert plant.output().count('it is held by f1 = 0 N, f2 = 39.2 N') == 1
+    assert plant.output().count('its input is f1 = 0 N, f2 = 39.2 N') == 1
     probe.wait_for(lambda: diagnostics, what='diagnostics')
     status = diagnostics[-1].status[0]
     assert status.name == 'plant_simulator: plant'
     assert (status.level, status.message) == (b'\0', 'no command yet')
+
+
+FALLING = {'system': 'scalar', 'system_parameters.a': 50.0, 'x0': [1e-3], **SLOW}
+
+
+def test_an_unstable_plant_is_held_until_its_controller_is_there(spawn, probe):
+    """Two seconds would multiply its state by e^100; after ~/reset it is held again."""
+    plant = spawn('plant_simulator', FALLING)
+    states = probe.listen(State, 'state')
+    diagnostics = probe.listen(DiagnosticArray, '/diagnostics')
+    probe.wait_for(lambda: len(states) > 100 and diagnostics, what='two seconds of states')
+    assert {(*state.x, *state.names, state.restarts) for state in states} == {(1e-3, 'x', 0)}
+    assert (np.diff(stamps(states)) > 0).all()
+    assert diagnostics[-1].status[0].message == 'held until the first command'
+    assert plant.output().count('scalar at (0.001); until the first command it is held there') == 1
+    loop = Loop(probe, lambda x: [-100.0 * x[0]])
+    probe.wait_for(lambda: len(loop.states) > 50 and abs(states[-1].x[0]) < 1e-6)
+    plant.wait_for_output('the first command has come: the plant moves from')
+    loop.law = lambda x: [math.nan]   # no valid command any more
+    answer = probe.call(Trigger, f'{NODE}/reset')
+    assert answer.success
+    probe.wait_for(lambda: states[-1].restarts == 1, what='a state after the reset')
+    states.clear()
+    probe.wait_for(lambda: len(states) > 50)
+    assert {(*state.x, state.restarts) for state in states} == {(1e-3, 1)}
+
+
+def test_the_odometry_of_a_held_vehicle_stands_still(spawn, probe):
+    spawn('plant_simulator', {'system': 'vehicle', **SLOW})
+    odometry = probe.listen(Odometry, 'odom')
+    publisher = probe.publisher(Command, 'command')
+    probe.wait_for(lambda: len(odometry) > 5)
+    assert {each.twist.twist.linear.x for each in odometry} == {0.0}
+    publisher.publish(command([3.0, 0.0]))
+    probe.wait_for(lambda: odometry[-1].twist.twist.linear.x == pytest.approx(3.0))
 
 
 @pytest.mark.alone
@@ -173,7 +209,8 @@ def test_a_killed_and_restarted_plant_rejoins_the_loop(spawn, probe, speed):
 
 
 def test_a_stopped_plant_resumes_from_its_state(spawn, probe):
-    plant = spawn('plant_simulator', {'system': 'double_integrator', 'x0': [0, 1], **SLOW})
+    plant = spawn('plant_simulator', {
+        'system': 'double_integrator', 'x0': [0, 1], **FREE, **SLOW})
     states = probe.listen(State, 'state')
     probe.wait_for(lambda: len(states) > 10)
     plant.popen.send_signal(signal.SIGSTOP)
@@ -186,7 +223,7 @@ def test_a_stopped_plant_resumes_from_its_state(spawn, probe):
 
 def test_reset_pause_and_step(spawn, probe):
     spawn('plant_simulator', {'system': 'double_integrator', 'x0': [0, 1], 'publish_clock': True,
-                              **SLOW})
+                              **FREE, **SLOW})
     states = probe.listen(State, 'state')
     clock = probe.listen(Clock, '/clock', qos_profile_sensor_data)
     probe.wait_for(lambda: len(states) > 10 and clock)
@@ -305,7 +342,7 @@ def test_signals_end_the_node_with_status_0(spawn, probe, number):
 
 
 def test_parameter_changes_take_effect_or_are_refused(spawn, probe):
-    spawn('plant_simulator', {'system': 'double_integrator', **SLOW})
+    spawn('plant_simulator', {'system': 'double_integrator', **FREE, **SLOW})
     states = probe.listen(State, 'state')
     probe.wait_for(lambda: states)
     setting = {'disturbance.constant.x2': 1.0, 'noise.x1': 0.5, 'actuator_lag': 0.1,
@@ -328,7 +365,7 @@ def test_parameter_changes_take_effect_or_are_refused(spawn, probe):
 
 
 def test_parameters_of_the_system_can_change_in_flight(spawn, probe):
-    spawn('plant_simulator', SLOW)
+    spawn('plant_simulator', {**FREE, **SLOW})
     states = probe.listen(State, 'state')
     probe.wait_for(lambda: states)
     assert probe.set_parameters(NODE, **{'system_parameters.m': 8.0})[0].successful

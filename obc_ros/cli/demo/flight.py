@@ -144,6 +144,13 @@ class FlightProgress:
             print('\r\033[K', end='')
 
 
+def make_gust(start: float) -> tuple[str, ...]:
+    """Return the ROS arguments for a gust on the aircraft from a time [s] on: 4 N for 1 s."""
+    values = {'gust.vx': 1.0, 'gust_start': start, 'gust_duration': 1.0}   # 1 m/s^2, of 4 kg
+    return tuple(word for name, value in values.items()
+                 for word in ('-p', f'disturbance.{name}:={value}'))
+
+
 def set_parameters(node: str, values: dict[str, object], *, refused: bool = False
                    ) -> Callable[[Pilot], str]:
     """Return an action that sets parameters, and raises unless the outcome is as expected."""

@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 import numpy as np
 from obc_ros.cli.console.tables import print_table
-from obc_ros.cli.demo.flight import Event, Flight, fly
+from obc_ros.cli.demo.flight import Event, Flight, fly, make_gust
 from obc_ros.cli.demo.report import report_loop
 from obc_ros.cli.flight_client import Pilot, Samples
 from obc_ros.core.estimation.consistency import Consistency
@@ -34,7 +34,7 @@ from rclpy.serialization import deserialize_message
 CONFIG, DURATION, GUST = 'aircraft.yaml', 16.0, 8.0   # the times in [s]
 # The estimator has the same rate, so that there is an estimate for each state in lockstep.
 PLANT = ('-p', 'publish_rate:=100.0', '-p', 'x0:=[1.0, 0.5, 0.0, 0.0, 0.0, 0.0]',
-         '-p', f'disturbance.gust_start:={GUST}')
+         *make_gust(GUST))
 WHOLE, ESTIMATED = 'estimates_whole_state', 'estimates'   # the recordings
 # The loop holds if the aircraft is that near to its set point in the last seconds.
 NEAR, LAST = 0.5, 3.0   # [m], [s]

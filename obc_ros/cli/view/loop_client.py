@@ -18,6 +18,7 @@ import threading
 import time
 from typing import Any
 
+from diagnostic_msgs.msg import DiagnosticArray
 from obc_ros.action import SolveOptimalControl
 from obc_ros.cli.recording import LATCHED
 from obc_ros.cli.view.telemetry import (
@@ -27,7 +28,10 @@ from obc_ros.cli.view.telemetry import (
     FollowedPath,
     Frame,
     Plant,
+    read_mode,
     SetPoint,
+    ShownMode,
+    STOPPED,
     Uncertainty,
 )
 from obc_ros.core.text.errors import ObcError
@@ -61,6 +65,7 @@ DISCOVERED = 3.0   # [s] in which a service is discovered
 ANSWERS = 10.0  # [s] in which a service responds; a plan has its own limit
 CHANGES = 60.0  # [s] in which parameters are set: mpc_node plans first
 SAMPLES = 60    # of a prediction
+NEWS = 3.0      # [s] between diagnostics, of which there is one a second
 FRESH = 500_000_000   # [ns] between a state and the estimate whose covariance is shown
 # What lqr_node reports when it does not follow the last reference.
 ENDED = re.compile('a reference was rejected|no reference is followed')
@@ -134,6 +139,7 @@ class LoopClient:
         self._solver: ActionClient | None = None
         self._waiting: list[Callable[[], None]] = []
         self._clients: dict[str, Any] = {}
+        self._modes: dict[str, tuple[ShownMode, float]] = {}   # and when it was read
         self._context = rclpy.Context()
         rclpy.init(args=[], context=self._context)
         self._node = rclpy.create_node(
@@ -159,6 +165,10 @@ class LoopClient:
                 LqrDesign, f'{name}/design', partial(self._on_design, name), LATCHED)
         node.create_subscription(Trajectory, 'reference', self._on_reference, LATCHED)
         node.create_subscription(Log, '/rosout', self._on_log, LATCHED)
+        node.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, QUEUE)
+        for name in CONTROLLERS:   # discovered before somebody needs them
+            self._clients[f'{name}/stop'] = node.create_client(
+                Trigger, f'{name}/stop', qos_profile=BURST)
 
     def close(self) -> None:
         """Leave the graph."""
@@ -185,6 +195,17 @@ class LoopClient:
     def is_lqr(self) -> bool:
         """Return whether the controller previews weights and follows references."""
         return self.controller == CONTROLLERS[0]
+
+    @property
+    def mode(self) -> ShownMode:
+        """Return the mode of the controller; without recent diagnostics a reason only."""
+        mode, read = self._modes.get(self.controller, (None, 0.0))
+        if mode is None:
+            return ShownMode('', f'no diagnostics of {self.controller} yet')
+        if time.monotonic() - read < NEWS:
+            return mode
+        return ShownMode('', f'no diagnostics of {self.controller} any more; the last mode was '
+                    f'{mode.sentence}')
 
     def list_lines(self, after: int = 0) -> list[tuple[int, str]]:
         """Return the lines of the log with numbers above `after`."""
@@ -275,6 +296,14 @@ class LoopClient:
             self._given = None
         self.design, self._held = design, SetPoint(design)
 
+    def _on_diagnostics(self, array: DiagnosticArray) -> None:
+        prefix = self._node.get_namespace().strip('/')
+        names = {'/'.join(filter(None, (prefix, f'{each}: commands'))): each
+                 for each in CONTROLLERS}
+        for status in array.status:
+            if status.name in names:
+                self._modes[names[status.name]] = read_mode(status), time.monotonic()
+
     def _on_reference(self, path: Trajectory, info: Mapping[str, int]) -> None:
         begin = 1e-9 * _read_stamp(path) or self._time
         self._given = FollowedPath(begin, path) if len(path.t) else None
@@ -332,6 +361,20 @@ class LoopClient:
             return str((await self.call(Trigger, service, Trigger.Request())).message)
         except ObcError as error:
             return str(error)
+
+    async def stop(self) -> str:
+        """Stop each controller of the loop; return what they say."""
+        found = [name for name in CONTROLLERS if self._clients[f'{name}/stop'].service_is_ready()]
+        return '; '.join(await asyncio.gather(*map(self._stop, found or [self.controller])))
+
+    async def _stop(self, controller: str) -> str:
+        try:
+            response = await self.call(Trigger, f'{controller}/stop', Trigger.Request())
+        except ObcError as error:
+            return str(error)
+        if response.success:   # diagnostics follow within a second
+            self._modes[controller] = ShownMode(STOPPED, 'by ~/stop'), time.monotonic()
+        return f'{controller}: {response.message}'
 
     async def solve(self, request: Request) -> Any:
         """

@@ -5,7 +5,6 @@
 from typing import Any
 
 from nicegui import app, ui
-from nicegui.events import KeyEventArguments
 from obc_ros.cli.view.access import Helm
 from obc_ros.cli.view.canvas import describe_scene, LoopCanvas
 from obc_ros.cli.view.loop_client import LoopClient
@@ -13,8 +12,9 @@ from obc_ros.cli.view.plan_panel import PlanPanel
 from obc_ros.cli.view.plant_panel import PlantPanel
 from obc_ros.cli.view.playback import Playback
 from obc_ros.cli.view.problem_panel import ProblemPanel
-from obc_ros.cli.view.telemetry import FollowedPath, Frame, Plant
+from obc_ros.cli.view.telemetry import FollowedPath, Frame, Plant, ShownMode, STOPPED
 from obc_ros.cli.view.weights_panel import WeightsPanel
+from obc_ros.core.closed_loop.modes import FOLLOWING, Mode
 
 PERIOD = 1.0 / 31.0  # [s] between two frames: 30 a second with the delays of timers
 STEPS = 500          # of the slider of a recording
@@ -34,8 +34,32 @@ PAGE_STYLE = """
 .obc-yaml textarea { font-family: monospace; min-height: 260px; font-size: 12px; }
 .obc-log { height: 320px; font-size: 12px; }
 .nicegui-content { padding: 10px; }
+.obc-mode { width: 100%; padding: 2px 10px; border-radius: 6px; overflow-wrap: anywhere; }
+.obc-idle { background: #3d454d; } .obc-acts { background: #00573f; }
+.obc-resting { background: #8a4b00; }
+.obc-stopped { background: #8e0000; font-size: 1.35rem; font-weight: 700; padding: 8px 10px;
+  outline: 2px solid #ffffff; }
 @media (max-width: 480px) { .obc-charts { flex-wrap: wrap; } .obc-chart { flex-basis: 100%; } }
 """
+# Space stops whatever has the focus: elements with the focus never see it. Excepted are fields
+# that take a space; a number has none.
+STOP_KEY = """<script>
+{
+  const takesSpace = (e) => e.isContentEditable || e.tagName === "TEXTAREA"
+    || (e.tagName === "INPUT" && !e.readOnly
+        && ["text", "search", "password", "email", "url", "tel"].includes(e.type));
+  const stop = (event) => {
+    if (event.key !== " " || event.ctrlKey || event.altKey || event.metaKey
+        || takesSpace(event.target)) return;
+    event.preventDefault();
+    event.stopImmediatePropagation();
+    if (event.type === "keydown" && !event.repeat) emitEvent("obc-stop");
+  };
+  for (const type of ["keydown", "keypress", "keyup"]) window.addEventListener(type, stop, true);
+}
+</script>"""
+STYLES = {STOPPED: 'obc-stopped', Mode.RESTING.name: 'obc-resting',
+          **{each.name: 'obc-acts' for each in FOLLOWING}}   # of other modes: obc-idle
 
 
 class Viewer:
@@ -112,8 +136,11 @@ class LoopPage:
         # An old connection may end after the page has a new one.
         client.on_disconnect(
             lambda: client.has_socket_connection or viewer.remove(self._page))
-        ui.keyboard(on_key=self._press)
         ui.timer(SLOW, self._refresh)
+        if isinstance(viewer.source, LoopClient):
+            ui.add_body_html(STOP_KEY)
+            ui.on('obc-stop', self._do_stop)
+            ui.timer(SLOW, self._show_mode)   # apart: the other one may wait for a node
 
     def _controls(self) -> bool:
         return self._viewer.helm.has(self._page)
@@ -127,9 +154,12 @@ class LoopPage:
                     self._role = ui.button('', on_click=self._seize).props('flat color=white')
                     self._start = ui.button('Start', on_click=self._do_start).props(
                         'outline color=white')
-                    self._stop = ui.button('Stop (space)', on_click=self._do_stop, color='red-9')
+                    ui.button('Stop (space)', on_click=self._do_stop, color='red-9')
                 ui.button(icon='contrast', on_click=self._dark.toggle).props(
                     'flat color=white aria-label="light or dark"')
+            if live:
+                self._mode = ui.label().props('role=status aria-live=polite')
+                self._shown: ShownMode | None = None
 
     def _build_panels(self, client: LoopClient) -> None:
         with ui.tabs().props('dense align=left').classes('w-full') as tabs:
@@ -192,7 +222,6 @@ class LoopPage:
             'watching: take control' if self._viewer.helm.allowed else 'read only')
         self._role.set_enabled(self._viewer.helm.allowed and not controls)
         self._start.set_enabled(controls)
-        self._stop.set_enabled(controls)
         self._status.text = source.design.sentence if source.design else 'waiting for a controller'
         self._weights.refresh()
         if self._plan is not None:
@@ -210,19 +239,22 @@ class LoopPage:
     def _seize(self) -> None:
         self._viewer.helm.seize(self._page)
 
+    def _show_mode(self) -> None:
+        source = self._viewer.source
+        if isinstance(source, LoopClient) and source.mode != self._shown:
+            self._shown = source.mode
+            self._mode.text = self._shown.sentence
+            self._mode.classes(replace=f'obc-mode {STYLES.get(self._shown.name, "obc-idle")}')
+
     async def _do_stop(self) -> None:
-        if self._controls() and isinstance(self._viewer.source, LoopClient):
-            ui.notify(await self._viewer.source.trigger(
-                f'{self._viewer.source.controller}/stop'))
+        """Stop the loop; a page that only watches may do so, too."""
+        if isinstance(self._viewer.source, LoopClient):
+            ui.notify(await self._viewer.source.stop())
 
     async def _do_start(self) -> None:
         if self._controls() and isinstance(self._viewer.source, LoopClient):
             ui.notify(await self._viewer.source.trigger(
                 f'{self._viewer.source.controller}/start'))
-
-    async def _press(self, event: KeyEventArguments) -> None:
-        if event.action.keydown and not event.action.repeat and event.key.name == ' ':
-            await self._do_stop()
 
 
 def _empty_scene() -> dict[str, Any]:

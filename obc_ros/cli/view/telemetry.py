@@ -8,7 +8,9 @@ import math
 from statistics import NormalDist
 from typing import Any
 
+from diagnostic_msgs.msg import DiagnosticStatus
 import numpy as np
+from obc_ros.core.closed_loop.modes import Mode
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.systems import registry
 from obc_ros.core.text.errors import ObcError
@@ -16,6 +18,8 @@ from obc_ros.msg import Estimate, LqrDesign, Trajectory
 
 COVERED = 0.95   # share of the true states inside an ellipse, or inside a band of one state
 AT_REST = 1e-6   # largest rate of a set point that does not move
+WORDS = 200      # characters of a mode and of its reason
+STOPPED = Mode.STOPPED.name
 
 
 @dataclass(frozen=True)
@@ -47,6 +51,27 @@ class Plant:
     def units(self) -> dict[str, str]:
         """Return the units by the names of states and inputs."""
         return {each.name: each.unit for each in (*self.states, *self.inputs)}
+
+
+@dataclass(frozen=True)
+class ShownMode:
+    """The mode of a controller, such as SET_POINT, and its reason; empty: not known."""
+
+    name: str = ''
+    reason: str = ''
+
+    @property
+    def sentence(self) -> str:
+        """Return the mode in words."""
+        words = self.name.replace('_', ' ')
+        return ': '.join(filter(None, (words if self.name == STOPPED else words.lower(),
+                                       self.reason))) or 'mode not known'
+
+
+def read_mode(status: DiagnosticStatus) -> ShownMode:
+    """Return the mode in the status of the commands of a controller."""
+    values = {each.key: each.value[:WORDS] for each in status.values}
+    return ShownMode(values.get('mode', ''), values.get('mode reason', ''))
 
 
 @dataclass(frozen=True)

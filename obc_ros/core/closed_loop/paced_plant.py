@@ -8,6 +8,10 @@ that moment [ns]. States are published on an absolute time grid. A plant that wa
 state and gives the controller its time for each: it continues where it was and reduces the delay
 a little with each state. In lockstep each state waits for its command; after one that comes
 later than the next state was due, a whole period passes until that state.
+
+A plant that is held until its first command, as on a stand, keeps its initial state exactly. Time
+passes for it: stamps advance, and disturbances and pauses keep their times. From the first valid
+command on it moves.
 """
 
 from collections import Counter
@@ -25,6 +29,7 @@ HELD_UP = 0.25  # [s] a larger delay is not reduced
 MOST_STEPS = 100_000
 ANSWERED = 'stale: the last state already has a command'
 OLDER = 'stale: older than the previous command'
+BEFORE = 'stale: older than the first state'
 RESEND = 0.25   # [s] after which a state without a command is published again
 
 
@@ -47,6 +52,8 @@ class Pacing:
         Simulated time [s] without a command after which the input at rest acts; 0: never.
     pause_at : float
         Simulated time [s] at which the plant pauses, with the first state from then on; 0: never.
+    hold_until_command : bool
+        Whether the state stays as it is until the first command, also after a reset.
 
     """
 
@@ -56,6 +63,7 @@ class Pacing:
     simulated_stamps: bool = False
     command_timeout: float = 0.0
     pause_at: float = 0.0
+    hold_until_command: bool = False
 
 
 def choose_step(dt: float, publish_rate: float) -> tuple[float, int]:
@@ -133,7 +141,7 @@ class PacedPlant:
         self.accepted = self.repeated = self.rests = self.held_up = 0
         self.dropped: Counter[str] = Counter()
         self.answered = False
-        self._anchored = now, 0
+        self._anchored, self._last_stamp = (now, 0), 0
         self.reset(now, wall)
 
     def reset(self, now: float, wall: int, x0: Sequence[float] | None = None) -> None:
@@ -142,9 +150,11 @@ class PacedPlant:
         self.fault = ''
         self._pauses = True   # whether the pause at a given time is still to come
         self._due = 0  # [steps] of the next state to be published
-        self._last_command, self._last_stamp, self._resting = 0.0, 0, True
+        self._last_command, self._resting = 0.0, True
+        self._is_commanded = False   # since it began
         self._anchor(now)
         self._publish(now, wall)
+        self._last_stamp = self.stamp - 1
 
     def pause(self, paused: bool, now: float) -> None:
         """Pause or resume; time does not pass in between."""
@@ -251,7 +261,13 @@ class PacedPlant:
             self._anchor(now)   # time stood still: the next state is due a period from now
         self._last_stamp = min(stamp, self.stamp)
         self._last_command, self._resting = self.simulator.time, False
+        self._is_commanded = True
         return ''
+
+    @property
+    def held(self) -> bool:
+        """Return whether the state stays as it is until the first command."""
+        return self.pacing.hold_until_command and not self._is_commanded
 
     def _stale(self, stamp: int) -> str:
         if self.pacing.lockstep:
@@ -264,7 +280,7 @@ class PacedPlant:
         elif stamp == 0:  # typed on the command line
             return ''
         if stamp < self._last_stamp:
-            return OLDER
+            return OLDER if self._is_commanded else BEFORE
         timeout = self.pacing.command_timeout
         if timeout and self.stamp - stamp > timeout * 1e9:
             return 'stale: older than command_timeout'
@@ -324,6 +340,9 @@ class PacedPlant:
 
     def _advance(self, until: int) -> bool:
         timeout, simulator = self.pacing.command_timeout, self.simulator
+        if self.held:
+            simulator.hold(until - simulator.steps)
+            return True
         if timeout and not self._resting and simulator.time - self._last_command >= timeout:
             simulator.command(simulator.rest)
             self._resting = True
@@ -344,6 +363,7 @@ class PacedPlant:
         self.unanswered += bool(self.accepted and not self.answered)
         self.sample: Array = self.simulator.measure()
         self.stamp = (round(self.simulator.time * 1e9) if self.pacing.simulated_stamps else wall)
+        self._last_stamp = min(self._last_stamp, self.stamp - 1)   # the clock may be set back
         self.answered = False
         self.published += 1
         self._due += self.pacing.steps

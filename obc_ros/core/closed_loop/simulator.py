@@ -180,6 +180,10 @@ class Simulator:
                                 f'{error}') from None
         self.steps += steps
 
+    def hold(self, steps: int) -> None:
+        """Let a number of steps pass in which the state stays as it is."""
+        self.steps += steps
+
     def _take_due(self, now: float) -> None:
         while self._waiting and self._waiting[0][0] <= now:
             self._take_effect(now, self._waiting.popleft()[1])

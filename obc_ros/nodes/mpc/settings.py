@@ -39,7 +39,7 @@ SHARE = 0.8   # of a period: the time of a solve without `deadline`
 def _read_problem(name: str) -> StartValues:
     """Return what a problem file gives the node."""
     from obc_ros.core.receding.restatement import check_restatable, restate_problem
-    from obc_ros.ros.problem_files import list_plant_values, read_problem_file
+    from obc_ros.ros.parameters.problem_files import list_plant_values, read_problem_file
     found = read_problem_file(name)
     check_restatable(found.problem, found.statement)
     values: dict[str, Any] = list_plant_values(found)

@@ -96,6 +96,7 @@ class Site:
         self.probe = Probe(domain)
         self.designs = self.probe.listen(LqrDesign, 'lqr_node/design', LATCHED)
         self.states = self.probe.listen(State, 'state')
+        self.log = self.probe.listen(Log, '/rosout', LATCHED)
         self.address = serve(self.spawner, folder, domain, '--namespace', '/', '--control')
         self.said: list[str] = []
         self.probe.wait_for(lambda: self.designs and self.states)
@@ -314,6 +315,12 @@ def test_a_state_whose_place_is_not_known_leaves_the_picture_in_sight(site, page
     site.probe.wait_for(lambda: abs(page.evaluate(PUSH_STATE, here.tolist())[0] - here[0]) < 10.0)
 
 
+def start(page: Any) -> None:
+    """Start the loop again."""
+    page.get_by_role('button', name='Start').click()
+    page.locator('.obc-stopped').wait_for(state='detached')
+
+
 @pytest.mark.parametrize('way', ['button', 'space bar'])
 def test_stop_is_one_click_or_the_space_bar(site, page, way):
     if way == 'button':
@@ -321,9 +328,71 @@ def test_stop_is_one_click_or_the_space_bar(site, page, way):
     else:
         page.locator('.obc-plots').click()
         page.keyboard.press(' ')
-    page.get_by_text('stopped').first.wait_for()
-    page.get_by_role('button', name='Start').click()
-    page.get_by_text(re.compile('started|the loop runs')).first.wait_for()
+    page.locator('.obc-stopped').wait_for()
+    start(page)
+
+
+def press_keys(page: Any, element: Any, keys: str) -> None:
+    """Give an element the focus, and press keys one after the other."""
+    element.focus()
+    for key in keys:
+        page.keyboard.press(key)
+
+
+def list_requests(site: Site) -> list[str]:
+    """Return what lqr_node was asked, to stop or to start, once its log is read."""
+    before = -1
+    while before != len(site.log):
+        before = len(site.log)
+        site.probe.spin_for(0.3)
+    words = (each.msg.partition(':')[0] for each in site.log)
+    return [each for each in words if each in ('~/stop', '~/start')]
+
+
+@pytest.mark.parametrize('name', ['Start', 'Apply', 'Undo', 'light or dark', 'Stop'])
+def test_space_stops_and_does_not_press_the_button_with_the_focus(site, page, name):
+    dark = page.evaluate('document.body.classList.contains("body--dark")')
+    page.get_by_role('button', name='Stop').click()
+    page.locator('.obc-stopped').wait_for()
+    asked, revision = list_requests(site), site.designs[-1].revision
+    press_keys(page, page.get_by_role('button', name=name), ' ')
+    site.probe.wait_for(lambda: len(list_requests(site)) > len(asked))
+    assert list_requests(site) == [*asked, '~/stop']
+    assert page.locator('.obc-stopped').inner_text() == 'STOPPED: by ~/stop'
+    assert site.designs[-1].revision == revision
+    assert page.evaluate('document.body.classList.contains("body--dark")') == dark
+    start(page)
+
+
+def test_space_in_a_field_of_text_is_a_space_and_in_one_of_a_number_stops(site, page):
+    tab(page, 'Problem')
+    text = page.get_by_label('problem (YAML)')
+    text.fill('')
+    press_keys(page, text, 'a b')
+    assert text.input_value() == 'a b'
+    site.probe.spin_for(1.2)
+    assert page.locator('.obc-stopped').count() == 0
+    tab(page, 'Weights')
+    press_keys(page, number(page, 'weight of px'), ' ')
+    page.locator('.obc-stopped').wait_for()
+    start(page)
+
+
+def test_the_mode_is_shown_on_every_page_and_stays(site, page):
+    second = site.open()
+    for each in (page, second):
+        each.locator('.obc-mode').filter(has_text='set point').wait_for()
+    page.get_by_role('button', name='Stop').click()
+    for each in (page, second):
+        each.locator('.obc-stopped').filter(has_text='by ~/stop').wait_for()
+    site.probe.spin_for(2.5)   # two more diagnostics
+    for each in (page, second):
+        assert each.locator('.obc-stopped').is_visible()
+    second.reload()
+    second.locator('.obc-stopped').wait_for()
+    start(page)
+    second.locator('.obc-stopped').wait_for(state='detached')
+    second.context.close()
 
 
 def test_a_second_page_watches_until_it_takes_the_control(site, page):
@@ -331,7 +400,10 @@ def test_a_second_page_watches_until_it_takes_the_control(site, page):
     watching = second.get_by_role('button', name='watching: take control')
     watching.wait_for()
     assert second.get_by_role('button', name='Apply').is_disabled()
-    assert second.get_by_role('button', name='Stop').is_disabled()
+    assert second.get_by_role('button', name='Start').is_disabled()
+    second.get_by_role('button', name='Stop').click()
+    page.locator('.obc-stopped').wait_for()
+    start(page)
     watching.click()
     second.get_by_role('button', name='this page controls').wait_for()
     page.get_by_role('button', name='watching: take control').wait_for()
@@ -463,14 +535,18 @@ def test_the_keyboard_is_enough(site, page):
     site.probe.wait_for(lambda: site.designs[-1].revision > revision)
 
 
-def test_a_page_without_control_is_read_only(site):
+def test_a_page_without_control_is_read_only_except_for_stop(site, page):
     address = serve(site.spawner, site.folder, site.domain, '--namespace', '/')
-    page = site.open(address)
-    number(page, 'weight of px').wait_for()
-    page.get_by_role('button', name='read only').wait_for()
-    for name in ('Apply', 'Stop', 'Start'):
-        assert page.get_by_role('button', name=name).is_disabled()
-    page.context.close()
+    watching = site.open(address)
+    number(watching, 'weight of px').wait_for()
+    watching.get_by_role('button', name='read only').wait_for()
+    for name in ('Apply', 'Start'):
+        assert watching.get_by_role('button', name=name).is_disabled()
+    press_keys(watching, watching.locator('body'), ' ')
+    for each in (page, watching):
+        each.locator('.obc-stopped').wait_for()
+    watching.context.close()
+    start(page)
 
 
 def find_schedulers(parent: int) -> dict[str, tuple[int, int]]:

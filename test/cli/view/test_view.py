@@ -5,10 +5,12 @@
 import asyncio
 from contextlib import closing
 import math
+import threading
 import time
 from types import SimpleNamespace
 from typing import Any
 
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from hypothesis import given
 from hypothesis import strategies as st
 import numpy as np
@@ -24,6 +26,7 @@ from obc_ros.msg import Estimate, LqrDesign, NamedBounds, State, Trajectory
 from obc_ros.srv import PlanMotion
 import pytest
 from scipy.stats import chi2, norm
+from std_srvs.srv import Trigger
 
 pytest.importorskip('nicegui', reason='NiceGUI is not installed')
 from obc_ros.cli.view.access import COOKIE, Gate, Helm, make_token
@@ -34,7 +37,7 @@ from obc_ros.cli.view.charts import (
     find_switching_functions,
     list_figures,
 )
-from obc_ros.cli.view.loop_client import LoopClient
+from obc_ros.cli.view.loop_client import LoopClient, NEWS
 from obc_ros.cli.view.plan_panel import compute_switching
 from obc_ros.cli.view.playback import Playback
 from obc_ros.cli.view.telemetry import (
@@ -45,7 +48,9 @@ from obc_ros.cli.view.telemetry import (
     measure_cost,
     Named,
     Plant,
+    read_mode,
     SetPoint,
+    ShownMode,
 )
 from obc_ros.cli.view.weights_panel import convert_weights
 from view_recording import record
@@ -260,6 +265,76 @@ def test_no_message_ends_the_client_of_the_loop(domain, probe, monkeypatch):
         probe.wait_for(is_read, what='a frame')
         assert sum('do not fit' in line for _, line in client.list_lines()) > 0
         assert list(client.design.p) == list(good.p)
+
+
+def status(name: str, message: str = '', **values: str) -> DiagnosticStatus:
+    """Return a status of diagnostics."""
+    return DiagnosticStatus(name=name, message=message, values=[
+        KeyValue(key=key.replace('_', ' '), value=value) for key, value in values.items()])
+
+
+@pytest.mark.parametrize(('given', 'expected', 'sentence'), [
+    (status('', 'within the limits', mode='SET_POINT'), ShownMode('SET_POINT'), 'set point'),
+    (status('', 'x', mode='RESTING', mode_reason='no state for 0.6 s'),
+     ShownMode('RESTING', 'no state for 0.6 s'), 'resting: no state for 0.6 s'),
+    (status('', 'stopped: by ~/stop', mode='STOPPED', mode_reason='by ~/stop'),
+     ShownMode('STOPPED', 'by ~/stop'), 'STOPPED: by ~/stop'),
+    (status('', 'of a node that names no mode'), ShownMode(), 'mode not known'),
+    (status('', '', mode=HOSTILE, mode_reason='y' * 10**6), ShownMode(HOSTILE, 'y' * 200),
+     f'{HOSTILE.lower()}: {"y" * 200}'),
+])
+def test_the_mode_is_read_from_diagnostics(given, expected, sentence):
+    assert read_mode(given) == expected
+    assert expected.sentence == sentence
+
+
+@pytest.mark.nodes
+def test_the_mode_is_that_of_the_controller_in_the_namespace(domain, probe, monkeypatch):
+    monkeypatch.setenv('ROS_DOMAIN_ID', str(domain))
+    monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+    with closing(LoopClient('robot1')) as client:
+        publisher = probe.publisher(DiagnosticArray, '/diagnostics')
+        assert client.mode == ShownMode('', 'no diagnostics of lqr_node yet')
+
+        def shows(expected: ShownMode) -> bool:
+            publisher.publish(DiagnosticArray(status=[
+                status('robot1/lqr_node: states', mode='PLAN'),
+                status('lqr_node: commands', mode='PLAN'),
+                status('robot1/mpc_node: commands', mode='PLAN'),
+                status('robot1/lqr_node: commands', mode='REFERENCE')]))
+            return client.mode == expected
+
+        probe.wait_for(lambda: shows(ShownMode('REFERENCE')))
+        now = time.monotonic() + NEWS
+        monkeypatch.setattr(time, 'monotonic', lambda: now)
+        assert client.mode == ShownMode(
+            '', 'no diagnostics of lqr_node any more; the last mode was reference')
+
+
+@pytest.mark.nodes
+def test_stop_reaches_each_controller_that_there_is(domain, probe, monkeypatch):
+    """Whichever has published the last design; without any the answer is in words."""
+    monkeypatch.setenv('ROS_DOMAIN_ID', str(domain))
+    monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+    asked = []
+
+    def answer(_, response):
+        asked.append(1)
+        response.success, response.message = True, 'stopped at [0.0]'
+        return response
+
+    with closing(LoopClient()) as client:
+        assert 'there is no service lqr_node/stop' in asyncio.run(client.stop())
+        probe.node.create_service(Trigger, 'mpc_node/stop', answer)
+        probe.wait_for(client._clients['mpc_node/stop'].service_is_ready)
+        found = []
+        thread = threading.Thread(target=lambda: found.append(asyncio.run(client.stop())))
+        thread.start()
+        probe.wait_for(lambda: found)
+        thread.join()
+        assert found == ['mpc_node: stopped at [0.0]'] and asked == [1]
+        client.controller = 'mpc_node'
+        assert client.mode == ShownMode('STOPPED', 'by ~/stop')
 
 
 @pytest.mark.parametrize(('contents', 'why'), [

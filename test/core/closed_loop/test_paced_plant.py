@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 import numpy as np
 from numpy.testing import assert_allclose, assert_array_equal
 from obc_ros.core.closed_loop.paced_plant import (
+    BEFORE,
     choose_step,
     HELD_UP,
     LATE,
@@ -421,3 +422,96 @@ def test_a_change_of_speed_leaves_the_time_continuous():
     bench.run(1.0)
     assert bench.plant.simulator.time == pytest.approx(11.0, abs=0.01)
     assert_allclose(np.diff(bench.stamps), 5_000_000)
+
+
+def rk4(f, t, x, h):
+    """Return one step of the classical method."""
+    a = f(t, x)
+    b = f(t + h / 2, x + h / 2 * a)
+    c = f(t + h / 2, x + h / 2 * b)
+    d = f(t + h, x + h * c)
+    return x + h / 6 * (a + 2 * b + 2 * c + d)
+
+
+UNSTABLE = Conditions(disturbance=(0.0, 0.3), gust=Gust((0.0, 2.0), 0.0, 2.0))
+
+
+def tumble(t, x, u):
+    """Return dx/dt of the double integrator with the disturbances of UNSTABLE, by hand."""
+    return np.array([x[1], u + 0.3 + 1 - math.cos(math.pi * t)])
+
+
+@pytest.mark.parametrize('simulated', [False, True])
+def test_until_its_first_command_a_plant_keeps_its_state_to_the_last_digit(simulated):
+    x0 = (0.1, -0.7)
+    bench = Bench(x0=x0, conditions=UNSTABLE, simulated_stamps=simulated, hold_until_command=True)
+    for _ in range(400):
+        bench.now += bench.plant.wait(bench.now)
+        assert bench.poll()
+        assert bench.plant.held
+        assert_array_equal(bench.plant.sample, x0)
+    assert_allclose(np.diff(bench.stamps), 5_000_000, atol=2)
+    assert bench.plant.simulator.time == pytest.approx(2.0)
+
+
+@pytest.mark.parametrize('delay', [0.0, 0.002])
+def test_the_first_step_after_the_first_command_is_one_of_the_plant(delay):
+    """By hand: steps of the classical Runge-Kutta method with the input, from x0 and t = 0.5."""
+    x, u, h = np.array([0.1, -0.7]), 4.0, 1e-3
+    bench = Bench(x0=x, conditions=replace(UNSTABLE, input_delay=delay), hold_until_command=True)
+    bench.run(0.5 + PERIOD / 2)
+    bench.now = START + 0.5   # at the time of a state
+    assert bench.plant.command(bench.stamps[-1], [u], bench.now) == ''
+    assert not bench.plant.held
+    bench.now += PERIOD
+    assert bench.poll()
+    for k in range(5):
+        begin = 0.5 + k * h
+        acting = u if k * h >= delay - 1e-9 else 0.0
+        x = rk4(lambda t, x: tumble(t, x, acting), begin, x, h)   # noqa: B023 - called at once
+    assert_allclose(bench.plant.sample, x, rtol=1e-12)
+
+
+@pytest.mark.parametrize('u', [[], [math.nan], [1.0, 2.0]])
+def test_a_malformed_command_releases_no_plant(u):
+    bench = Bench(x0=(1.0, 1.0), hold_until_command=True)
+    bench.run(0.1)
+    assert bench.plant.command(bench.stamps[-1], u, bench.now)
+    bench.run(0.1)
+    assert_array_equal(bench.plant.sample, (1.0, 1.0))
+    assert bench.plant.held
+
+
+def test_a_reset_holds_a_plant_until_the_next_command_for_a_later_state():
+    bench = Bench(x0=(1.0, 1.0), hold_until_command=True)
+    bench.run(0.1)
+    assert bench.plant.command(bench.stamps[-1], [1.0], bench.now) == ''
+    bench.run(0.1)
+    assert bench.plant.sample[1] > 1.0
+    before = bench.stamps[-1]
+    bench.plant.reset(bench.now, bench.wall)
+    assert bench.plant.command(before, [9.0], bench.now) == BEFORE   # it was under way
+    bench.run(0.1)
+    assert_array_equal(bench.plant.sample, (1.0, 1.0))
+    assert bench.plant.command(bench.stamps[-1], [1.0], bench.now) == ''
+    bench.run(0.1)
+    assert bench.plant.sample[1] > 1.0
+
+
+def test_a_change_of_the_hold_acts_from_then_on():
+    bench = Bench(x0=(0.0, 1.0), hold_until_command=True)
+    bench.run(1.0)
+    bench.plant.adopt(replace(bench.plant.pacing, hold_until_command=False), bench.now)
+    bench.run(0.5)
+    assert bench.plant.sample[0] == pytest.approx(0.5, abs=2 * PERIOD)
+
+
+def test_commands_count_again_after_the_clock_was_set_back():
+    bench = Bench()
+    bench.run(0.1)
+    assert bench.plant.command(bench.stamps[-1], [1.0], bench.now) == ''
+    bench.plant.poll(bench.now, bench.wall - 10**12)
+    bench.now += PERIOD
+    assert bench.plant.poll(bench.now, bench.wall - 10**12)
+    assert bench.plant.command(bench.plant.stamp, [1.0], bench.now) == ''
+    assert bench.plant.repeated == 0

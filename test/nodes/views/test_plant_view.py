@@ -21,7 +21,7 @@ from std_srvs.srv import Trigger
 from visualization_msgs.msg import Marker, MarkerArray
 
 NODE = '/plant_simulator'
-TUMBLING = {'x0': [1.0, 2.0, 0.3, 0.5, 0.0, 1.0]}
+TUMBLING = {'x0': [1.0, 2.0, 0.3, 0.5, 0.0, 1.0], 'hold_until_command': False}
 
 
 def body(message, name='body'):
@@ -95,7 +95,8 @@ def test_nothing_is_made_without_a_subscriber(domain, probe, monkeypatch):
 
 
 def test_the_trail_is_bounded_and_begins_anew_after_a_reset(spawn, probe):
-    spawn('plant_simulator', {'system': 'vehicle', 'trail_length': 5, 'publish_clock': True})
+    spawn('plant_simulator', {'system': 'vehicle', 'trail_length': 5, 'publish_clock': True,
+                              'hold_until_command': False})
     paths = probe.listen(Path, 'trail')
     probe.wait_for(lambda: len(paths) > 8, what='a trail')
     assert max(len(each.poses) for each in paths) == 5
