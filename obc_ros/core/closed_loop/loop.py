@@ -273,6 +273,7 @@ class ControlLoop:
     def replace_source(self) -> None:
         """Tell that another node publishes the next states."""
         with self._lock:
+            self._clock = StampClock()   # its stamps may be of another time
             self._cause = 'with another publisher of the states'
             self._step(Event.REPLACED, f'{self._cause} the control law begins anew')
 
@@ -308,6 +309,8 @@ class ControlLoop:
             self._now = now
             if not (self._is_usable(x, measured) and self._is_timely(stamp, clock)):
                 return None
+            if self._restarts is not None and restarts != self._restarts:
+                self._clock = StampClock()   # its stamps may have begun anew, too
             order = self._clock.order(stamp, self._next.rules.state_timeout)
             if order.tick is Tick.LATE:
                 self.counts['late'] += 1
