@@ -187,9 +187,9 @@ class HeldLoop:
         F[:, n + p:, :n + p] = self.K @ Phi
         F[:, n + p:, n + p:] = np.eye(m)
         if Gammas:
-            ages = np.arange(1, len(Gammas) + 1)
-            F[:, n + p:, n + p:] += np.tensordot(
-                z[:, None]**-ages, np.array([self.K @ Gamma for Gamma in Gammas]), 1)
+            ages = np.cumprod(np.tile(1.0 / z[:, None], len(Gammas)), axis=1)
+            F[:, n + p:, n + p:] += (ages @ np.array([
+                (self.K @ Gamma).ravel() for Gamma in Gammas])).reshape(-1, m, m)
         return F
 
     @property
@@ -228,7 +228,7 @@ class HeldLoop:
         return float(np.abs(self.modes).max()) if self.is_finite else math.inf
 
 
-def weigh_inputs(z: Complex, push: tuple[int, Array, Array], i: int | None = None) -> Complex:
+def weigh_inputs(z: Complex, push: tuple[int, Array, Array]) -> Complex:
     """
     Return B(z) of x = (z - Ad)^-1 B(z) u.
 
@@ -238,18 +238,16 @@ def weigh_inputs(z: Complex, push: tuple[int, Array, Array], i: int | None = Non
         Points of the z plane.
     push : tuple
         From `HeldLoop.push`.
-    i : int, optional
-        The input; None: all.
 
     Returns
     -------
-    ndarray, shape (N, n, m) or (N, n)
+    ndarray, shape (N, n, m)
 
     """
     k, newer, older = push
-    at = (slice(None), slice(None) if i is None else i)
-    z = z.reshape((-1,) + (1,) * newer[at].ndim)
-    return np.asarray((newer[at] + older[at] / z) * z**-k)
+    ages = np.stack([z**-k, z**-(k + 1)], axis=1)
+    found = ages @ np.stack([newer.ravel(), older.ravel()])
+    return np.asarray(found.reshape(-1, *newer.shape), dtype=complex)
 
 
 def find_longest_period(loop: HeldLoop) -> float:

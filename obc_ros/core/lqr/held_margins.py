@@ -90,8 +90,7 @@ class HeldTransfer:
 
     def loop(self, w: Array, i: int) -> Complex:
         """Return T_ii, shape (N,)."""
-        b = weigh_inputs(self._points(w), self._loop.pushed, i)
-        return np.asarray((self.answer(w, i) * b).sum(axis=1))
+        return self.push(w, i, self.answer(w, i))
 
     def answer(self, w: Array, i: int) -> Complex:
         """Return the answer of -u_i to a disturbance of x, shape (N, n)."""
@@ -102,11 +101,11 @@ class HeldTransfer:
             np.linalg.solve(self._loop.build_equations(z).transpose(0, 2, 1), of)[:, :n, 0]
             for z in self._parts(w)])
 
-    def later(self, w: Array, i: int, extra: float) -> Complex:
-        """Return the change of the column of input i by a longer delay [s], shape (N, n)."""
+    def push(self, w: Array, i: int, answer: Complex, extra: float = 0.0) -> Complex:
+        """Return `answer` times the column of input i with a longer delay [s], shape (N,)."""
+        k, newer, older = self._loop.push(extra) if extra else self._loop.pushed
         z = self._points(w)
-        return (weigh_inputs(z, self._loop.push(extra), i)
-                - weigh_inputs(z, self._loop.pushed, i))
+        return np.asarray((answer @ newer[:, i] + answer @ older[:, i] / z) * z**-k)
 
     def _parts(self, w: Array) -> list[Complex]:
         z = self._points(w)
@@ -143,11 +142,12 @@ class _Sweep:
     def __init__(self, transfer: HeldTransfer, i: int, w: Array) -> None:
         self.w, self._i, self._transfer = w, i, transfer
         self._answer = transfer.answer(w, i)
+        self._S = 1.0 - transfer.push(w, i, self._answer)
 
     def follow(self, extra: float) -> Complex:
         """Return D at the frequencies."""
-        change = self._transfer.later(self.w, self._i, extra)
-        return np.asarray(1.0 + (self._answer * change).sum(axis=1))
+        return np.asarray(
+            self._S + self._transfer.push(self.w, self._i, self._answer, extra))
 
     def turn(self, extra: float) -> Array:
         """Return the angles by which D turns between the frequencies."""
@@ -179,10 +179,9 @@ class _Sweep:
 def _refine(transfer: HeldTransfer, i: int, w: float, extra: float) -> float:
     """Return the delay near `extra` for which D is 0 at a frequency near w (Newton's method)."""
     for _ in range(_NEWTON):
-        near = w * np.array([1.0, 1.0 + _SMALL])
-        answer = transfer.answer(near, i)
-        here, beside = 1.0 + (answer * transfer.later(near, i, extra)).sum(axis=1)
-        later = 1.0 + answer[0] @ transfer.later(near[:1], i, extra * (1.0 + _SMALL))[0]
+        sweep = _Sweep(transfer, i, w * np.array([1.0, 1.0 + _SMALL]))
+        here, beside = sweep.follow(extra)
+        later = sweep.follow(extra * (1.0 + _SMALL))[0]
         slope = np.array([(beside - here) / (_SMALL * w), (later - here) / (_SMALL * extra)])
         step = np.linalg.solve(np.stack([slope.real, slope.imag]), [-here.real, -here.imag])
         w, extra = w + float(step[0]), extra + float(step[1])
