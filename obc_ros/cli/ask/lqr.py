@@ -79,7 +79,8 @@ def _print_matrices(case: Case) -> None:
     """Print K, P and the poles of a design with all entries."""
     told = read_matrices(case.design)
     p = np.sqrt(np.maximum(np.diag(told.P), 0.0))
-    for name, rows in (('K', _format_gain(told, 10)),
+    gain = 'K of u = ue - K (predicted state - xe)' if case.design.delay else 'K'
+    for name, rows in ((gain, _format_gain(told, 10)),
                        ('P', _format_entries(told.P, np.outer(p, p), 10)),
                        ('poles', [[_pole(pole, 10)] for pole in told.poles])):
         print(f'{case.label}: {name} =')

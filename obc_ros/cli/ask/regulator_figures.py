@@ -22,10 +22,12 @@ from obc_ros.core.library.figures.style import (
     typeset_symbol,
 )
 from obc_ros.core.lqr.design.report import read_matrices
+from obc_ros.core.lqr.held_loop import HeldLoop
+from obc_ros.core.lqr.held_margins import HeldTransfer
 from obc_ros.core.lqr.lqr import lqr
 from obc_ros.core.lqr.sampled import discretize_plant, sampled_lqr
 from obc_ros.core.lqr.weights import Weights
-from obc_ros.core.numerics.arrays import Array
+from obc_ros.core.numerics.arrays import Array, Complex
 from obc_ros.core.text.errors import RefusedDesignError
 
 SAMPLES = 400
@@ -71,7 +73,7 @@ class LinearLoop:
     A: Array
     B: Array
     K: Array
-    poles: Array
+    poles: Complex
     period: float
     delay: float
 
@@ -79,6 +81,17 @@ class LinearLoop:
     def plant(self) -> tuple[Array, Array]:
         """Return A and B of the plant; if it is sampled, those with a zero-order hold."""
         return discretize_plant(self.A, self.B, self.period) if self.period else (self.A, self.B)
+
+    def open(self, j: int, w: Array) -> Complex:
+        """Return the gain of the loop of input j, the others closed, at frequencies [rad/s]."""
+        A, B, K = self.A, self.B, self.K
+        if self.period:
+            T = HeldTransfer(HeldLoop(A, B, np.zeros((0, len(A))), K, self.period, self.delay,
+                                      self.period)).loop(w, j)
+            return np.asarray(T / (1.0 - T))
+        others = [k for k in range(len(K)) if k != j]
+        opened = control.ss(A - B[:, others] @ K[others], B[:, [j]], K[[j]], 0)
+        return np.asarray(control.frequency_response(opened, w).frdata[0, 0])
 
 
 def find_held_states(A: Array, B: Array) -> Iterator[int]:
@@ -113,13 +126,11 @@ def _steps(axes: Axes, loop: LinearLoop, names: list[str]) -> None:
 
 def _frequency(magnitude: Axes, phase: Axes, loop: LinearLoop, names: list[str]) -> None:
     """Draw the loop transfer function of each input, with the loops of the others closed."""
-    (A, B), K, size = loop.plant, loop.K, np.abs(loop.poles)
+    size = np.abs(loop.poles)
     top = np.pi / loop.period if loop.period else size.max() * 1e2
     w = np.geomspace(min(size.min() * 1e-2, top * 1e-2), top, SAMPLES)
     for j, name in enumerate(names):
-        others = [k for k in range(len(names)) if k != j]
-        opened = control.ss(A - B[:, others] @ K[others], B[:, [j]], K[[j]], 0, loop.period)
-        gain = control.frequency_response(opened, w).frdata[0, 0]
+        gain = loop.open(j, w)
         style = get_line(j) | {'label': f'${typeset_symbol(name)}$'}
         magnitude.loglog(w, np.abs(gain), **style)
         angle = np.rad2deg(np.unwrap(np.angle(gain)))
@@ -159,7 +170,7 @@ def _locus(axes: Axes, loop: LinearLoop, weights: Weights) -> None:
                          label=r'$\log_{10} \rho$')
 
 
-def _poles(loop: LinearLoop, weights: Weights) -> Array:
+def _poles(loop: LinearLoop, weights: Weights) -> Complex:
     """Return the closed-loop poles in the s plane; of a sampled loop, log(z) / period."""
     try:
         if not loop.period:
@@ -167,8 +178,8 @@ def _poles(loop: LinearLoop, weights: Weights) -> Array:
                        stability=weights.stability).E
         z = sampled_lqr(loop.A, loop.B, weights, loop.period).design.E
     except RefusedDesignError:  # no design is verified at so extreme a weight
-        return np.zeros(0)
-    return np.log(z[np.abs(z) > 1e-12]) / loop.period
+        return np.zeros(0, dtype=complex)
+    return np.asarray(np.log(z[np.abs(z) > 1e-12]) / loop.period, dtype=complex)
 
 
 def _legend(axes: Axes, count: int) -> None:

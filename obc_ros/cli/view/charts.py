@@ -228,6 +228,7 @@ def list_figures(design: LqrDesign | None, candidate: LqrDesign | None) -> list[
             'minimum damping ratio': f'{np.min(each.damping):.3g}',
             'minimum phase margin': f'{np.degrees(np.min(each.phase_margin)):.3g} deg',
             'minimum disk margin': f'{np.min(each.disk_margin):.3g}',
+            'minimum delay margin': f'{np.min(each.delay_margin):.3g} s',
             **{f'peak of {name} for a unit step': f'{peak:.4g}'
                for name, peak in zip(each.input_names, each.peak_input, strict=False)}}
 

@@ -196,7 +196,7 @@ def fits_names(design: LqrDesign) -> bool:
     n, m = len(design.state_names), len(design.input_names)
     sizes = {'xe': n, 'ue': m, 'a': n * n, 'b': n * m, 'k': n * m, 'p': n * n, 'poles_real': n,
              'poles_imag': n, 'damping': n, 'rise_time': n, 'phase_margin': m, 'disk_margin': m,
-             'peak_input': m}
+             'delay_margin': m, 'peak_input': m}
     return n > 0 and m > 0 and all(len(getattr(design, name)) == size
                                    for name, size in sizes.items())
 

@@ -3,7 +3,7 @@
 """Linear quadratic regulators of matrices, systems and python-control's state spaces."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -11,6 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 from obc_ros.core.library.plants import choose_names, equilibrium, is_of_control, System
 from obc_ros.core.lqr import lqr as regulator
+from obc_ros.core.lqr.held_loop import HeldLoop
+from obc_ros.core.lqr.held_margins import compute_held_margins
 from obc_ros.core.lqr.lqr import LqrDesign
 from obc_ros.core.lqr.margins import compute_margins, Figures
 from obc_ros.core.lqr.sampled import sampled_lqr
@@ -56,6 +58,8 @@ class RegulatorDesign:
         Names.
     xe, ue : ndarray, shape (n,), (m,)
         Set point, and the input there.
+    plant : LinearPlant, optional
+        The plant in continuous time of a sampled design.
 
     """
 
@@ -64,6 +68,7 @@ class RegulatorDesign:
     inputs: tuple[str, ...]
     xe: Array
     ue: Array
+    plant: LinearPlant | None = None
 
     @property
     def A(self) -> Array:
@@ -97,7 +102,15 @@ class RegulatorDesign:
 
     @cached_property
     def margins(self) -> Figures:
-        """Return poles, damping, stability margins and step figures of the closed loop."""
+        """
+        Return poles, damping, stability margins and step figures of the closed loop.
+
+        Those of a plant in continuous time that is sampled are of its held input.
+        """
+        if self.plant is not None:
+            A, B = (np.asarray(each, dtype=float) for each in (self.plant.A, self.plant.B))
+            return compute_held_margins(HeldLoop(A, B, np.zeros((0, len(A))), self.K, self.period,
+                                                 0.0, self.period))
         return compute_margins(self.A, self.B, self.K, self.period)
 
     def __call__(self, t: float, x: Sequence[float] | Array) -> Array:
@@ -255,8 +268,8 @@ def dlqr(*arguments: Any, at: Sequence[float] | Array | None = None,
         return _dress(regulator.dlqr(plant.A, plant.B, Qx, Qu, cross=cross, stability=stability,
                                      period=period or plant.period or 1.0), plant)
     weights = Weights(Qx, Qu, None if cross is None else np.asarray(cross, float), stability)
-    return _dress(sampled_lqr(np.asarray(plant.A, float), np.asarray(plant.B, float), weights,
-                              period).design, plant)
+    found = sampled_lqr(np.asarray(plant.A, float), np.asarray(plant.B, float), weights, period)
+    return replace(_dress(found.design, plant), plant=plant)
 
 
 def finite_horizon(*arguments: Any, t: ArrayLike | None = None,

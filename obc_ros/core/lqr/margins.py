@@ -11,12 +11,14 @@ loop therefore gives all margins.
 from collections.abc import Callable
 from dataclasses import dataclass
 import math
+from typing import NamedTuple, Protocol
 
 import numpy as np
+from obc_ros.core.lqr.step_figures import compute_step_figures, SetPointSteps
 from obc_ros.core.numerics.arrays import Array, Complex, linalg
 
 _POINTS = 400  # frequencies of the sweep, besides those near each mode
-_SAMPLES = 1024  # samples of a step response
+_TURN = 0.25    # radians by which a delay turns between two of them
 _AT_ONCE = 1_000_000  # numbers of T that are evaluated at once
 
 
@@ -38,6 +40,9 @@ class Figures:
     disk_margin : ndarray, shape (m,)
         Largest alpha such that the loop is stable for every factor in the disk with the diameter
         (2 - alpha) / (2 + alpha) to (2 + alpha) / (2 - alpha).
+    delay_margin : ndarray, shape (m,)
+        Delay of the input beyond that of the loop for which the loop is no longer stable [s]; inf:
+        none. Of a plant that is given in discrete time it is exact in whole periods.
     bandwidth : ndarray, shape (m,)
         [rad/s] highest frequency at which the loop gain crosses 1; 0: none.
     sensitivity_peak : float
@@ -57,12 +62,35 @@ class Figures:
     gain_reduction_margin: Array
     phase_margin: Array
     disk_margin: Array
+    delay_margin: Array
     bandwidth: Array
     sensitivity_peak: float
     rise_time: Array
     overshoot: Array
     settling_time: Array
     peak_input: Array
+
+
+class Margins(NamedTuple):
+    """The margins of the loop of each input, named and shaped as in `Figures`."""
+
+    gain_margin: Array
+    gain_reduction_margin: Array
+    phase_margin: Array
+    disk_margin: Array
+    delay_margin: Array
+    bandwidth: Array
+    sensitivity_peak: float
+
+
+class Transfer(Protocol):
+    """T at frequencies (N,) [rad/s]: the answer u = -T w to disturbances at the plant's input."""
+
+    def whole(self, w: Array) -> Complex:
+        """Return T, shape (N, m, m)."""
+
+    def loop(self, w: Array, i: int) -> Complex:
+        """Return T_ii, shape (N,)."""
 
 
 def compute_margins(A: Array, B: Array, K: Array, period: float = 0.0, states: int | None = None
@@ -86,24 +114,42 @@ def compute_margins(A: Array, B: Array, K: Array, period: float = 0.0, states: i
     """
     M = A - B @ K
     modes, V = (np.asarray(part, dtype=complex) for part in np.linalg.eig(M))
-    poles = np.sort_complex(_continuous(modes, period))
+    poles = np.sort_complex(to_s_plane(modes, period))
+    plant = to_s_plane(np.asarray(np.linalg.eigvals(A), dtype=complex), period)
+    margins = sweep_loops(_Transfer(M, B, K, modes, V, period), B.shape[1],
+                          choose_frequencies(poles, plant, period), period)
+    return combine_figures(poles, margins, compute_step_figures(A, B, K, poles, period, states))
+
+
+def combine_figures(poles: Complex, margins: Margins, steps: SetPointSteps) -> Figures:
+    """Return the figures of a loop from its poles in the s plane, its margins and its steps."""
     frequency = np.abs(poles)
-    damping = -poles.real / np.maximum(frequency, 1e-300)
-    plant = _continuous(np.asarray(np.linalg.eigvals(A), dtype=complex), period)
-    loop = _margins(_Transfer(M, B, K, modes, V, period), B.shape[1],
-                    _grid(poles, plant, period), period)
-    steps = compute_step_figures(A, B, K, poles, period, states)
-    gain, reduction, phase, disk, bandwidth, sensitivity = loop
-    rise, overshoot, settling, peak = steps
-    return Figures(
-        poles=poles, damping=damping, frequency=frequency, gain_margin=gain,
-        gain_reduction_margin=reduction, phase_margin=phase, disk_margin=disk,
-        bandwidth=bandwidth, sensitivity_peak=sensitivity, rise_time=rise, overshoot=overshoot,
-        settling_time=settling, peak_input=peak)
+    return Figures(poles=poles, damping=-poles.real / np.maximum(frequency, 1e-300),
+                   frequency=frequency, **margins._asdict(), **steps._asdict())
 
 
-def _continuous(modes: Complex, period: float) -> Complex:
-    """Return modes in the s plane; a mode at z = 0, a delay, becomes a very fast one."""
+def give_no_margins(m: int) -> Margins:
+    """Return nan for each margin of m inputs: those of a loop that is not stable."""
+    none: Array = np.full(m, math.nan)
+    return Margins(none, none, none, none, none, none, math.nan)
+
+
+def to_s_plane(modes: Complex, period: float) -> Complex:
+    """
+    Return modes in the s plane; a mode at z = 0, a delay, becomes a very fast one.
+
+    Parameters
+    ----------
+    modes : ndarray, complex
+        Modes of a loop.
+    period : float
+        Its sampling period [s]; 0: the modes are in the s plane.
+
+    Returns
+    -------
+    ndarray, complex
+
+    """
     if not period:
         return modes
     small = np.abs(modes) < 1e-12
@@ -154,33 +200,68 @@ class _Transfer:
         return x
 
 
-def _grid(poles: Complex, plant: Complex, period: float) -> Array:
-    """Return frequencies [rad/s] from below the slowest mode to above the fastest one."""
+def choose_frequencies(poles: Complex, plant: Complex, period: float, delay: float = 0.0) -> Array:
+    """
+    Return frequencies from below the slowest mode to above the fastest one.
+
+    Parameters
+    ----------
+    poles, plant : ndarray, complex
+        Modes of the closed loop and of the plant in the s plane.
+    period, delay : float
+        Sampling period, 0 in continuous time, and delay of the loop [s].
+
+    Returns
+    -------
+    ndarray
+        [rad/s], increasing.
+
+    """
     sizes = np.abs(np.concatenate([poles, plant]))
     sizes = sizes[sizes > 1e-9 * sizes.max()]
     top = math.pi / period if period else 1e3 * sizes.max()
     sweep = np.geomspace(min(1e-3 * sizes.min(), 0.1 * top), top, _POINTS)
     around = np.abs(poles.imag)[:, None] + poles.real[:, None] * np.linspace(-4, 4, 17)
     near = around[(around > 0.0) & (around < top)]
-    return np.unique(np.concatenate([sweep, near]))
+    turns = np.arange(1.0, top * delay / _TURN) * (_TURN / delay) if delay else near
+    return np.unique(np.concatenate([sweep, near, turns]))
 
 
-def _margins(transfer: _Transfer, m: int, w: Array, period: float
-             ) -> tuple[Array, Array, Array, Array, Array, float]:
+def sweep_loops(transfer: Transfer, m: int, w: Array, period: float) -> Margins:
+    """
+    Return the margins of the loops of m inputs.
+
+    Parameters
+    ----------
+    transfer : Transfer
+        T of a stable loop.
+    m : int
+        Number of inputs.
+    w : ndarray
+        Frequencies, fine enough that T is smooth between two of them [rad/s].
+    period : float
+        Sampling period [s]; 0: continuous time.
+
+    Returns
+    -------
+    Margins
+
+    """
     def sensitivity(w: Array) -> Array:
         S = np.eye(m) - transfer.whole(w)
         return np.asarray(np.sqrt(np.linalg.eigvalsh(S.conj().transpose(0, 2, 1) @ S)[:, -1]))
 
-    up, down, phase, disk, band = np.empty((5, m))
+    up, down, phase, disk, late, band = np.empty((6, m))
     for i in range(m):
         def loop(w: Array, i: int = i) -> Complex:
             return transfer.loop(w, i)
 
         T = loop(w)
         up[i], down[i] = _gain_margins(loop, w, T, period)
-        phase[i], band[i] = _phase_margin(loop, w, T)
+        phase[i], late[i], band[i] = _phase_margin(loop, w, T)
         disk[i] = min(2.0, 2.0 / max(_peak(lambda w: np.abs(1.0 - 2.0 * loop(w)), w), 1e-300))
-    return up, down, phase, disk, band, _peak(sensitivity, w, max(1, _AT_ONCE // (m * m)))
+    return Margins(up, down, phase, disk, late, band,
+                   _peak(sensitivity, w, max(1, _AT_ONCE // (m * m))))
 
 
 def _gain_margins(loop: Callable[[Array], Complex], w: Array, T: Complex, period: float
@@ -196,13 +277,16 @@ def _gain_margins(loop: Callable[[Array], Complex], w: Array, T: Complex, period
     return (float(above.min(initial=math.inf)), float(below.max(initial=0.0)))
 
 
-def _phase_margin(loop: Callable[[Array], Complex], w: Array, T: Complex) -> tuple[float, float]:
-    """Return the phase margin and the highest crossover; |L| = 1 where |T| = |S|."""
+def _phase_margin(loop: Callable[[Array], Complex], w: Array, T: Complex
+                  ) -> tuple[float, float, float]:
+    """Return phase and delay margin and the highest crossover; |L| = 1 where |T| = |S|."""
     crossovers = _roots(lambda t: np.abs(t) - np.abs(1.0 - t), loop, w, T)
     if not crossovers.size:
-        return math.inf, 0.0
+        return math.inf, math.inf, 0.0
     t = loop(crossovers)
-    return float(np.abs(np.angle(-t / (1.0 - t))).min()), float(crossovers.max())
+    angle = np.angle(-t / (1.0 - t))
+    return (float(np.abs(angle).min()), float((angle % math.tau / crossovers).min()),
+            float(crossovers.max()))
 
 
 def _roots(what: Callable[[Complex], Array], loop: Callable[[Array], Complex], w: Array,
@@ -238,93 +322,3 @@ def _peak(figure: Callable[[Array], Array], w: Array, at_once: int = _AT_ONCE) -
         best = max(best, float(values[at]))
         low, high = inside[max(at - 1, 0)], inside[min(at + 1, 64)]
     return best
-
-
-def compute_step_figures(A: Array, B: Array, K: Array, poles: Complex, period: float = 0.0,
-                         states: int | None = None) -> tuple[Array, Array, Array, Array]:
-    """
-    Return rise time, overshoot, settling time and peak input, as in `Figures`.
-
-    The parameters are those of `compute_margins`. `poles` are the closed-loop poles in the s
-    plane.
-    """
-    states = len(A) if states is None else states
-    n, m = B.shape
-    rise, over, settled = np.full((3, states), math.nan)
-    peak: Array = np.full(m, math.nan)
-    M = A - B @ K
-    rest = A - np.eye(n) if period else A
-    slowest = -poles.real.max()
-    if not slowest > 0.0:
-        return rise, over, settled, peak
-    for i in range(states):
-        held = np.linalg.lstsq(B, -rest[:, i], rcond=None)[0]
-        if np.abs(B @ held + rest[:, i]).max() > 1e-9 * max(np.abs(rest).max(), 1e-300):
-            continue
-        length = 10.0 / slowest
-        for _ in range(3):
-            t, x = _fall(M, i, length, period)
-            last = _settling_time(t, x[:, i])
-            if last > 0.1 * t[-1] or len(t) < _SAMPLES:
-                break
-            length = 4.0 * last if last > 0.0 else 0.1 * length
-        rate = np.gradient(x[:, i], t) if period else (x @ M.T)[:, i]
-        rise[i], settled[i] = _rise_time(t, 1.0 - x[:, i], -rate), last
-        over[i] = max(0.0, -_lowest(x[:, i], rate, x @ (M @ M)[i] if not period else rate * 0.0))
-        peak = np.fmax(peak, np.abs(x @ K.T + held).max(axis=0))
-    return rise, over, settled, peak
-
-
-def _lowest(x: Array, rate: Array, bend: Array) -> float:
-    """Return the minimum, refined by a parabola at the lowest sample where it is convex."""
-    k = int(np.argmin(x))
-    inside = 0 < k < len(x) - 1 and bend[k] > 0.0
-    return float(x[k] - (rate[k]**2 / (2.0 * bend[k]) if inside else 0.0))
-
-
-def _fall(M: Array, i: int, length: float, period: float) -> tuple[Array, Array]:
-    """Return times and the error of all states after a unit error of state i."""
-    if period:
-        step, dt = M, period
-        count = max(2, min(_SAMPLES * 16, math.ceil(length / period)))
-    else:
-        dt = length / _SAMPLES
-        step, count = linalg.expm(M * dt), _SAMPLES
-    x = np.eye(len(M))[i:i + 1]
-    while len(x) <= count:
-        x = np.concatenate([x, x @ step.T])
-        step = step @ step
-    t: Array = dt * np.arange(count + 1, dtype=float)
-    return t, x[:count + 1]
-
-
-def _rise_time(t: Array, y: Array, rate: Array) -> float:
-    """Return the time from the first crossing of 0.1 to the first of 0.9, or nan."""
-    times = []
-    for level in (0.1, 0.9):
-        k = int(np.argmax(y >= level))
-        if y[k] < level or k == 0:
-            return math.nan
-        times.append(_crossing(t[k - 1:k + 1], y[k - 1:k + 1] - level, rate[k - 1:k + 1]))
-    return float(times[1] - times[0])
-
-
-def _crossing(t: Array, y: Array, rate: Array) -> float:
-    """Return the zero of the Hermite cubic with these values and slopes; y[0] < 0 <= y[1]."""
-    h, rise = t[1] - t[0], y[1] - y[0]
-    cubic = np.polynomial.Polynomial([
-        y[0], h * rate[0], 3 * rise - h * (2 * rate[0] + rate[1]), h * rate.sum() - 2 * rise])
-    slope, share = cubic.deriv(), -y[0] / rise
-    for _ in range(3):
-        share = min(max(share - cubic(share) / slope(share), 0.0), 1.0) if slope(share) else share
-    return float(t[0] + h * share)
-
-
-def _settling_time(t: Array, error: Array) -> float:
-    """Return the time after which |error| stays below 0.02."""
-    late = np.flatnonzero(np.abs(error) > 0.02)
-    k = int(late[-1]) if late.size else 0
-    if k + 1 >= len(t):
-        return float(t[-1])
-    share = (abs(error[k]) - 0.02) / (abs(error[k]) - abs(error[k + 1]))
-    return float(t[k] + (t[k + 1] - t[k]) * share)

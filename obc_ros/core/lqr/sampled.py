@@ -203,7 +203,7 @@ def predict_delayed_state(A: Array, B: Array, period: float,
         The matrix of the last command first.
 
     """
-    whole, rest = _split(period, delay)
+    whole, rest = split_delay(period, delay)
     carried = np.eye(len(A))
     gammas: list[Array] = []
     # The oldest command acts for the rest of a period, every later one for a whole period.
@@ -235,7 +235,7 @@ def build_delayed_loop(A: Array, B: Array, K: Array, period: float, delay: float
 
     """
     n, m = B.shape
-    whole, rest = _split(period, delay)
+    whole, rest = split_delay(period, delay)
     held_back = whole + bool(rest)
     late, early = discretize_plant(A, B, rest), discretize_plant(A, B, period - rest)
     commands = [-K @ (np.eye(n) if Phi is None else Phi)] + [
@@ -269,8 +269,21 @@ def compute_spectral_radius(M: Array) -> float:
     return float(np.abs(np.linalg.eigvals(M)).max())
 
 
-def _split(period: float, delay: float) -> tuple[int, float]:
-    """Return the number of whole periods in a delay and the remainder [s]."""
+def split_delay(period: float, delay: float) -> tuple[int, float]:
+    """
+    Return the number of whole periods in a delay, and the remainder.
+
+    Parameters
+    ----------
+    period, delay : float
+        [s]
+
+    Returns
+    -------
+    tuple of int, float
+        The remainder [s] is 0 or below the period.
+
+    """
     whole = math.floor(delay / period + _WHOLE)
     rest = delay - whole * period
     return whole, rest if rest > _WHOLE * period else 0.0

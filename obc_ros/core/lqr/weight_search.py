@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 from obc_ros.core.lqr.lqr import lqr, LqrDesign
-from obc_ros.core.lqr.margins import compute_step_figures
+from obc_ros.core.lqr.step_figures import compute_step_figures
 from obc_ros.core.lqr.weights import from_bryson, Weights
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.text.errors import RefusedDesignError, StatementError

@@ -10,8 +10,8 @@ from obc_ros.msg import LqrDesign
 from obc_ros.ros.messages import build_lqr_design
 
 
-def design_message(design: Design, made: Change, error: Sequence[float] | None, note: str = ''
-                   ) -> LqrDesign:
+def design_message(design: Design, made: Change, error: Sequence[float] | None, note: str = '',
+                   period: float = 0.0) -> LqrDesign:
     """
     Return the message of a design, without stamp and revision.
 
@@ -25,13 +25,15 @@ def design_message(design: Design, made: Change, error: Sequence[float] | None, 
         Current x - xe (n,).
     note : str
         Text to append to the sentence.
+    period : float
+        Measured period of the commands [s]; 0: not known.
 
     Returns
     -------
     LqrDesign
 
     """
-    message = build_lqr_design(report_fields(design, made, error))
+    message = build_lqr_design(report_fields(design, made, error, period))
     if note:
         message.sentence += f'; {note}'
     return message

@@ -139,7 +139,8 @@ def design_of(name: str, qx: list[float], qu: list[float]) -> LqrDesign:
         a=np.ravel(design.A), b=np.ravel(design.B), k=np.ravel(design.K), p=np.ravel(design.P),
         xe=np.zeros(n), ue=np.zeros(m), poles_real=poles.real, poles_imag=poles.imag,
         damping=-poles.real / np.abs(poles), rise_time=[1.0] + [np.nan] * (n - 1),
-        phase_margin=[1.0] * m, disk_margin=[1.0] * m, peak_input=[2.0] * m)
+        phase_margin=[1.0] * m, disk_margin=[1.0] * m, delay_margin=[1.0] * m,
+        peak_input=[2.0] * m)
 
 
 def test_the_step_response_is_that_of_the_closed_loop():

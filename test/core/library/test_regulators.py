@@ -85,6 +85,17 @@ def test_the_open_loop_has_the_margins_of_the_design():
     np.testing.assert_allclose(plant.B, B)
 
 
+def test_a_sampled_design_has_the_margins_of_its_held_input():
+    """K2 h g < 2 and, from theta^2 = w^2 h^2, a delay margin of phase / crossover for small h."""
+    design = obc.dlqr(SPACE, [1, 1], [1], period=0.01)
+    assert design.margins.gain_margin[0] == pytest.approx(
+        2 / (0.01 * design.K[0, 1]), rel=1e-9)
+    assert design.margins.delay_margin[0] == pytest.approx(
+        design.margins.phase_margin[0] / design.margins.bandwidth[0], rel=1e-3)
+    found = obc.lqr(SPACE, [1, 1], [1]).margins
+    assert found.delay_margin[0] == found.phase_margin[0] / found.bandwidth[0]
+
+
 def test_a_system_is_linearised_at_a_set_point():
     """The aircraft hovers at any position with f2 = m g."""
     design = obc.lqr(obc.systems['aircraft'], np.ones(6), np.ones(2), at=[1, 2, 0, 0, 0, 0])

@@ -16,13 +16,9 @@ import numpy as np
 from obc_ros.core.closed_loop.control import Prediction
 from obc_ros.core.closed_loop.feedback import convert_rows, convert_vector, StateFeedback, Vector
 from obc_ros.core.lqr.gain_schedule import compute_schedule, Table
+from obc_ros.core.lqr.held_loop import find_longest_period, HeldLoop
 from obc_ros.core.lqr.lqr import lqr, LqrDesign
-from obc_ros.core.lqr.sampled import (
-    build_delayed_loop,
-    compute_spectral_radius,
-    predict_delayed_state,
-    sampled_lqr,
-)
+from obc_ros.core.lqr.sampled import predict_delayed_state, sampled_lqr
 from obc_ros.core.lqr.weights import choose, Weights, with_integrals
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.systems.equilibrium import Equilibrium, find_equilibrium, linearize
@@ -58,6 +54,7 @@ class Sampling:
 
 
 ALWAYS = Sampling()
+_SHORT = 0.01   # of the shortest time constant: a period that is as good as continuous time
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,6 +141,43 @@ class Design:
             convert_rows(Phi), tuple(map(convert_rows, Gammas)), round(period * 1e9),
             round(delay * 1e9))
 
+    def held_loop(self, period: float = 0.0) -> HeldLoop | None:
+        """
+        Return the loop that runs.
+
+        Parameters
+        ----------
+        period : float
+            Measured period of the commands [s]; 0: that of the design.
+
+        Returns
+        -------
+        HeldLoop or None
+            None if neither is known.
+
+        """
+        foreseen = self.sampling.period
+        if not (period or foreseen):
+            return None
+        return HeldLoop(self.plant.A, self.plant.B, self.C, self.lqr.K, period or foreseen,
+                        self.sampling.delay, foreseen)
+
+    @functools.cached_property
+    def longest_period(self) -> float:
+        """
+        Return the longest period of the commands [s] up to which the loop stays stable.
+
+        It is computed when it is first asked for, in about 10 ms. inf: there is none.
+        """
+        start = self.sampling.period
+        if not start:
+            fastest = max(float(np.abs(each).max()) for each in (
+                np.linalg.eigvals(self.plant.A), self.lqr.E))
+            start = _SHORT / max(fastest, 1e-300)
+        loop = self.held_loop(start)
+        assert loop is not None
+        return find_longest_period(loop)
+
     @property
     def regulator(self) -> StateFeedback:
         """Return the state feedback at the set point."""
@@ -219,13 +253,13 @@ def design(plant: LinearizedPlant, weights: dict[str, Any], integral: Sequence[s
     if integral:
         C = np.eye(n)[[_index(plant.system, name) for name in integral]]
         A, B, cost = with_integrals(A, B, chosen, C, Qi or (1.0,) * len(C))
-    return Design(plant, chosen, _gain(A, B, cost, sampling), C, cost, sampling)
+    return Design(plant, chosen, _gain(A, B, cost, sampling, n), C, cost, sampling)
 
 
 def design_again(found: Design, plant: LinearizedPlant) -> Design:
     """Return the design of another plant of the same system, for the same cost and sampling."""
     return replace(found, plant=plant, lqr=_gain(
-        *found.augmented(plant.A, plant.B), found.cost, found.sampling))
+        *found.augmented(plant.A, plant.B), found.cost, found.sampling, plant.system.n))
 
 
 def schedule_gains(found: Design, plant_at: Callable[[float], LinearizedPlant], lower: float,
@@ -270,31 +304,39 @@ def schedule_gains(found: Design, plant_at: Callable[[float], LinearizedPlant], 
     for value in (*made.values, *middles) if period else ():
         K = np.array([[np.interp(value, made.values, entry) for entry in row]
                       for row in np.moveaxis(made.K, 0, -1)])
-        _check_held(*linear(float(value)), K, found.sampling, 'wanted a higher rate')
+        at = plant_at(float(value))
+        _check_held(HeldLoop(at.A, at.B, found.C, K, period, 0.0, period),
+                    'the continuous gain', 'wanted a higher rate')
     return made
 
 
-def _check_held(A: Array, B: Array, K: Array, sampling: Sampling, remedy: str) -> None:
-    """Raise RefusedDesignError if a continuous gain is unstable with its period and delay."""
-    period, delay = sampling.period, sampling.delay
-    radius = compute_spectral_radius(build_delayed_loop(
-        A, B, K, period, delay, *predict_delayed_state(A, B, period, delay)))
+def _check_held(loop: HeldLoop, gain: str, remedy: str) -> None:
+    """Raise RefusedDesignError if a gain is unstable with its period and delay."""
+    radius = loop.radius
     if not radius < 1.0:
-        late = f' with a delay of {delay:g} s' if delay else ''
+        late = f' with a delay of {loop.delay:g} s' if loop.delay else ''
         raise RefusedDesignError(
-            f'the continuous gain is unstable when the input is held for {period:g} s{late} '
+            f'{gain} is unstable when the input is held for {loop.period:g} s{late} '
             f'(spectral radius {radius:.3g}); {remedy}')
 
 
-def _gain(A: Array, B: Array, cost: Weights, sampling: Sampling) -> LqrDesign:
-    """Return the gain, verified for the period and the delay if they are known."""
+def _gain(A: Array, B: Array, cost: Weights, sampling: Sampling, n: int) -> LqrDesign:
+    """Return the gain of n states and integrals, verified for its period and delay if known."""
     period, delay = sampling.period, sampling.delay
+
+    def held(found: LqrDesign) -> HeldLoop:
+        return HeldLoop(A[:n, :n], B[:n], A[n:, :n], found.K, period, delay, period)
+
     try:
         if sampling.exact:
-            return sampled_lqr(A, B, cost, period, delay).design
+            found = sampled_lqr(A, B, cost, period, delay).design
+            if len(A) > n:   # the controller sums samples, the design integrates the motion
+                _check_held(held(found), 'the gain with integral action',
+                            'set a higher rate or smaller weights Qi')
+            return found
         found = lqr(A, B, cost.Qx, cost.Qu, cross=cost.cross, stability=cost.stability)
         if period:
-            _check_held(A, B, found.K, sampling,
+            _check_held(held(found), 'the continuous gain',
                         f'set design = sampled with sample_time = {period:g} first, both with '
                         'set_parameters_atomically')
     except (np.linalg.LinAlgError, OverflowError) as error:  # numbers near the range of a double

@@ -9,6 +9,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from obc_ros.core.lqr.design.design import Design
+from obc_ros.core.lqr.held_loop import HeldLoop
+from obc_ros.core.lqr.held_margins import compute_held_margins
 from obc_ros.core.lqr.margins import compute_margins, Figures
 from obc_ros.core.numerics.arrays import Array
 
@@ -64,7 +66,8 @@ def change(before: Design, after: Design, jump: Sequence[float] | None) -> Chang
     return Change(largest, tuple(jump or ()), words)
 
 
-def report_fields(design: Design, made: Change, error: Sequence[float] | None) -> dict[str, Any]:
+def report_fields(design: Design, made: Change, error: Sequence[float] | None,
+                  period: float = 0.0) -> dict[str, Any]:
     """
     Return the fields of the message LqrDesign that describe a design.
 
@@ -76,6 +79,9 @@ def report_fields(design: Design, made: Change, error: Sequence[float] | None) -
         The change from the previous design.
     error : sequence of float, optional
         The present x - xe (n,).
+    period : float
+        Measured period of the commands [s]; 0: not known. Then it is that of the design; without
+        one the figures are of the loop in continuous time.
 
     Returns
     -------
@@ -86,7 +92,9 @@ def report_fields(design: Design, made: Change, error: Sequence[float] | None) -
     plant, found = design.plant, design.lqr
     n = plant.system.n
     P = found.P[:n, :n]
-    seen = compute_margins(found.A, found.B, found.K, found.period, n)
+    loop = design.held_loop(period)
+    seen = compute_held_margins(loop) if loop else compute_margins(found.A, found.B, found.K,
+                                                                   states=n)
     return {
         'system': plant.system.name,
         'state_names': list(plant.system.state_names),
@@ -97,14 +105,15 @@ def report_fields(design: Design, made: Change, error: Sequence[float] | None) -
         'poles_real': seen.poles.real, 'poles_imag': seen.poles.imag, 'damping': seen.damping,
         'residual': float(found.residual), 'design': 'sampled' if found.period else 'continuous',
         'sample_time': float(found.period), 'delay': design.sampling.delay,
+        'loop_period': loop.period if loop else 0.0,
         **{name: getattr(seen, name) for name in (
-            'gain_margin', 'gain_reduction_margin', 'phase_margin', 'disk_margin', 'bandwidth',
-            'rise_time', 'overshoot', 'settling_time', 'peak_input')},
+            'gain_margin', 'gain_reduction_margin', 'phase_margin', 'disk_margin', 'delay_margin',
+            'bandwidth', 'rise_time', 'overshoot', 'settling_time', 'peak_input')},
         'sensitivity_peak': float(seen.sensitivity_peak),
         'cost_to_go': 0.0 if error is None else design.cost_to_go(error),
         'max_gain_change': made.largest,
         'input_jump': max(map(abs, made.jump), default=0.0),
-        'sentence': '; '.join(filter(None, (_sentence(design, seen), made.sentence))),
+        'sentence': '; '.join(filter(None, (_sentence(design, seen, loop), made.sentence))),
     }
 
 
@@ -144,8 +153,18 @@ def read_matrices(message: Any) -> Matrices:
                     np.array(message.poles_real) + 1j * np.array(message.poles_imag))
 
 
-def _sentence(design: Design, seen: Figures) -> str:
-    slowest, phase = seen.poles.real.max(), float(np.degrees(seen.phase_margin.min()))
-    words = (f'{design.plant.system.name}: spectral abscissa {slowest:.3g} 1/s, minimum damping '
-             f'ratio {seen.damping.min():.3g}, minimum disk margin {seen.disk_margin.min():.3g}')
-    return f'{words}, minimum phase margin {phase:.3g} deg' if np.isfinite(phase) else words
+def _sentence(design: Design, seen: Figures, loop: HeldLoop | None) -> str:
+    words = [f'spectral abscissa {seen.poles.real.max():.3g} 1/s',
+             f'minimum damping ratio {seen.damping.min():.3g}']
+    for name, value, unit in (('disk', seen.disk_margin.min(), ''),
+                              ('phase', np.degrees(seen.phase_margin.min()), ' deg'),
+                              ('delay', seen.delay_margin.min(), ' s')):
+        if np.isfinite(value):
+            words.append(f'minimum {name} margin {value:.3g}{unit}')
+    where = ('in continuous time, the period of the commands is not known' if loop is None
+             else f'with commands every {loop.period:.4g} s')
+    if loop and loop.delay:
+        where += f' that act after {loop.delay:.4g} s; u = ue - K (predicted state - xe)'
+    if loop and not loop.radius < 1.0:
+        words.insert(0, 'unstable')
+    return f'{design.plant.system.name}: {", ".join(words)} ({where})'
