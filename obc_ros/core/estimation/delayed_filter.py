@@ -116,7 +116,7 @@ class DelayedFilter:
                  longest_lag: float = 0.5, longest_gap: float = 2.0,
                  outputs: Sequence[str] = ()) -> None:
         self._kalman, self._x0, self._P0 = kalman, np.array(x0), np.array(P0)
-        self._u = np.array(u0)
+        self._u, self._limits = np.array(u0), (kalman.system.u_min, kalman.system.u_max)
         self._lag, self._gap = (round(each * NANOSECONDS) for each in (longest_lag, longest_gap))
         self._events: list[_Event] = []
         self._filtered = 0   # how many of them, from the first on
@@ -177,7 +177,8 @@ class DelayedFilter:
         """Use another filter from the newest measurement on; x0, P0, outputs as for the class."""
         self._catch_up()
         self._outputs = frozenset(outputs or self._names)
-        self._kalman, self._monitor = kalman, InnovationMonitor()
+        self._kalman, self._monitor, self._rival = kalman, InnovationMonitor(), None
+        self._limits = kalman.system.u_min, kalman.system.u_max
         self._x0, self._P0 = np.array(x0), np.array(P0)
 
     def command(self, stamp: int, u: Array) -> None:
@@ -195,8 +196,7 @@ class DelayedFilter:
             self._counts['malformed'] += 1
             raise StatementError(f'a command of {given.size} numbers was dropped: wanted '
                                  f'{self._u.size} finite numbers')
-        system = self._kalman.system
-        given = np.clip(given, system.u_min, system.u_max)
+        given = np.minimum(np.maximum(given, self._limits[0]), self._limits[1])
         if not self._events or stamp > (self._newest or 0) + self._gap:
             self._u = given
             self._catch_up()
@@ -388,7 +388,7 @@ class DelayedFilter:
         if event.y is None:
             return belief, None
         update = self._kalman.update(belief, event.input_after, event.at, event.y)
-        if not math.isfinite(update.belief.x.sum() + update.belief.P.sum()):
+        if not update.belief.is_finite:
             raise DynamicsError('the estimate exceeds the range of double precision')
         return update.belief, update
 

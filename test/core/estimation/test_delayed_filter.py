@@ -5,7 +5,8 @@
 import contextlib
 import math
 
-from hypothesis import given, strategies as st
+from hypothesis import given, settings
+from hypothesis import strategies as st
 import numpy as np
 from obc_ros.core.estimation.delayed_filter import DelayedFilter, spread_deviations
 from obc_ros.core.estimation.filter import Belief, KalmanFilter
@@ -179,17 +180,17 @@ def test_outliers_that_agree_for_the_longest_gap_restart_the_filter():
 
 def test_outliers_that_do_not_agree_never_restart_the_filter():
     delayed, rng = filtered(), np.random.default_rng(2)
-    for k in range(100, 1100):
+    for k in range(100, 500):
         delayed.measure(k * 10 * MS, NAMES[:1], rng.normal(0.0, 1000.0, 1))
     assert delayed.counts['restarts'] == 0
 
 
 def test_another_sensor_that_agrees_with_the_filter_keeps_it():
     delayed = filtered()
-    for k in range(100, 1100):
+    for k in range(100, 400):
         delayed.measure(k * 10 * MS, NAMES[:1], [1000.0])
         delayed.measure((k * 10 + 5) * MS, NAMES, [0.0, 0.0])
-    assert delayed.counts['restarts'] == 0 and delayed.counts['outliers'] == 1000
+    assert delayed.counts['restarts'] == 0 and delayed.counts['outliers'] == 300
     assert abs(delayed.estimate(delayed.newest).x[0]) < 0.1
 
 
@@ -294,26 +295,26 @@ FAR = 0.1 / np.finfo(float).eps   # where the rounding of a number is its deviat
 @pytest.mark.parametrize('y', [1e155, -1e155, 1.8e308, 2 * FAR, math.inf, -math.inf, math.nan])
 def test_a_value_beyond_the_range_of_the_sensor_is_dropped(y, gate):
     delayed = make(gate=gate)
-    for k in range(1000):
-        assert not delayed.measure(k * 10 * MS, NAMES[:1], [y])
-        assert delayed.measure(k * 10 * MS, NAMES, [y, 0.0])
+    for k in range(50):   # for 2.5 s
+        assert not delayed.measure(k * 50 * MS, NAMES[:1], [y])
+        assert delayed.measure(k * 50 * MS, NAMES, [y, 0.0])
     kind = 'out of range' if math.isfinite(y) else 'not finite'
-    assert delayed.counts[kind] == 2000
-    delayed.measure(10000 * MS, NAMES, [0.5, 0.0])
+    assert delayed.counts[kind] == 100
+    delayed.measure(2500 * MS, NAMES, [0.5, 0.0])
     assert delayed.counts['outliers'] == delayed.counts['faults'] == 0
-    assert delayed.estimate(10000 * MS).x[0] == pytest.approx(0.5, abs=0.1)
+    assert delayed.estimate(2500 * MS).x[0] == pytest.approx(0.5, abs=0.1)
 
 
 VALUES = st.floats() | st.floats(-1e3, 1e3)
-STAMPS = (st.integers(-2**63, 2**63 - 1) | st.integers(0, 3000).map(lambda k: k * MS))
+STAMPS = st.integers(-2**63, 2**63 - 1) | st.integers(0, 3000).map(lambda k: k * MS)
 CALLS = st.lists(
     st.tuples(st.just('y'), STAMPS, st.sampled_from(((0,), (1,), (0, 1))), VALUES, VALUES)
     | st.tuples(st.just('u'), STAMPS, VALUES)
-    | st.tuples(st.just('constant'), st.integers(0, 10**9), VALUES), max_size=30)
+    | st.tuples(st.just('row'), STAMPS, VALUES), max_size=10)
 
 
 def send(delayed, kind, stamp, *given):
-    """Send a command, a measurement, or 300 equal measurements; then check the estimate."""
+    """Send a command, a measurement, or equal measurements for 3 s."""
     if kind == 'u':
         with contextlib.suppress(StatementError):
             delayed.command(stamp, given)
@@ -321,27 +322,26 @@ def send(delayed, kind, stamp, *given):
         at, *y = given
         delayed.measure(stamp, [NAMES[i] for i in at], [y[i] for i in at])
     else:
-        for k in range(300):
-            delayed.measure(stamp + k * 10 * MS, NAMES, [given[0], 0.0])
-            delayed.estimate(0) if delayed.newest is not None else None
-    if delayed.newest is not None:
-        found = delayed.estimate(delayed.newest)
-        assert np.isfinite(found.x).all() and np.isfinite(found.P).all()
-        lowest, highest = np.linalg.eigvalsh(found.P)[[0, -1]]
-        assert (found.P == found.P.T).all() and lowest >= -1e-12 * highest
+        for k in range(60):
+            delayed.measure(stamp + 50 * k * MS, NAMES, [given[0], 0.0])
 
 
+@settings(max_examples=30)
 @given(CALLS)
 def test_any_numbers_leave_a_filter_that_finds_the_plant(calls):
-    """Measurements of a plant at rest at 0.3 for 5 s after anything."""
+    """Measurements of a plant at rest at 0.3, for 6 s after anything."""
     delayed = make(gate=0.999)
     for each in calls:
         send(delayed, *each)
-    for k in range(500):
-        delayed.measure(5000 * MS + k * 10 * MS, NAMES, [0.3, 0.0])
-        delayed.command(5000 * MS + k * 10 * MS, [0.0])
-        delayed.estimate(0) if delayed.newest is not None else None
-    assert delayed.newest == 9990 * MS
+        if delayed.newest is not None:
+            found = delayed.estimate(delayed.newest)
+            assert np.isfinite(found.x).all() and np.isfinite(found.P).all()
+            lowest, highest = np.linalg.eigvalsh(found.P)[[0, -1]]
+            assert (found.P == found.P.T).all() and lowest >= -1e-12 * highest
+    for k in range(120):
+        delayed.measure((5000 + 50 * k) * MS, NAMES, [0.3, 0.0])
+        delayed.command((5000 + 50 * k) * MS, [0.0])
+    assert delayed.newest == 10950 * MS
     assert delayed.estimate(delayed.newest).x == pytest.approx([0.3, 0.0], abs=0.1)
 
 
