@@ -126,37 +126,37 @@ class Feed:
         self.process = spawn('estimator_node', {**SYSTEM, **NOISE, **parameters})
         self._publisher = probe.publisher(Measurement, 'measurement')
 
-    def send(self, gps: float, count: int, offset: float | None = 0.0) -> None:
+    def send(self, gps: float, count: int, offset: float | None = 0.0,
+             pause: float = 0.01) -> None:
         """Publish measurements; without an offset their stamps are 0."""
         for _ in range(count):
             message = measurement(self._probe, NAMES, [gps, 0.0, 0.0, 0.0], -(offset or 0.0))
             if offset is None:
                 message.header.stamp.sec = message.header.stamp.nanosec = 0
             self._publisher.publish(message)
-            self._probe.spin_for(0.01)
+            due = time.monotonic() + pause
+            self._probe.wait_for(lambda due=due: time.monotonic() >= due)
 
     def find_status(self, words: str, gps: float = 0.0, offset: float | None = 0.0
                     ) -> dict[str, str]:
         """Send measurements until the diagnostics contain some words; return these."""
         deadline = time.monotonic() + DEADLINE
-        found: dict[str, str] = {}
         self.arrays.clear()
-        while words not in found.get('message', ''):
-            assert time.monotonic() < deadline, f'{words!r} not in {found}'
+        while True:
             self.send(gps, 10, offset)
-            for status in [each for array in self.arrays for each in array.status
-                           if each.name.endswith('estimate')]:
-                found = {'level': status.level, 'message': status.message,
-                         **{each.key: each.value for each in status.values}}
+            known = [each for array in self.arrays for each in array.status
+                     if each.name.endswith('estimate')]
+            for status in known:
                 if words in status.message:
-                    break
-        return found
+                    return {'level': status.level, 'message': status.message,
+                            **{each.key: each.value for each in status.values}}
+            assert time.monotonic() < deadline, [each.message for each in known]
 
 
 def test_a_burst_of_outliers_moves_no_state(spawn, probe):
     feed = Feed(spawn, probe)
     feed.send(0.0, 100)
-    feed.send(1000.0, 20)
+    feed.send(1000.0, 20, pause=0.0)
     feed.send(0.0, 100)
     found = feed.find_status('95 % band')
     assert int(found['measurements outliers']) >= 20 and found['measurements restarts'] == '0'
@@ -199,7 +199,7 @@ def test_time_that_goes_back_is_no_silence(spawn, probe):
     feed.states.clear()
     feed.send(0.0, 20, offset=-10.0)
     probe.wait_for(lambda: feed.states and feed.states[-1].restarts == 1)
-    feed.process.wait_for_output('time went back by 1')
+    feed.process.wait_for_output('time went back by ')
     assert feed.find_status('95 % band', offset=-10.0)['level'] == DiagnosticStatus.OK
 
 
