@@ -22,7 +22,7 @@ UNUSABLE = ('not finite', 'out of range')   # entries that are no measurements
 
 class EstimateMessages:
     """
-    The messages of an estimate, which `fill` changes in place.
+    The messages of an estimate, which are changed in place.
 
     Parameters
     ----------
@@ -42,27 +42,19 @@ class EstimateMessages:
         self.estimate.header = self.state.header
         self._names: tuple[str, ...] = ()
 
-    def fill(self, mean: delayed_filter.Estimate, delayed: DelayedFilter, frame: str) -> None:
-        """
-        Write an estimate into the messages.
-
-        Parameters
-        ----------
-        mean : delayed_filter.Estimate
-            The estimate.
-        delayed : DelayedFilter
-            The filter that made it, for innovation, consistency and restarts.
-        frame : str
-            frame_id of the messages.
-
-        """
-        message, consistency = self.estimate, delayed.monitor.judge()
-        set_stamp(message.header.stamp, mean.stamp)
-        message.header.frame_id = frame
+    def fill_state(self, mean: delayed_filter.Estimate, restarts: int, frame: str) -> None:
+        """Write a mean, the number of restarts, and the frame_id into `state`."""
+        set_stamp(self.state.header.stamp, mean.stamp)
+        self.state.header.frame_id = frame
         # Arrays are taken as they are; the setters check other sequences entry by entry.
-        self.state.x = message.x = array('d', mean.x.tobytes())
-        message.covariance = array('d', mean.P.tobytes())
-        self.state.restarts = message.restarts = delayed.counts['restarts']
+        self.state.x = array('d', mean.x.tobytes())
+        self.state.restarts = restarts
+
+    def fill_estimate(self, mean: delayed_filter.Estimate, delayed: DelayedFilter) -> None:
+        """Write what `state` does not contain into `estimate`, after `fill_state`."""
+        message, consistency = self.estimate, delayed.monitor.judge()
+        message.x, message.covariance = self.state.x, array('d', mean.P.tobytes())
+        message.restarts = self.state.restarts
         message.consistency = consistency.ratio
         message.band[:] = consistency.lower, consistency.upper
         message.age = 1e-9 * (mean.stamp - (delayed.newest or mean.stamp))

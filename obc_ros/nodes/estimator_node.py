@@ -45,13 +45,30 @@ from obc_ros.ros.hardware_id import identify
 from obc_ros.ros.parameters.node_parameters import Parameters
 from obc_ros.ros.throttled_log import ThrottledLog
 from obc_ros.srv import SuggestNoise
+from rclpy.callback_groups import CallbackGroup
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, QoSProfile
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
-BACKLOG = 100
+BACKLOG = 100       # messages to publish
+UNREAD = 1000       # messages that wait for the next estimate
 LATCHED_DESIGN = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+
+
+class ReadByTimer(CallbackGroup):  # type: ignore[misc] # rclpy's classes are untyped
+    """Subscriptions that do not wake the executor."""
+
+    def can_execute(self, entity: Any) -> bool:
+        """Return whether the executor waits for an entity."""
+        return False
+
+    def beginning_execution(self, entity: Any) -> bool:
+        """Return whether an entity may be executed."""
+        return self.can_execute(entity)
+
+    def ending_execution(self, entity: Any) -> None:
+        """Do nothing: nothing was begun."""
 
 
 class EstimatorNode(Node):  # type: ignore[misc] # rclpy's classes are untyped
@@ -80,8 +97,11 @@ class EstimatorNode(Node):  # type: ignore[misc] # rclpy's classes are untyped
         self._odom = self.create_publisher(
             Odometry, 'odom', BACKLOG) if self._map.complete else None
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
+        # The executor needs more time for a message than the filter. It does not get the events
+        # of these subscriptions either: unread messages wake it through them.
+        group = ReadByTimer() if settings.rate else None
         self._sources = [
-            (self.create_subscription(kind, topic, take, BACKLOG), take)
+            (self.create_subscription(kind, topic, take, UNREAD, callback_group=group), take)
             for kind, topic, take in ((Measurement, 'measurement', self._on_measurement),
                                       (Command, 'command', self._on_command))]
         self._regulator: LqrDesign | None = None
@@ -94,12 +114,10 @@ class EstimatorNode(Node):  # type: ignore[misc] # rclpy's classes are untyped
 
     def _on_time(self) -> None:
         """Publish the estimate from all messages that have arrived."""
-        # The executor takes one message of each subscription a turn: with slow turns messages
-        # would queue up, and be late.
         for source, take in self._sources:
             with (handle := source.handle):
                 waiting = iter(partial(handle.take_message, source.msg_type, False), None)
-                for message, _ in islice(waiting, BACKLOG):
+                for message, _ in islice(waiting, UNREAD):
                     take(message)
         self._publish()
 
@@ -168,9 +186,11 @@ class EstimatorNode(Node):  # type: ignore[misc] # rclpy's classes are untyped
         except ObcError as error:
             self._warn_once(str(error))
             return
-        self._messages.fill(mean, self._filter, settings.frame_id)
+        self._messages.fill_state(mean, self._restarts, settings.frame_id)
         self._states.publish(self._messages.state)
-        self._estimates.publish(self._messages.estimate)
+        if self._estimates.get_subscription_count():
+            self._messages.fill_estimate(mean, self._filter)
+            self._estimates.publish(self._messages.estimate)
         if self._odom is not None and self._odom.get_subscription_count():
             odometry = self._map.message(np.sqrt(np.maximum(mean.P.diagonal(), 0.0)))
             odometry.header = self._messages.state.header
@@ -201,7 +221,16 @@ class EstimatorNode(Node):  # type: ignore[misc] # rclpy's classes are untyped
             self._warned.add(kind)
             self._log.warning(kind, f'{sentence}; further cases are counted in diagnostics')
 
+    def _warn_of_best_effort(self) -> None:
+        """Log the publishers whose messages do not arrive."""
+        for source, _ in self._sources:
+            for each in self.get_publishers_info_by_topic(source.topic_name):
+                if each.qos_profile.reliability == ReliabilityPolicy.BEST_EFFORT:
+                    self._warn_once(f'{each.node_name} publishes {source.topic_name} with best '
+                                    'effort: its messages do not arrive, reliable ones would')
+
     def _diagnose(self) -> None:
+        self._warn_of_best_effort()
         now = self.get_clock().now()
         counts = Counter({**self._filter.counts, 'future': self._future})
         if any(counts[kind] for kind in UNUSABLE):

@@ -13,7 +13,7 @@ from obc_ros.msg import Estimate, LqrDesign, Measurement, State
 from obc_ros.srv import SuggestNoise
 from probes import Probe
 import pytest
-from rclpy.qos import DurabilityPolicy, QoSProfile
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from support import DEADLINE
 
 SYSTEM = {'system': 'aircraft'}
@@ -151,6 +151,13 @@ class Feed:
                     return {'level': status.level, 'message': status.message,
                             **{each.key: each.value for each in status.values}}
             assert time.monotonic() < deadline, [each.message for each in known]
+
+
+def test_a_publisher_whose_messages_do_not_arrive_is_named(spawn, probe):
+    process = spawn('estimator_node', SYSTEM)
+    probe.node.create_publisher(
+        Measurement, 'measurement', QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT))
+    process.wait_for_output('probe publishes /measurement with best effort')
 
 
 def test_a_burst_of_outliers_moves_no_state(spawn, probe):
