@@ -27,10 +27,10 @@ from obc_ros.core.estimation.delayed_filter import DelayedFilter
 from obc_ros.core.text.errors import ObcError, StatementError
 from obc_ros.msg import Command, Estimate, LqrDesign, Measurement, State
 from obc_ros.nodes.estimator_messages import (
-    UNUSABLE,
     EstimateMessages,
     estimator_status,
     Traffic,
+    UNUSABLE,
 )
 from obc_ros.nodes.estimator_settings import (
     EstimatorCandidate,
