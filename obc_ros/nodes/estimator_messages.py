@@ -2,49 +2,100 @@
 # SPDX-License-Identifier: Apache-2.0
 """Messages of estimator_node: the estimate with its covariance, and the diagnostics."""
 
+from array import array
+from collections import Counter
+from dataclasses import dataclass, field
+from functools import partial
+
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from obc_ros.core.estimation import delayed_filter
 from obc_ros.core.estimation.delayed_filter import DelayedFilter
-from obc_ros.msg import Estimate
+from obc_ros.core.systems.system import System
+from obc_ros.msg import Estimate, State
 from obc_ros.nodes.estimator_settings import EstimatorCandidate
 from obc_ros.ros.conversions import set_stamp
-from obc_ros.ros.messages import flatten_doubles
 
 COUNTS = ('used', 'late', 'out of order', 'too late', 'repeated', 'missing', 'not used',
-          'not finite', 'malformed', 'outliers', 'restarts', 'faults', 'future')
+          'not finite', 'out of range', 'malformed', 'outliers', 'restarts', 'faults', 'future')
+UNUSABLE = ('not finite', 'out of range')   # entries that are no measurements
 
 
-def estimate_message(mean: delayed_filter.Estimate, delayed: DelayedFilter, frame: str
-                     ) -> Estimate:
+class EstimateMessages:
     """
-    Return the message of an estimate.
+    The messages of an estimate, which are changed in place.
 
     Parameters
     ----------
-    mean : delayed_filter.Estimate
-        The estimate.
-    delayed : DelayedFilter
-        The filter that made it, for innovation and consistency.
-    frame : str
-        frame_id of the message.
+    system : System
+        Whose states are estimated.
+
+    Attributes
+    ----------
+    state : State
+    estimate : Estimate
+        They share the header.
 
     """
-    message, consistency = Estimate(), delayed.monitor.judge()
-    set_stamp(message.header.stamp, mean.stamp)
-    message.header.frame_id = frame
-    message.x, message.covariance = flatten_doubles(mean.x), flatten_doubles(mean.P)
-    message.consistency = consistency.ratio
-    message.band = [consistency.lower, consistency.upper]
-    message.age = 1e-9 * (mean.stamp - (delayed.newest or mean.stamp))
-    if delayed.last is not None:
-        names, update = delayed.last
-        message.names, message.nis = list(names), update.nis
-        message.innovation = flatten_doubles(update.normalized)
-    return message
+
+    def __init__(self, system: System) -> None:
+        self.state, self.estimate = State(names=list(system.state_names)), Estimate()
+        self.estimate.header = self.state.header
+        self._names: tuple[str, ...] = ()
+
+    def fill_state(self, mean: delayed_filter.Estimate, restarts: int, frame: str) -> None:
+        """Write a mean, the number of restarts, and the frame_id into `state`."""
+        set_stamp(self.state.header.stamp, mean.stamp)
+        self.state.header.frame_id = frame
+        # Arrays are taken as they are; the setters check other sequences entry by entry.
+        self.state.x = array('d', mean.x.tobytes())
+        self.state.restarts = restarts
+
+    def fill_estimate(self, mean: delayed_filter.Estimate, delayed: DelayedFilter) -> None:
+        """Write what `state` does not contain into `estimate`, after `fill_state`."""
+        message, consistency = self.estimate, delayed.monitor.judge()
+        message.x, message.covariance = self.state.x, array('d', mean.P.tobytes())
+        message.restarts = self.state.restarts
+        message.consistency = consistency.ratio
+        message.band[:] = consistency.lower, consistency.upper
+        message.age = 1e-9 * (mean.stamp - (delayed.newest or mean.stamp))
+        if delayed.last is not None:
+            names, update = delayed.last
+            if names != self._names:
+                self._names, message.names = names, list(names)
+            message.nis = update.nis
+            message.innovation = array('d', update.normalized.tobytes())
+
+
+@dataclass(frozen=True)
+class Traffic:
+    """
+    What the node has received and published.
+
+    Attributes
+    ----------
+    received, published : int
+        Number of measurements and of estimates.
+    counts : Counter
+        Of the filter.
+    silence : float
+        Local time since the last measurement arrived [s].
+    ahead : float
+        Its stamp minus the local time then [s].
+    age : float or None
+        Of the newest measurement in use [s]; None: there is none.
+
+    """
+
+    received: int = 0
+    published: int = 0
+    counts: Counter[str] = field(default_factory=Counter)
+    silence: float = 0.0
+    ahead: float = 0.0
+    age: float | None = None
 
 
 def estimator_status(name: str, candidate: EstimatorCandidate, delayed: DelayedFilter,
-                     age: float | None, published: int) -> DiagnosticStatus:
+                     now: Traffic, before: Traffic) -> DiagnosticStatus:
     """
     Return the diagnostics of the estimator.
 
@@ -56,30 +107,66 @@ def estimator_status(name: str, candidate: EstimatorCandidate, delayed: DelayedF
         The settings in use.
     delayed : DelayedFilter
         The filter.
-    age : float or None
-        Of the newest measurement [s]; None: there was none.
-    published : int
-        Number of published estimates.
+    now, before : Traffic
+        Until now, and until the last diagnostics.
 
     """
-    consistency, settings = delayed.monitor.judge(), candidate.settings
-    unseen = [each for each in candidate.outputs if each not in delayed.measured]
-    level, words = DiagnosticStatus.OK, str(consistency)
-    if age is None:
-        level, words = DiagnosticStatus.WARN, 'no measurement yet'
-    elif age > settings.measurement_timeout:
-        level, words = DiagnosticStatus.ERROR, (
-            f'no measurement for {age:.2f} s: no estimate is published')
-    elif unseen:
-        level, words = DiagnosticStatus.WARN, f'not measured: {", ".join(unseen)}'
-    elif consistency.ratio > consistency.upper:
-        level = DiagnosticStatus.WARN
+    consistency = delayed.monitor.judge()
+    level, words = _explain_silence(candidate, now, before) or _judge(
+        candidate, delayed, now.counts - before.counts)
     values = {
-        'age of the newest measurement [s]': '' if age is None else f'{age:.3f}',
-        'estimates published': published,
+        'age of the newest measurement [s]': '' if now.age is None else f'{now.age:.3f}',
+        'stamp minus local time [s]': f'{now.ahead:.3f}' if now.received else '',
+        'estimates published': now.published,
         'consistency': f'{consistency.ratio:.3f}',
         'band': f'{consistency.lower:.3f} to {consistency.upper:.3f}',
         'design': candidate,
-        **{f'measurements {what}': delayed.counts[what] for what in COUNTS}}
+        **{f'measurements {what}': now.counts[what] for what in COUNTS}}
     return DiagnosticStatus(name=f'{name}: estimate', level=level, message=words, values=[
         KeyValue(key=key, value=str(value)) for key, value in values.items()])
+
+
+def _explain_silence(candidate: EstimatorCandidate, now: Traffic, before: Traffic
+                     ) -> tuple[bytes, str] | None:
+    """Return why no estimate is published; None: estimates are."""
+    settings = candidate.settings
+    if not now.received:
+        return DiagnosticStatus.WARN, 'no measurement yet'
+    is_regular = now.age is not None and 0.0 <= now.age <= settings.measurement_timeout
+    if is_regular and now.published > before.published:
+        return None
+    fail = partial('{}: no estimate is published'.format)
+    if now.received == before.received:
+        if now.silence < 0.0:
+            return DiagnosticStatus.ERROR, fail(
+                f'the local time went back to {-now.silence:.3g} s before the last measurement')
+        if now.silence > settings.measurement_timeout:
+            return DiagnosticStatus.ERROR, fail(f'no measurement for {now.silence:.2f} s')
+        return DiagnosticStatus.WARN, 'no new estimate'
+    allowed = settings.stamp_timeout if now.ahead > 0.0 else settings.measurement_timeout
+    if settings.stamp_timeout and abs(now.ahead) > allowed:
+        return DiagnosticStatus.ERROR, fail(
+            f'measurements arrive with stamps {abs(now.ahead):.3g} s '
+            f'{"after" if now.ahead > 0.0 else "before"} the local time') + (
+            '; synchronise the clocks, or set stamp_timeout to 0')
+    grown = now.counts - before.counts
+    reasons = ', '.join(f'{grown[kind]} {kind}' for kind in COUNTS
+                        if grown[kind] and kind not in ('used', 'late', 'missing'))
+    return DiagnosticStatus.ERROR, fail(
+        'measurements arrive, but none is in use' + f' ({reasons})' * bool(reasons))
+
+
+def _judge(candidate: EstimatorCandidate, delayed: DelayedFilter, grown: Counter[str]
+           ) -> tuple[bytes, str]:
+    """Return level and words while estimates are published."""
+    consistency = delayed.monitor.judge()
+    unseen = [each for each in candidate.outputs if each not in delayed.measured]
+    dropped = ', '.join(f'{grown[kind]} {kind}' for kind in UNUSABLE if grown[kind])
+    for words in (
+            f'the filter was restarted: {delayed.reason}' * bool(grown['restarts']),
+            f'not measured: {", ".join(unseen)}' * bool(unseen),
+            f'entries of measurements were dropped: {dropped}' * bool(dropped),
+            str(consistency) * (consistency.ratio > consistency.upper)):
+        if words:
+            return DiagnosticStatus.WARN, words
+    return DiagnosticStatus.OK, str(consistency)

@@ -10,9 +10,11 @@ Service: ``~/suggest_weights`` (SuggestNoise). Parameters: see `estimator_settin
 
 The filter is the extended Kalman filter of `core.estimation`. Estimates are predicted to the
 present. After ``measurement_timeout`` without a measurement none is published, so that the
-controller acts as for a lost state.
+controller acts as for a lost state. ``restarts`` of both messages counts the jumps of the
+estimate: the filter has begun anew.
 """
 
+from collections import Counter
 from functools import partial
 from itertools import islice
 import sys
@@ -24,7 +26,12 @@ import numpy as np
 from obc_ros.core.estimation.delayed_filter import DelayedFilter
 from obc_ros.core.text.errors import ObcError, StatementError
 from obc_ros.msg import Command, Estimate, LqrDesign, Measurement, State
-from obc_ros.nodes.estimator_messages import estimate_message, estimator_status
+from obc_ros.nodes.estimator_messages import (
+    EstimateMessages,
+    estimator_status,
+    Traffic,
+    UNUSABLE,
+)
 from obc_ros.nodes.estimator_settings import (
     EstimatorCandidate,
     judge_estimator_settings,
@@ -38,15 +45,30 @@ from obc_ros.ros.hardware_id import identify
 from obc_ros.ros.parameters.node_parameters import Parameters
 from obc_ros.ros.throttled_log import ThrottledLog
 from obc_ros.srv import SuggestNoise
+from rclpy.callback_groups import CallbackGroup
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, QoSProfile
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
-BACKLOG = 100
+BACKLOG = 100       # messages to publish
+UNREAD = 1000       # messages that wait for the next estimate
 LATCHED_DESIGN = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-AHEAD = 500_000_000             # [ns] a measurement with a later stamp is dropped
-OTHER_CLOCK = 3_600_000_000_000  # [ns] with a larger difference the stamps have another clock
+
+
+class ReadByTimer(CallbackGroup):  # type: ignore[misc] # rclpy's classes are untyped
+    """Subscriptions that do not wake the executor."""
+
+    def can_execute(self, entity: Any) -> bool:
+        """Return whether the executor waits for an entity."""
+        return False
+
+    def beginning_execution(self, entity: Any) -> bool:
+        """Return whether an entity may be executed."""
+        return self.can_execute(entity)
+
+    def ending_execution(self, entity: Any) -> None:
+        """Do nothing: nothing was begun."""
 
 
 class EstimatorNode(Node):  # type: ignore[misc] # rclpy's classes are untyped
@@ -62,15 +84,24 @@ class EstimatorNode(Node):  # type: ignore[misc] # rclpy's classes are untyped
         self._filter = DelayedFilter(
             candidate.kalman, candidate.x0, candidate.P0, candidate.u0, settings.longest_lag,
             outputs=candidate.outputs)
-        self._map, self._published, self._last = OdometryMap(candidate.system), 0, 0
+        self._map, self._messages = OdometryMap(candidate.system), EstimateMessages(
+            candidate.system)
+        self._received = self._published = self._restarts = self._future = 0
+        self._last: int | None = None       # stamp of the last estimate [ns]
+        self._arrived = self._ahead = 0     # [ns] local time of the last measurement, its stamp
+        self._used_at = 0                   # minus that; local time of the last one in use
+        self._reported = Traffic()
         self._warned: set[str] = set()
         self._states = self.create_publisher(State, 'state', BACKLOG)
         self._estimates = self.create_publisher(Estimate, '~/estimate', BACKLOG)
         self._odom = self.create_publisher(
             Odometry, 'odom', BACKLOG) if self._map.complete else None
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
+        # The executor needs more time for a message than the filter. It does not get the events
+        # of these subscriptions either: unread messages wake it through them.
+        group = ReadByTimer() if settings.rate else None
         self._sources = [
-            (self.create_subscription(kind, topic, take, BACKLOG), take)
+            (self.create_subscription(kind, topic, take, UNREAD, callback_group=group), take)
             for kind, topic, take in ((Measurement, 'measurement', self._on_measurement),
                                       (Command, 'command', self._on_command))]
         self._regulator: LqrDesign | None = None
@@ -83,28 +114,31 @@ class EstimatorNode(Node):  # type: ignore[misc] # rclpy's classes are untyped
 
     def _on_time(self) -> None:
         """Publish the estimate from all messages that have arrived."""
-        # The executor takes one message of each subscription a turn: with slow turns messages
-        # would queue up, and be late.
         for source, take in self._sources:
             with (handle := source.handle):
                 waiting = iter(partial(handle.take_message, source.msg_type, False), None)
-                for message, _ in islice(waiting, BACKLOG):
+                for message, _ in islice(waiting, UNREAD):
                     take(message)
         self._publish()
 
     def _on_measurement(self, message: Measurement) -> None:
-        stamp = read_nanoseconds(message.header.stamp)
-        if AHEAD < stamp - self.get_clock().now().nanoseconds < OTHER_CLOCK:
-            self._filter.counts['future'] += 1
-            self._warn_once('a measurement from the future was dropped')
+        stamp, now = read_nanoseconds(message.header.stamp), self.get_clock().now().nanoseconds
+        self._received, self._arrived, self._ahead = self._received + 1, now, stamp - now
+        limit = self._adopted.settings.stamp_timeout
+        if limit and self._ahead > limit * 1e9:
+            self._future += 1
+            self._warn_once(f'a measurement from the future was dropped: its stamp is '
+                            f'{1e-9 * self._ahead:.3g} s after the local time')
             return
         try:
             used = self._filter.measure(stamp, message.names, message.y)
         except StatementError as error:
             self._warn_once(str(error))
             return
-        if used and not self._adopted.settings.rate:
-            self._publish()
+        if used:
+            self._used_at = now
+            if not self._adopted.settings.rate:
+                self._publish()
 
     def _on_command(self, message: Command) -> None:
         delay = round(self._adopted.settings.input_delay * 1e9)
@@ -124,42 +158,53 @@ class EstimatorNode(Node):  # type: ignore[misc] # rclpy's classes are untyped
             response.success, response.message = False, str(error)
         return response
 
-    def _present(self) -> int:
-        """Return the instant of the next estimate [ns]."""
-        newest = self._filter.newest or 0
-        now = self.get_clock().now().nanoseconds
-        if not self._adopted.settings.rate or abs(now - newest) > OTHER_CLOCK:
-            return newest
-        return max(now, newest)
-
-    def _age(self) -> float | None:
-        """Return the age of the newest measurement [s]; None: there was none."""
-        newest = self._filter.newest
-        return None if newest is None else 1e-9 * (self.get_clock().now().nanoseconds - newest)
+    def _age(self, now: int) -> float | None:
+        """Return the age of the newest measurement in use [s]; None: there is none."""
+        newest, limit = self._filter.newest, self._adopted.settings.stamp_timeout
+        if newest is None:
+            return None
+        age = 1e-9 * (now - (newest if limit else self._used_at))
+        return 0.0 if -limit <= age < 0.0 else age   # a difference of the clocks
 
     def _publish(self) -> None:
         """Publish the present estimate, unless it is too old or not later than the last one."""
-        newest, settings, stamp = self._filter.newest, self._adopted.settings, self._present()
-        if newest is None or stamp == self._last:
+        newest, settings = self._filter.newest, self._adopted.settings
+        now = self.get_clock().now().nanoseconds
+        if newest is None:
             return
-        if stamp - newest > settings.measurement_timeout * 1e9:
-            self._warn_once(f'no measurement for {settings.measurement_timeout:g} s: no estimate '
-                            'is published until one arrives')
+        if settings.stamp_timeout and now - newest > settings.measurement_timeout * 1e9:
+            self._warn_once(f'the newest measurement is older than '
+                            f'{settings.measurement_timeout:g} s: no estimate is published until '
+                            'a newer one arrives')
             return
+        stamp = max(now, newest) if settings.rate and settings.stamp_timeout else newest
         try:
+            self._announce_restart()
+            if self._last is not None and stamp <= self._last:
+                return
             mean = self._filter.estimate(stamp)
         except ObcError as error:
             self._warn_once(str(error))
             return
-        estimate = estimate_message(mean, self._filter, settings.frame_id)
-        self._states.publish(State(header=estimate.header, x=estimate.x))
-        self._estimates.publish(estimate)
+        self._messages.fill_state(mean, self._restarts, settings.frame_id)
+        self._states.publish(self._messages.state)
+        if self._estimates.get_subscription_count():
+            self._messages.fill_estimate(mean, self._filter)
+            self._estimates.publish(self._messages.estimate)
         if self._odom is not None and self._odom.get_subscription_count():
             odometry = self._map.message(np.sqrt(np.maximum(mean.P.diagonal(), 0.0)))
-            odometry.header = estimate.header
+            odometry.header = self._messages.state.header
             self._map.fill(odometry, mean.x, self._adopted.system.f(mean.x, self._filter.u))
             self._odom.publish(odometry)
         self._last, self._published = stamp, self._published + 1
+
+    def _announce_restart(self) -> None:
+        """Log that the filter has begun anew; its next estimate may be earlier than the last."""
+        restarts = self._filter.counts['restarts']
+        if restarts > self._restarts:
+            self._log.warning('restart', f'restart {restarts} of the filter: '
+                              f'{self._filter.reason}; the estimate jumps')
+            self._restarts, self._last = restarts, None
 
     def _judge(self, settings: Settings) -> EstimatorCandidate:
         return judge_estimator_settings(settings)
@@ -176,12 +221,29 @@ class EstimatorNode(Node):  # type: ignore[misc] # rclpy's classes are untyped
             self._warned.add(kind)
             self._log.warning(kind, f'{sentence}; further cases are counted in diagnostics')
 
+    def _warn_of_best_effort(self) -> None:
+        """Log the publishers whose messages do not arrive."""
+        for source, _ in self._sources:
+            for each in self.get_publishers_info_by_topic(source.topic_name):
+                if each.qos_profile.reliability == ReliabilityPolicy.BEST_EFFORT:
+                    self._warn_once(f'{each.node_name} publishes {source.topic_name} with best '
+                                    'effort: its messages do not arrive, reliable ones would')
+
     def _diagnose(self) -> None:
+        self._warn_of_best_effort()
+        now = self.get_clock().now()
+        counts = Counter({**self._filter.counts, 'future': self._future})
+        if any(counts[kind] for kind in UNUSABLE):
+            self._warn_once('entries of measurements that are not finite, or beyond the precision '
+                            'of double numbers, were dropped')
+        traffic = Traffic(self._received, self._published, counts,
+                          1e-9 * (now.nanoseconds - self._arrived), 1e-9 * self._ahead,
+                          self._age(now.nanoseconds))
         array = DiagnosticArray()
-        array.header.stamp = self.get_clock().now().to_msg()
-        array.status = [estimator_status(
-            self.get_fully_qualified_name()[1:], self._adopted, self._filter, self._age(),
-            self._published)]
+        array.header.stamp = now.to_msg()
+        array.status = [estimator_status(self.get_fully_qualified_name()[1:], self._adopted,
+                                         self._filter, traffic, self._reported)]
+        self._reported = traffic
         identify(array.status, self, self._adopted.settings.hardware_id,
                  self._adopted.system.name)
         self._diagnostics.publish(array)

@@ -58,6 +58,10 @@ class Settings:
     measurement_timeout: float = declare_field(
         0.5, 'age of the newest measurement at which no more estimates are published', 's',
         lower=1e-3, upper=60.0)
+    stamp_timeout: float = declare_field(
+        0.5, 'a measurement whose stamp is later than the local time by more is dropped. 0: the '
+        'clocks are not synchronised; stamps are not compared with the local time, and estimates '
+        'are not predicted to the present', 's', lower=0.0)
     frame_id: str = declare_field('odom', 'frame_id of the estimates')
     hardware_id: str = declare_field('', HARDWARE)
 

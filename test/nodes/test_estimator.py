@@ -4,14 +4,17 @@
 
 import math
 import signal
+import time
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticArray
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 import numpy as np
 from obc_ros.msg import Estimate, LqrDesign, Measurement, State
 from obc_ros.srv import SuggestNoise
+from probes import Probe
 import pytest
-from rclpy.qos import DurabilityPolicy, QoSProfile
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from support import DEADLINE
 
 SYSTEM = {'system': 'aircraft'}
 SIMULATED = {'use_sim_time': True}
@@ -110,6 +113,129 @@ def test_without_measurements_the_estimate_ages_and_stops(spawn, probe):
     assert 'no estimate is published' in values(arrays, probe)['message']
     publisher.publish(measurement(probe, NAMES, [0.0] * 4))
     probe.wait_for(lambda: states)
+
+
+class Feed:
+    """A sensor of all outputs every 10 ms, whose clock has an offset [s] to that of the node."""
+
+    def __init__(self, spawn: Any, probe: Probe, **parameters: Any) -> None:
+        self._probe = probe
+        self.states = probe.listen(State, 'state', 1000)
+        self.estimates = probe.listen(Estimate, '/estimator_node/estimate', 1000)
+        self.arrays = probe.listen(DiagnosticArray, '/diagnostics')
+        self.process = spawn('estimator_node', {**SYSTEM, **NOISE, **parameters})
+        self._publisher = probe.publisher(Measurement, 'measurement')
+
+    def send(self, gps: float, count: int, offset: float | None = 0.0,
+             pause: float = 0.01) -> None:
+        """Publish measurements; without an offset their stamps are 0."""
+        for _ in range(count):
+            message = measurement(self._probe, NAMES, [gps, 0.0, 0.0, 0.0], -(offset or 0.0))
+            if offset is None:
+                message.header.stamp.sec = message.header.stamp.nanosec = 0
+            self._publisher.publish(message)
+            due = time.monotonic() + pause
+            self._probe.wait_for(lambda due=due: time.monotonic() >= due)
+
+    def find_status(self, words: str, gps: float = 0.0, offset: float | None = 0.0
+                    ) -> dict[str, str]:
+        """Send measurements until the diagnostics contain some words; return these."""
+        deadline = time.monotonic() + DEADLINE
+        self.arrays.clear()
+        while True:
+            self.send(gps, 10, offset)
+            known = [each for array in self.arrays for each in array.status
+                     if each.name.endswith('estimate')]
+            for status in known:
+                if words in status.message:
+                    return {'level': status.level, 'message': status.message,
+                            **{each.key: each.value for each in status.values}}
+            assert time.monotonic() < deadline, [each.message for each in known]
+
+
+def test_a_publisher_whose_messages_do_not_arrive_is_named(spawn, probe):
+    process = spawn('estimator_node', SYSTEM)
+    probe.node.create_publisher(
+        Measurement, 'measurement', QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT))
+    process.wait_for_output('probe publishes /measurement with best effort')
+
+
+def test_a_burst_of_outliers_moves_no_state(spawn, probe):
+    feed = Feed(spawn, probe)
+    feed.send(0.0, 100)
+    feed.send(1000.0, 20, pause=0.0)
+    feed.send(0.0, 100)
+    found = feed.find_status('95 % band')
+    assert int(found['measurements outliers']) >= 20 and found['measurements restarts'] == '0'
+    assert max(abs(state.x[0]) for state in feed.states) < 1.0
+    assert {state.restarts for state in feed.states} == {0}
+    assert all(state.names == ['px', 'py', 'theta', 'vx', 'vy', 'omega'] for state in feed.states)
+
+
+def test_a_restart_is_announced_everywhere(spawn, probe):
+    """The plant was carried away: all measurements agree for longer than 2 s."""
+    feed = Feed(spawn, probe)
+    feed.send(0.0, 100)
+    found = feed.find_status('the filter was restarted', gps=50.0)
+    assert found['level'] == DiagnosticStatus.WARN and found['measurements restarts'] == '1'
+    assert 'outliers have agreed with each other for 2' in found['message']
+    feed.process.wait_for_output('restart 1 of the filter: ')
+    for messages in (feed.states, feed.estimates):
+        jumped = [bool(each.restarts) for each in messages]
+        assert jumped == [abs(each.x[0] - 50.0) < 1.0 for each in messages]
+        assert any(jumped) and not all(jumped)
+
+
+def test_invalid_numbers_are_dropped_and_said(spawn, probe):
+    feed = Feed(spawn, probe)
+    for value in (1e155, 1.7976931348623157e308, math.inf, math.nan):
+        feed.send(value, 25)
+    found = feed.find_status('', gps=0.3)
+    assert int(found['measurements out of range']) == 50
+    assert int(found['measurements not finite']) == 50
+    assert found['measurements restarts'] == found['measurements faults'] == '0'
+    feed.process.wait_for_output('beyond the precision of double numbers, were dropped')
+    feed.send(0.3, 50)
+    assert feed.states[-1].x[0] == pytest.approx(0.3, abs=0.1)
+
+
+def test_time_that_goes_back_is_no_silence(spawn, probe):
+    """A source whose clock is set back by 10 s, to a node that does not compare the clocks."""
+    feed = Feed(spawn, probe, stamp_timeout=0.0)
+    feed.send(0.0, 50)
+    feed.states.clear()
+    feed.send(0.0, 20, offset=-10.0)
+    probe.wait_for(lambda: feed.states and feed.states[-1].restarts == 1)
+    feed.process.wait_for_output('time went back by ')
+    assert feed.find_status('95 % band', offset=-10.0)['level'] == DiagnosticStatus.OK
+
+
+@pytest.mark.parametrize('offset', [None, -86400.0, -6.66, 100.0])
+def test_stamps_of_another_clock_are_called_that(spawn, probe, offset):
+    """A driver without stamps, a recording of yesterday, clocks that differ."""
+    feed = Feed(spawn, probe)
+    feed.send(0.0, 50)
+    found = feed.find_status('measurements arrive with stamps', offset=offset)
+    assert found['level'] == DiagnosticStatus.ERROR
+    assert 'set stamp_timeout to 0' in found['message']
+    feed.states.clear()
+    feed.send(0.0, 50, offset)
+    assert not feed.states
+    feed.send(0.0, 50)
+    probe.wait_for(lambda: feed.states)
+    assert feed.find_status('95 % band')['level'] == DiagnosticStatus.OK
+
+
+def test_clocks_need_not_be_synchronised(spawn, probe):
+    feed = Feed(spawn, probe, stamp_timeout=0.0)
+    found = feed.find_status('95 % band', offset=-86400.0)
+    assert found['level'] == DiagnosticStatus.OK
+    assert 0.0 <= float(found['age of the newest measurement [s]']) < 0.5
+    assert float(found['stamp minus local time [s]']) == pytest.approx(-86400.0, abs=1.0)
+    feed.states.clear()
+    found = probe.wait_for(lambda: [each for array in feed.arrays for each in array.status
+                                    if 'no measurement for' in each.message])[-1]
+    assert found.level == DiagnosticStatus.ERROR
 
 
 def test_noise_is_judged_and_refused_with_the_reason(spawn, probe):

@@ -13,8 +13,8 @@ Y. Bar-Shalom, X. R. Li, T. Kirubarajan, Estimation with Applications to Trackin
 
 from collections import deque
 from dataclasses import dataclass
+from functools import lru_cache
 
-import numpy as np
 from obc_ros.core.numerics.arrays import Array, linalg, special
 
 
@@ -38,6 +38,7 @@ def compute_normalized_error(error: Array, P: Array) -> float:
     return float(error @ linalg.solve(P, error, assume_a='pos'))
 
 
+@lru_cache
 def compute_band(degrees: float, count: int = 1, probability: float = 0.95
                  ) -> tuple[float, float]:
     """
@@ -106,7 +107,7 @@ class InnovationMonitor:
         """Return the consistency of what is kept."""
         if not self._kept:
             return Consistency(1.0, 1.0, 1.0, 0)
-        total, degrees = np.sum(list(self._kept), axis=0)
+        degrees = sum([each for _, each in self._kept])
         lower, upper = compute_band(degrees)
-        return Consistency(float(total / degrees), lower / degrees, upper / degrees,
-                           len(self._kept))
+        ratio = sum([nis for nis, _ in self._kept]) / degrees
+        return Consistency(ratio, lower / degrees, upper / degrees, len(self._kept))

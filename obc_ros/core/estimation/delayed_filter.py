@@ -8,6 +8,9 @@ late one is put in its place and what follows is filtered again, so that the res
 the same measurements in order. What is older than the longest lag is dropped. Everything is
 counted.
 
+The filter begins anew after a gap, if the time of a sensor goes back, and if outliers show that
+it has lost the plant (see `rival`). `restarts` counts these jumps of the estimate.
+
 Nothing is filtered on arrival, but once before the next result is read. Filtering on arrival
 would repeat what follows for each late measurement: the later they come, the longer each takes,
 and an estimator that has fallen behind never catches up.
@@ -21,13 +24,15 @@ from itertools import takewhile
 import math
 
 import numpy as np
+from obc_ros.core.closed_loop.clock import StampClock, Tick
 from obc_ros.core.estimation.consistency import InnovationMonitor
 from obc_ros.core.estimation.filter import Belief, KalmanFilter, Update
+from obc_ros.core.estimation.rival import ENOUGH, Rival, widen
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.text.errors import DynamicsError, quote, StatementError
 
 NANOSECONDS = 1_000_000_000
-MOST_REJECTED = 20   # outliers of one sensor in a row after which the filter restarts
+MOST_LATE = 20       # measurements in a row, all too late, after which the filter begins anew
 NOTHING = Belief(np.zeros(0), np.zeros((0, 0)))   # before an event is filtered
 _INTERVALS = 21      # whose median is the period of a sensor
 
@@ -44,6 +49,7 @@ class _Event:
     after: Belief = NOTHING
     input_after: Array = field(default_factory=lambda: np.zeros(0))
     update: Update | None = None
+    rival: Belief | None = None    # of the rival, after the event
     is_counted: bool = False
 
 
@@ -51,9 +57,9 @@ class _Event:
 class _Sensor:
     """What is known of the measurements of one group of outputs."""
 
-    newest: int | None = None
-    rejected: int = 0
-    intervals: deque[int] = field(default_factory=lambda: deque(maxlen=_INTERVALS))
+    clock: StampClock = field(default_factory=StampClock)
+    is_proven: bool = False   # whether a measurement has been used since the filter began
+    intervals: deque[float] = field(default_factory=lambda: deque(maxlen=_INTERVALS))
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,16 +94,21 @@ class DelayedFilter:
     x0 : ndarray, shape (n,)
         Mean before the first measurement.
     P0 : ndarray, shape (n, n)
-        Its covariance; also used when the filter restarts. After a row of outliers it is
-        enlarged by the square of their largest distance, so that the filter finds the plant.
+        Its covariance; also used when the filter restarts.
     u0 : ndarray, shape (m,)
         Input before the first command.
     longest_lag : float
         [s] A measurement that is older than the newest one by more is dropped.
     longest_gap : float
-        [s] After a longer time without measurements the filter restarts.
+        [s] After a longer time without measurements the filter restarts; also after a longer
+        step of a sensor's stamps back, and for this time outliers must agree with each other.
     outputs : sequence of str
         Names of the outputs that are used; empty: all.
+
+    Attributes
+    ----------
+    reason : str
+        Why the filter was restarted last.
 
     """
 
@@ -105,7 +116,7 @@ class DelayedFilter:
                  longest_lag: float = 0.5, longest_gap: float = 2.0,
                  outputs: Sequence[str] = ()) -> None:
         self._kalman, self._x0, self._P0 = kalman, np.array(x0), np.array(P0)
-        self._u = np.array(u0)
+        self._u, self._limits = np.array(u0), (kalman.system.u_min, kalman.system.u_max)
         self._lag, self._gap = (round(each * NANOSECONDS) for each in (longest_lag, longest_gap))
         self._events: list[_Event] = []
         self._filtered = 0   # how many of them, from the first on
@@ -116,7 +127,9 @@ class DelayedFilter:
         self._counts: Counter[str] = Counter()
         self._monitor = InnovationMonitor()
         self._last: tuple[tuple[str, ...], Update] | None = None
+        self._rival: Rival | None = None
         self._too_late = 0
+        self.reason = ''
 
     @property
     def counts(self) -> Counter[str]:
@@ -124,8 +137,8 @@ class DelayedFilter:
         Return how many measurements there were of each kind.
 
         'used', 'late' (filtered again), 'out of order' (older than another of its sensor),
-        'too late', 'repeated', 'missing', 'not used', 'not finite' (both entries), 'malformed',
-        'outliers', 'restarts', 'faults'.
+        'too late', 'repeated', 'missing', 'not used', 'not finite', 'out of range' (these three
+        entries), 'malformed', 'outliers', 'restarts', 'faults'.
         """
         self._catch_up()
         return self._counts
@@ -164,7 +177,8 @@ class DelayedFilter:
         """Use another filter from the newest measurement on; x0, P0, outputs as for the class."""
         self._catch_up()
         self._outputs = frozenset(outputs or self._names)
-        self._kalman, self._monitor = kalman, InnovationMonitor()
+        self._kalman, self._monitor, self._rival = kalman, InnovationMonitor(), None
+        self._limits = kalman.system.u_min, kalman.system.u_max
         self._x0, self._P0 = np.array(x0), np.array(P0)
 
     def command(self, stamp: int, u: Array) -> None:
@@ -182,8 +196,7 @@ class DelayedFilter:
             self._counts['malformed'] += 1
             raise StatementError(f'a command of {given.size} numbers was dropped: wanted '
                                  f'{self._u.size} finite numbers')
-        system = self._kalman.system
-        given = np.clip(given, system.u_min, system.u_max)
+        given = np.minimum(np.maximum(given, self._limits[0]), self._limits[1])
         if not self._events or stamp > (self._newest or 0) + self._gap:
             self._u = given
             self._catch_up()
@@ -219,19 +232,15 @@ class DelayedFilter:
 
         """
         at, values = self._read(names, y)
-        finite = np.isfinite(values)
-        self._counts['not finite'] += int((~finite).sum())
-        sensor = self._sensors.setdefault(tuple(at), _Sensor())
-        if not finite.any():
-            return False
-        if self._is_late(stamp, tuple(at), sensor):
+        group = tuple(at)
+        sensor = self._sensors.setdefault(group, _Sensor())
+        at, values = self._keep_usable(at, values)
+        if not at or self._is_late(stamp, group, sensor):
             return False
         if self._newest is None or stamp - self._newest > self._gap:
             self._catch_up()
             self._restart(stamp)
-        self._insert(_Event(
-            stamp, sensor=tuple(at), y=values[finite],
-            at=tuple(i for i, fine in zip(at, finite, strict=True) if fine)))
+        self._insert(_Event(stamp, sensor=group, y=values, at=tuple(at)))
         self._newest = max(stamp, self._newest or stamp)
         self._forget()
         return True
@@ -277,49 +286,74 @@ class DelayedFilter:
         self._counts['not used'] += len(names) - len(used)
         return [self._names[names[k]] for k in used], values[used]
 
+    def _keep_usable(self, at: list[int], values: Array) -> tuple[list[int], Array]:
+        """Count and leave out the entries that are no numbers that the sensor can measure."""
+        # NaN is not below its limit either.
+        usable = np.abs(values) <= self._kalman.largest[at]
+        if usable.all():
+            return at, values
+        finite = int(np.isfinite(values).sum())
+        self._counts['not finite'] += len(at) - finite
+        self._counts['out of range'] += finite - int(usable.sum())
+        return [i for i, fine in zip(at, usable, strict=True) if fine], values[usable]
+
     def _is_late(self, stamp: int, at: tuple[int, ...], sensor: _Sensor) -> bool:
         """Count how late a measurement is; return whether it cannot be used."""
-        if self._newest is not None and stamp < max(self._newest - self._lag,
-                                                    self._events[0].stamp):
+        order = sensor.clock.order(stamp, self._gap / NANOSECONDS)
+        if order.tick is Tick.RESTART:
+            self._forget_all(f'time went back by {order.by:.3g} s')
+        elif self._newest is not None and stamp < max(self._newest - self._lag,
+                                                      self._events[0].stamp):
             self._counts['too late'] += 1
             self._too_late += 1
-            if self._too_late >= MOST_REJECTED:   # the clock was set back
-                self._events, self._filtered, self._newest, self._too_late = [], 0, None, 0
-                self._counts['restarts'] += 1
-            return True
+            if self._too_late < MOST_LATE:
+                return True
+            # The newest stamp was wrong.
+            self._forget_all(f'{MOST_LATE} measurements in a row were too late')
         self._too_late = 0
         first = bisect_left(self._events, stamp, key=lambda event: event.stamp)
         same = takewhile(lambda event: event.stamp == stamp, self._events[first:])
         if any(set(event.at) & set(at) for event in same):
             self._counts['repeated'] += 1
             return True
-        if sensor.newest is None or stamp > sensor.newest:
-            if sensor.newest is not None:
-                interval = stamp - sensor.newest
-                if len(sensor.intervals) >= 3:
-                    period = sorted(sensor.intervals)[len(sensor.intervals) // 2]
-                    self._counts['missing'] += max(0, round(interval / period) - 1)
-                sensor.intervals.append(interval)
-            sensor.newest = stamp
-        else:
+        if order.tick is Tick.LATE:
             self._counts['out of order'] += 1
             self._counts['missing'] -= self._counts['missing'] > 0  # it was counted as missing
+        elif order.tick is Tick.NEXT:
+            if len(sensor.intervals) >= 3:
+                period = sorted(sensor.intervals)[len(sensor.intervals) // 2]
+                self._counts['missing'] += max(0, round(order.by / period) - 1)
+            sensor.intervals.append(order.by)
         self._counts['late'] += self._newest is not None and stamp < self._newest
         return False
+
+    def _forget_all(self, reason: str) -> None:
+        """Begin anew at the next measurement, as at the first one."""
+        self._catch_up()
+        self._events, self._filtered, self._newest, self._too_late = [], 0, None, 0
+        self._rival = None
+        self._sensors = {at: _Sensor() for at in self._sensors}
+        self._note_restart(reason)
+
+    def _note_restart(self, reason: str) -> None:
+        self._counts['restarts'] += 1
+        self.reason = reason
 
     def _restart(self, stamp: int) -> None:
         """Begin anew at a stamp; after the first time with the last mean."""
         mean, u = self._x0, self._u
         if self._events:
-            self._counts['restarts'] += 1
+            self._note_restart(f'no measurement for {(stamp - (self._newest or 0)) * 1e-9:.3g} s')
             mean, u = self._events[-1].after.x, self._events[-1].input_after
-        self._begin(stamp, mean, u, self._P0)
+        self._begin(stamp, Belief(mean, self._P0), u)
 
-    def _begin(self, stamp: int, mean: Array, u: Array, P: Array) -> None:
-        """Forget what was filtered, and begin at a stamp with a mean, its covariance, an input."""
-        start = _Event(stamp, after=Belief(mean, P), input_after=u)
+    def _begin(self, stamp: int, belief: Belief, u: Array) -> None:
+        """Forget what was filtered, and begin at a stamp with an estimate and an input."""
+        start = _Event(stamp, after=belief, input_after=u)
         self._events, self._filtered = [start, *self._events[self._filtered:]], 1
-        self._sensors = {at: _Sensor() for at in self._sensors}
+        self._rival = None
+        for sensor in self._sensors.values():
+            sensor.is_proven = False
         self._monitor = InnovationMonitor()
 
     def _insert(self, event: _Event) -> None:
@@ -333,47 +367,76 @@ class DelayedFilter:
         while self._filtered < len(self._events):
             before, event = self._events[self._filtered - 1], self._events[self._filtered]
             self._filtered += 1
+            event.input_after = before.input_after if event.u is None else event.u
             try:
-                self._filter(before, event)
+                event.after, event.update = self._filter(before, before.after, event)
             except (DynamicsError, np.linalg.LinAlgError):
                 # The estimate has left the range of numbers: the mean is lost too.
                 self._counts['faults'] += 1
-                self._begin(event.stamp, self._x0,
-                            before.input_after if event.u is None else event.u, self._P0)
+                self._note_restart('the estimate left the range of double precision')
+                self._begin(event.stamp, Belief(self._x0, self._P0), event.input_after)
                 continue
+            own = self._follow_rival(before, event)
             if event.update is not None and not event.is_counted:
-                self._count(event, event.update)
+                self._count(event, event.update, own)
 
-    def _filter(self, before: _Event, event: _Event) -> None:
-        belief = self._kalman.predict(before.after, before.input_after,
+    def _filter(self, before: _Event, belief: Belief, event: _Event
+                ) -> tuple[Belief, Update | None]:
+        """Return the estimate after an event, and what its measurement did."""
+        belief = self._kalman.predict(belief, before.input_after,
                                       (event.stamp - before.stamp) / NANOSECONDS)
-        event.input_after = before.input_after if event.u is None else event.u
-        if event.y is not None:
-            event.update = self._kalman.update(belief, event.input_after, event.at, event.y)
-            belief = event.update.belief
-        if not (np.isfinite(belief.x).all() and np.isfinite(belief.P).all()):
+        if event.y is None:
+            return belief, None
+        update = self._kalman.update(belief, event.input_after, event.at, event.y)
+        if not update.belief.is_finite:
             raise DynamicsError('the estimate exceeds the range of double precision')
-        event.after = belief
+        return update.belief, update
 
-    def _count(self, event: _Event, update: Update) -> None:
-        """Count a new measurement; restart after a row of outliers of one sensor."""
+    def _follow_rival(self, before: _Event, event: _Event) -> Update | None:
+        """Bring the rival to an event; return what its measurement did; None: no rival."""
+        event.rival = None
+        if self._rival is None:
+            return None
+        if event is self._rival.origin:
+            event.rival = self._rival.start
+        elif before.rival is not None:
+            try:
+                event.rival, update = self._filter(before, before.rival, event)
+            except (DynamicsError, np.linalg.LinAlgError):
+                self._rival = None
+            else:
+                return update
+        return None
+
+    def _count(self, event: _Event, update: Update, own: Update | None) -> None:
+        """Count a new measurement, and its vote on the rival."""
         event.is_counted = True
         self._counts['outliers' if update.is_outlier else 'used'] += 1
         self._monitor.add(update.nis, len(event.at))
         self._last = tuple(self._kalman.system.output_names[i] for i in event.at), update
-        sensor = self._sensors[event.sensor]
-        sensor.rejected = sensor.rejected + 1 if update.is_outlier else 0
-        if sensor.rejected >= MOST_REJECTED:
-            self._counts['restarts'] += 1
-            self._begin(event.stamp, event.after.x, event.input_after, self._widen(event, update))
+        sensor, rival = self._sensors[event.sensor], self._rival
+        sensor.is_proven = sensor.is_proven or not update.is_outlier
+        if rival is not None and own is not None and not rival.vote(event.sensor, update, own):
+            self._rival = rival = None
+        if rival is None:
+            if update.is_outlier:
+                self._begin_rival(event, update)
+            return
+        # What has never been used since the beginning is no evidence against the rival.
+        lasted = event.stamp - rival.stamp
+        if (event.rival is not None and rival.explained >= ENOUGH
+                and lasted >= self._gap * sensor.is_proven):
+            self._note_restart(f'{rival.explained} outliers have agreed with each other for '
+                               f'{lasted / NANOSECONDS:.3g} s')
+            self._begin(event.stamp, event.rival, event.input_after)
 
-    def _widen(self, event: _Event, update: Update) -> Array:
-        """Return P0, enlarged such that no entry of an innovation is above its deviation."""
-        C = self._kalman.system.measure(event.after.x, event.input_after)[1][list(event.at)]
-        variances = np.einsum('ij,jk,ik->i', C, self._P0, C)
-        seen = variances > 0.0   # the others are functions of the input alone
-        ratios = update.innovation[seen]**2 / variances[seen]
-        return self._P0 * float(ratios.max(initial=1.0))
+    def _begin_rival(self, event: _Event, update: Update) -> None:
+        """Begin a rival at an outlier."""
+        start = widen(self._kalman, event.after.x, event.input_after, event.at,
+                      update.innovation, self._P0)
+        if start is not None:
+            self._rival = Rival(event, event.stamp, event.sensor, start)
+            event.rival = start
 
     def _forget(self) -> None:
         """Remove events that no accepted measurement can precede, but one."""

@@ -8,15 +8,22 @@ integral of exp(A s) f and that of exp(A s) Qw exp(A's) over a step h. It is exa
 system with a held input. For a nonlinear one the mean follows the Rosenbrock-Euler method, whose
 error in a step is of third order in h. Update: Joseph's form, which keeps P symmetric and positive
 semidefinite.
+
+A step has |A| h <= 1, so that the series of the exponential needs no scaling. For the few states
+of a plant the calls take more time than the arithmetic: CasADi evaluates into fixed buffers, and
+NumPy is called rarely.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 import math
+from typing import Any
 
+import casadi as ca
 import numpy as np
 from obc_ros.core.estimation.consistency import compute_chi_square_quantile
-from obc_ros.core.numerics.arrays import Array, Index, linalg
+from obc_ros.core.numerics.arrays import Array, lapack
 from obc_ros.core.numerics.rounding import norm
 from obc_ros.core.riccati.checks import check_definite, check_semidefinite
 from obc_ros.core.systems.system import System
@@ -24,6 +31,12 @@ from obc_ros.core.text.errors import DynamicsError, StatementError
 
 LARGEST_STEP = 0.02    # [s] of a linearisation of a nonlinear system
 _MOST_STEPS = 2000     # of one prediction
+_ROUNDING = float(np.finfo(float).eps)
+
+
+def _is_finite(M: Array) -> bool:
+    # The norm takes a third of the time, but also exceeds the range for entries above 1e154.
+    return math.isfinite(norm(M)) or bool(np.isfinite(M).all())
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,6 +45,11 @@ class Belief:
 
     x: Array
     P: Array
+
+    @property
+    def is_finite(self) -> bool:
+        """Return whether no entry has left the range of double precision."""
+        return _is_finite(self.x) and _is_finite(self.P)
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,9 +80,53 @@ class Update:
     is_outlier: bool
 
 
+class _Evaluator:
+    """
+    A function of x, u and p that CasADi evaluates into arrays, which each call overwrites.
+
+    Parameters
+    ----------
+    system : System
+        With x, u and p.
+    matrix : casadi.SX
+        The first result; `matrix` (rows, columns).
+    vector : casadi.SX
+        The second result; `vector` (rows,).
+
+    """
+
+    def __init__(self, system: System, matrix: ca.SX, vector: ca.SX) -> None:
+        function = ca.Function('evaluate', [system.x, system.u, system.p], [
+            ca.densify(matrix.T), ca.densify(vector)])   # CasADi stores columns
+        self.matrix, self.vector = np.zeros(matrix.shape), np.zeros(vector.shape[0])
+        self._x, self._u, self._p = np.zeros(system.n), np.zeros(system.m), system.p_value
+        parcel: tuple[Any, Any] = function.buffer()
+        self._kept, self._evaluate = parcel
+        for index, given in enumerate((self._x, self._u, self._p)):
+            self._kept.set_arg(index, given.data)
+        for index, found in enumerate((self.matrix, self.vector)):
+            self._kept.set_res(index, found.data)
+
+    def __call__(self, x: Array, u: Array) -> None:
+        self._x[:], self._u[:] = x, u
+        self._evaluate()
+
+
+@dataclass(frozen=True, eq=False)
+class _Selection:
+    """Some of the outputs: their indices, covariance, threshold, and which are angles."""
+
+    at: slice | list[int]
+    R: Array
+    threshold: float
+    is_angle: Array | None   # None: none of them
+
+
 class KalmanFilter:
     """
     The extended Kalman filter of a system; for a linear system the Kalman filter.
+
+    One thread at a time may use it.
 
     Parameters
     ----------
@@ -77,6 +139,12 @@ class KalmanFilter:
     gate : float
         Probability with which a regular measurement passes the chi-square test; 1: no test.
 
+    Attributes
+    ----------
+    largest : ndarray, shape (q,)
+        Largest absolute values of measurements: the rounding of larger ones exceeds their
+        standard deviation, so that they say nothing.
+
     Raises
     ------
     StatementError, RefusedDesignError
@@ -87,12 +155,18 @@ class KalmanFilter:
     def __init__(self, system: System, Qw: Array, Rv: Array, gate: float = 1.0) -> None:
         if not 0.0 < gate <= 1.0:
             raise StatementError(f'gate = {gate:g}: wanted a probability above 0; 1: no test')
-        self.system = system
-        self.Qw = check_semidefinite('Qw', Qw, system.n)
+        self.system, n = system, system.n
+        self.Qw = check_semidefinite('Qw', Qw, n)
         self.Rv = check_definite('Rv', Rv, len(system.outputs))
+        self.largest = np.sqrt(self.Rv.diagonal()) / _ROUNDING
         self._thresholds = [math.inf if gate == 1.0 else compute_chi_square_quantile(gate, q)
                             for q in range(1, len(system.outputs) + 1)]
         self._is_angle = np.array([signal.angle for signal in system.outputs])
+        self._slope = _Evaluator(system, ca.jacobian(system.xdot, system.x), system.xdot)
+        self._output = _Evaluator(system, ca.jacobian(system.y, system.x), system.y)
+        self._identity = np.eye(n)
+        self._flow = np.zeros((2 * n + 1, 2 * n + 1))
+        self._select = cache(self._choose)
 
     def predict(self, belief: Belief, u: Array, time: float) -> Belief:
         """
@@ -105,27 +179,66 @@ class KalmanFilter:
             steps.
 
         """
-        x, P, left = belief.x, belief.P, time
-        n, count = len(x), 0
+        x, P, left, n, count = belief.x, belief.P, time, self.system.n, 0
         while left > 0.0:
-            xdot, A = self.system.linearize(x, u)
-            h = min(left, LARGEST_STEP, 1.0 / max(norm(A), 1e-12))
-            flow = np.zeros((2 * n + 1, 2 * n + 1))
-            flow[:n, :n], flow[:n, n:-1], flow[n:-1, n:-1] = A, self.Qw, -A.T
-            flow[:n, -1] = xdot
+            self._slope(x, u)
+            rate = norm(self._slope.matrix)
+            h = min(left, LARGEST_STEP, 1.0 / max(rate, 1e-12))
             count += 1
-            if not np.isfinite(flow).all() or count > _MOST_STEPS:
-                raise DynamicsError('the estimate cannot be predicted '
-                                    f'{time:g} s: it exceeds the range of double precision, or '
-                                    'the plant is too fast')
-            flow = linalg.expm(flow * h)
-            Phi = flow[:n, :n]
-            P = Phi @ P @ Phi.T + flow[:n, n:-1] @ Phi.T
-            P = 0.5 * (P + P.T)
-            x, left = x + flow[:n, -1], left - h
-        return Belief(x, P)
+            if not math.isfinite(rate) or count > _MOST_STEPS:
+                raise self._fault(time)
+            top = self._exponentiate(h, rate * h)
+            Phi = top[:, :n]
+            P = (Phi @ P + top[:, n:-1]) @ Phi.T
+            P += P.T.copy()
+            P *= 0.5
+            x, left = x + top[:, -1], left - h
+        after = Belief(x, P)
+        if not after.is_finite:
+            raise self._fault(time)
+        return after
 
-    def update(self, belief: Belief, u: Array, at: Sequence[int] | Index, y: Array) -> Update:
+    def _exponentiate(self, h: float, size: float) -> Array:
+        """
+        Return the first n rows of the exponential of h [[A, Qw, f], [0, -A', 0], [0, 0, 0]].
+
+        Parameters
+        ----------
+        h : float
+            Step [s].
+        size : float
+            |A| h, at most 1.
+
+        Returns
+        -------
+        ndarray, shape (n, 2 n + 1)
+            exp(A h); the integral of exp(A s) Qw exp(A's), times exp(-A'h); the integral of
+            exp(A s) f.
+
+        """
+        flow, n = self._flow, self.system.n
+        flow[:n, :n], flow[:n, n:-1] = self._slope.matrix, self.Qw
+        np.negative(self._slope.matrix.T, out=flow[n:-1, n:-1])
+        flow[:n, -1] = self._slope.vector
+        flow *= h
+        term = flow[:n].copy()
+        total = term.copy()
+        total[:, :n] += self._identity
+        # The k-th term of the second block is below |Qw| h (2 size)^(k - 1) / k!.
+        bound, k = 1.0, 1
+        while bound > _ROUNDING:
+            k += 1
+            bound *= 2.0 * size / k
+            term = term @ flow
+            term *= 1.0 / k
+            total += term
+        return total
+
+    def _fault(self, time: float) -> DynamicsError:
+        return DynamicsError(f'the estimate cannot be predicted {time:g} s: it exceeds the range '
+                             'of double precision, or the plant is too fast')
+
+    def update(self, belief: Belief, u: Array, at: Sequence[int], y: Array) -> Update:
         """
         Return the estimate after a measurement of some outputs.
 
@@ -140,18 +253,36 @@ class KalmanFilter:
         y : ndarray
             Their values.
 
+        Raises
+        ------
+        numpy.linalg.LinAlgError
+            If the covariance of the innovation is not positive definite: P has lost its digits.
+
         """
-        at = np.asarray(at, dtype=int)
-        expected, hx = self.system.measure(belief.x, u)
-        C, R = hx[at], self.Rv[np.ix_(at, at)]
-        v = y - expected[at]
-        v = np.where(self._is_angle[at], np.remainder(v + math.pi, 2 * math.pi) - math.pi, v)
-        S = C @ belief.P @ C.T + R
-        gain = linalg.solve(S, C @ belief.P, assume_a='pos').T
-        nis = float(v @ linalg.solve(S, v, assume_a='pos'))
+        chosen = self._select(tuple(at))
+        self._output(belief.x, u)
+        C, P = self._output.matrix[chosen.at], belief.P
+        v = y - self._output.vector[chosen.at]
+        if chosen.is_angle is not None:
+            v = np.where(chosen.is_angle, np.remainder(v + math.pi, 2 * math.pi) - math.pi, v)
+        CP = C @ P
+        S = CP @ C.T + chosen.R
+        _, solved, info = lapack.dposv(S, np.column_stack((CP, v)))
+        if info:
+            raise np.linalg.LinAlgError(f'the covariance of an innovation is indefinite: {info}')
+        gain, nis = solved[:, :-1].T, float(v @ solved[:, -1])
         normalized = v / np.sqrt(S.diagonal())
-        if not nis <= self._thresholds[len(at) - 1]:
+        if not nis <= chosen.threshold:
             return Update(belief, v, normalized, nis, True)
-        kept = np.eye(len(belief.x)) - gain @ C
-        P = kept @ belief.P @ kept.T + gain @ R @ gain.T
-        return Update(Belief(belief.x + gain @ v, 0.5 * (P + P.T)), v, normalized, nis, False)
+        kept = self._identity - gain @ C
+        P = kept @ P @ kept.T + gain @ chosen.R @ gain.T
+        P += P.T.copy()
+        P *= 0.5
+        return Update(Belief(belief.x + gain @ v, P), v, normalized, nis, False)
+
+    def _choose(self, at: tuple[int, ...]) -> _Selection:
+        indices = list(at)
+        is_all = indices == list(range(len(self._is_angle)))
+        is_angle = self._is_angle[indices]
+        return _Selection(slice(None) if is_all else indices, self.Rv[np.ix_(indices, indices)],
+                          self._thresholds[len(at) - 1], is_angle if is_angle.any() else None)

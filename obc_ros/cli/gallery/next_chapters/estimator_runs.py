@@ -77,7 +77,7 @@ def run_estimator(desk: Desk, plant: Mapping[str, Any], estimator: Mapping[str, 
         If a message is lost.
 
     """
-    plant = {**plant, 'speed': SPEED}
+    plant, estimator = {**plant, 'speed': SPEED}, {**estimator, 'stamp_timeout': 0.0}
     desk.note(run_node('plant_simulator', plant, RENAMED))
     desk.note(run_node('estimator_node', estimator))
     desk.note(ECHO)
