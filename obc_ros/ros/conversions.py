@@ -31,6 +31,8 @@ from obc_ros.ros.state_sources import Body
 Read = Callable[[Any], Sequence[float]]
 
 ODOM, BASE = 'odom', 'base_link'  # REP 105
+# Squares of the norms 0.99 and 1.01: beyond, a quaternion is not rounded but incomplete.
+LEAST, MOST = 0.99**2, 1.01**2
 SYSTEM_PARAMETERS = 'system_parameters.'   # begins the names of the parameters of a node's system
 _POSE, _TWIST = ('px', 'py', 'theta'), ('vx', 'vy', 'omega')
 _XX, _YY, _ZZ, _PITCH, _YAW = 0, 7, 14, 28, 35  # of a 6 x 6 covariance
@@ -244,9 +246,10 @@ class OdometryMap:
         linear, angular = message.twist.twist.linear, message.twist.twist.angular
         qx, qy, qz, qw = turn.x, turn.y, turn.z, turn.w
         size = qx * qx + qy * qy + qz * qz + qw * qw
-        if not 1e-6 < size < 1e6:
-            raise StatementError(f'the orientation ({qx:g}, {qy:g}, {qz:g}, {qw:g}) is no '
-                                 'rotation')
+        if not LEAST < size < MOST:
+            raise StatementError(
+                f'the orientation ({qx:g}, {qy:g}, {qz:g}, {qw:g}) is no rotation: its norm is '
+                f'{math.sqrt(size):.3g}, wanted 1')
         # The direction of the x axis of the body, seen from above or from the side.
         ahead = size - 2 * (qy * qy + qz * qz)
         if self._vertical:
