@@ -18,8 +18,13 @@ from obc_ros.core.lqr.design.input_limits import (
 from obc_ros.core.lqr.design.set_point import describe_set_point
 from obc_ros.core.lqr.weights import count, WEIGHT_KINDS
 from obc_ros.core.text.errors import StatementError
-from obc_ros.nodes.control.command_sinks import ROBOTS, SINKS
-from obc_ros.ros.conversions import choose_node_system, choose_system, list_system_parameters
+from obc_ros.nodes.control.command_sinks import ROBOTS, Sink, SINKS
+from obc_ros.ros.conversions import (
+    choose_node_system,
+    choose_system,
+    list_system_parameters,
+    make_state_reader,
+)
 from obc_ros.ros.hardware_id import HARDWARE
 from obc_ros.ros.parameters.node_parameters import declare_field, group, Value
 from obc_ros.ros.state_sources import SOURCES, STATE_SOURCE
@@ -87,7 +92,7 @@ class ControllerSettings:
         'state', STATE_SOURCE, choices=tuple(SOURCES), read_only=True)
     command_sink: str = declare_field(
         'command', 'topic of the commands, with its type: command (Command), cmd_vel '
-        '(TwistStamped, the vehicle) or wrench (WrenchStamped, the aircraft)',
+        '(TwistStamped) or wrench (WrenchStamped), of a system that states their fields',
         choices=tuple(SINKS), read_only=True)
     cmd_vel_stamped: bool = declare_field(
         True, 'true: cmd_vel is a TwistStamped; false: a Twist, which has no stamp',
@@ -184,6 +189,30 @@ def make_input_limits(settings: ControllerSettings, held: LinearizedPlant) -> In
     if settings.command_sink in ROBOTS and not settings.unlimited:
         check_all_limited(held, settings.u_limits, lower, upper, settings.command_sink)
     return InputLimits(lower, upper, angles)
+
+
+def check_messages(settings: ControllerSettings, held: LinearizedPlant) -> None:
+    """
+    Check that the messages of states and commands are those of a plant, by converting some.
+
+    Parameters
+    ----------
+    settings : ControllerSettings
+        The parameters.
+    held : LinearizedPlant
+        The plant at its set point.
+
+    Raises
+    ------
+    StatementError
+        If a message does not determine the state, does not carry an input, or is not finite at
+        the set point or at rest.
+
+    """
+    make_state_reader(settings.state_source, held.system)
+    sink = Sink(settings.command_sink, held.system, settings.cmd_vel_stamped)
+    sink.check(held.rest, 'at rest')
+    sink.check(held.equilibrium.u, 'of the set point')
 
 
 def make_rules(settings: ControllerSettings, rate: float, names: tuple[str, ...]) -> Rules:

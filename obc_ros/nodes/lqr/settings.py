@@ -24,8 +24,8 @@ from obc_ros.core.lqr.weights import count, square
 from obc_ros.core.riccati.checks import check_semidefinite
 from obc_ros.core.text.errors import StatementError
 from obc_ros.msg import LqrWeights
-from obc_ros.nodes.control.command_sinks import Sink
 from obc_ros.nodes.control.controller_settings import (
+    check_messages,
     ControllerSettings,
     fill_deviations,
     linearize_system,
@@ -130,7 +130,7 @@ def judge_lqr_settings(settings: Settings, courses: tuple[Course, ...] = ()) -> 
 
     """
     found = _design(*(make_key(getattr(settings, name)) for name in _DESIGN))
-    Sink(settings.command_sink, found.plant.system)  # raises if it does not carry the inputs
+    check_messages(settings, found.plant)
     check_set_point(found.plant, settings.setpoint, settings.setpoint_input)
     if settings.P1:
         n = found.plant.system.n

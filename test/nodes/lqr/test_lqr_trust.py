@@ -447,8 +447,10 @@ def test_the_forces_are_published_as_a_wrench(spawn: Any, probe: Any) -> None:
 @pytest.mark.parametrize(('parameters', 'sentence'), [
     ({'system': 'double_integrator', 'state_source': 'odom'},
      'do not determine the state of double'),
-    ({'system': 'aircraft', 'command_sink': 'cmd_vel'}, 'this message does not carry the inputs'),
-    ({'system': 'vehicle', 'command_sink': 'wrench'}, 'this message does not carry the inputs'),
+    ({'system': 'aircraft', 'command_sink': 'cmd_vel'},
+     'add to its file: ros: {cmd_vel: {linear.x: EXPRESSION, angular.z: EXPRESSION}}, with'),
+    ({'system': 'vehicle', 'command_sink': 'wrench'},
+     'it is not known how this message carries the inputs of vehicle'),
 ])
 def test_messages_unfit_for_the_system_are_refused(spawn: Any, parameters: Any, sentence: str
                                                    ) -> None:
