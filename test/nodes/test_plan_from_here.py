@@ -74,6 +74,10 @@ def test_a_plan_without_a_recent_state_is_refused(spawn: Any, probe: Any) -> Non
     assert 'the last state on /state arrived 1.' in answer.message
     assert answer.message.endswith(' s ago; wanted at most 0.3 s (state_timeout)')
     assert plan_integrator(probe, start=[0.0, 0.0]).success   # a start needs no state
+    repeat(probe, publisher, State(names=['p', 'v'], x=[1.0, 2.0]))
+    assert plan_integrator(probe).message == (
+        'start is empty (the present state), and the state on /state is of another system: its '
+        'components are (p, v); wanted (x1, x2) of double_integrator')
     repeat(probe, publisher, State(x=[1.0, 2.0, 3.0]))
     answer = plan_integrator(probe)
     assert not answer.success
