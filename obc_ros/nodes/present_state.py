@@ -70,8 +70,9 @@ class PresentState:
         try:
             return read(self._message)
         except NamesError as error:
-            raise StatementError(f'start is empty (the present state), and the state on '
-                                 f'{self._subscription.topic_name} is of another system: {error}') from None
+            raise StatementError(
+                'start is empty (the present state), and the state on '
+                f'{self._subscription.topic_name} is of another system: {error}') from None
 
     @property
     def has_arrived(self) -> bool:

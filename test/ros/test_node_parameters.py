@@ -314,7 +314,7 @@ def test_an_unknown_parameter_type_is_refused(target: Target, probe: Any, servic
 def test_initial_values_are_checked(probe: Any) -> None:
     """Values of files and arguments get the same checks; a bad one ends the node."""
     target = Target(probe.context, {'Qx': [5, 6], 'rate': 100, 'system': 'vehicle',
-                                    'system_parameters.l': 3, 'Qz': 1.0})
+                                    'system_parameters.l': 3})
     settings = target.parameters.settings
     assert settings.Qx == (5.0, 6.0)
     assert settings.system_parameters == {'l': 3.0}
@@ -325,6 +325,8 @@ def test_initial_values_are_checked(probe: Any) -> None:
         Target(probe.context, {'Qx': [99, 99]})
     with pytest.raises(ObcError, match="did you mean 'aircraft'"):
         Target(probe.context, {'system': 'aircaft'})
+    with pytest.raises(ObcError, match="no parameter 'Qz'; did you mean 'Qx'"):
+        Target(probe.context, {'Qz': 1.0})
 
 
 def test_start_values_take_the_place_of_defaults(probe: Any) -> None:
