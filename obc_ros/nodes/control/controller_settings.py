@@ -31,6 +31,9 @@ from obc_ros.ros.state_sources import SOURCES, STATE_SOURCE
 from obc_ros.ros.subscription_thread import PRIORITY
 
 
+LEAST_TIMEOUT = 1e-3   # [s] no source of states is faster
+
+
 @dataclass(frozen=True)
 class ControllerSettings:
     """The parameters that both controllers have."""
@@ -58,14 +61,16 @@ class ControllerSettings:
         (), 'acceptable deviation of each input, in its unit; a scale, not a limit (see '
         'u_limits); empty: 1 each', finite=False, used_when=(('weights', 'bryson'),))
     H: Vector = declare_field(
-        (), "output matrix of z = H x in the cost z'z + rho u'u: p*n numbers row by row",
+        (), "output matrix of z = H x in the cost z'z + rho u'u: p*n numbers row by row; empty: "
+        'all states',
         used_when=(('weights', 'output'),))
     rho: float = declare_field(
         1.0, "weight of u'u relative to z'z", lower=0.0, used_when=(('weights', 'output'),))
     cross: Vector = declare_field((),
                                   "cross weight N of 2 x'N u: n*m numbers row by row; empty: none")
     state_timeout: float = declare_field(
-        0.5, 'age of the last valid state at which on_stale acts; 0: never', 's', lower=0.0)
+        0.5, 'age of the last valid state at which on_stale acts, at least 0.001; 0: never', 's',
+        lower=0.0)
     stamp_timeout: float = declare_field(
         0.5, "maximum difference of a state's stamp and the node's clock; other states are "
         "dropped. 0: no check. There is no check in simulated time, and for differences above one "
@@ -146,14 +151,15 @@ def linearize_system(system: str, parameters: tuple[tuple[str, Value], ...], set
     return linearize_plant(choose_system(system, dict(parameters)), setpoint, setpoint_input)
 
 
-def fill_deviations(given: dict[str, Any], held: LinearizedPlant) -> None:
+def fill_weights(given: dict[str, Any], held: LinearizedPlant) -> None:
     """
-    Set missing deviations of Bryson's rule to 1, so that `weights` can be set before them.
+    Set what is missing for a kind of weights, so that `weights` can be set before it.
 
     Parameters
     ----------
     given : dict
-        Parameters by name; x_max (n,) and u_max (m,) are changed, in their units.
+        Parameters by name; changed are x_max (n,) and u_max (m,) of Bryson's rule to 1 each, in
+        their units, and H (n*n,) to the identity.
     held : LinearizedPlant
         The plant.
 
@@ -161,6 +167,9 @@ def fill_deviations(given: dict[str, Any], held: LinearizedPlant) -> None:
     if given['weights'] == 'bryson':
         given['x_max'] = given['x_max'] or (1.0,) * held.system.n
         given['u_max'] = given['u_max'] or (1.0,) * held.system.m
+    elif given['weights'] == 'output':
+        n = held.system.n
+        given['H'] = given['H'] or tuple(float(i == j) for i in range(n) for j in range(n))
 
 
 def make_input_limits(settings: ControllerSettings, held: LinearizedPlant) -> InputLimits:
@@ -235,9 +244,12 @@ def make_rules(settings: ControllerSettings, rate: float, names: tuple[str, ...]
     Raises
     ------
     StatementError
-        If x_limits are of wrong size or sign.
+        If x_limits are of wrong size or sign, or state_timeout is too short.
 
     """
+    if 0.0 < settings.state_timeout < LEAST_TIMEOUT:
+        raise StatementError(f'state_timeout = {settings.state_timeout:g}: wanted 0 (never) or at '
+                             f'least {LEAST_TIMEOUT:g} s')
     given, n = settings.x_limits, len(names)
     if len(given) not in (0, n, 2 * n):
         raise StatementError(f'x_limits has {count(len(given))}; wanted {n} or {2 * n}, for '

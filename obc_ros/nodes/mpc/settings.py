@@ -21,7 +21,7 @@ from obc_ros.core.text.errors import StatementError
 from obc_ros.nodes.control.controller_settings import (
     check_messages,
     ControllerSettings,
-    fill_deviations,
+    fill_weights,
     linearize_system,
     make_input_limits,
     make_key,
@@ -219,6 +219,6 @@ _DESIGN = (*_PLANT, *_WEIGHTS, 'rate')
 def _design(*values: Any) -> Design:
     given = dict(zip(_DESIGN, values, strict=True))
     held = linearize_system(*(given[name] for name in _PLANT))
-    fill_deviations(given, held)
+    fill_weights(given, held)
     return design(held, {name: given[name] for name in _WEIGHTS}, (), (),
                   Sampling(1.0 / given['rate'], 0.0, True))
