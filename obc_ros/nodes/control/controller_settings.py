@@ -30,7 +30,6 @@ from obc_ros.ros.parameters.node_parameters import declare_field, group, Value
 from obc_ros.ros.state_sources import SOURCES, STATE_SOURCE
 from obc_ros.ros.subscription_thread import PRIORITY
 
-
 LEAST_TIMEOUT = 1e-3   # [s] no source of states is faster
 
 

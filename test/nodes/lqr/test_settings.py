@@ -197,8 +197,9 @@ def test_weights_of_outputs_are_set_one_by_one() -> None:
     alone = judge_lqr_settings(Settings(weights='output'))
     identity = judge_lqr_settings(Settings())
     np.testing.assert_array_equal(alone.design.lqr.K, identity.design.lqr.K)
-    outputs = judge_lqr_settings(Settings(weights='output', H=(3.0, *11 * [0.0]), rho=4.0))
-    np.testing.assert_array_equal(outputs.design.weights.Qx, np.diag([9.0, *5 * [0.0]]))
+    rows = (3.0, *6 * [0.0], 1.0, *4 * [0.0])   # z = (3 px, py)
+    outputs = judge_lqr_settings(Settings(weights='output', H=rows))
+    np.testing.assert_array_equal(outputs.design.weights.Qx, np.diag([9.0, 1.0, *4 * [0.0]]))
 
 
 def test_a_schedule_is_set_one_by_one() -> None:
