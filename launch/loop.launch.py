@@ -21,6 +21,8 @@ from obc_ros.ros.parameters.files import has_section
 
 CONFIG = Path(__file__).resolve().parents[1] / 'config'
 SCENARIOS = sorted(each.stem for each in CONFIG.glob('*.yaml'))
+ROBOTS = ('cmd_vel', 'wrench')   # sinks that no simulated plant is subscribed to
+PROTECTED = str(CONFIG / 'robots' / 'protected.yaml')   # of a robot, which no scenario is for
 SCENARIO = [f'{CONFIG}/', LaunchConfiguration('scenario'), '.yaml']
 ARGUMENTS = (
     ('scenario', 'aircraft', 'file of config/', SCENARIOS),
@@ -74,7 +76,10 @@ def _nodes(context: LaunchContext) -> list[Node]:
     if estimates and not sensors.is_file():
         raise ValueError(f'estimator:=true: there is no {sensors}, with sensors of the scenario')
     scenario = str(CONFIG / f'{sensors.stem}.yaml')
-    files = (*(() if problem else (scenario,)), *((str(sensors),) if estimates else ()),
+    is_robot = (not IfCondition(LaunchConfiguration('plant')).evaluate(context)
+                or LaunchConfiguration('command_sink').perform(context) in ROBOTS)
+    files = (*(() if problem else (scenario,)), *((PROTECTED,) if is_robot else ()),
+             *((str(sensors),) if estimates else ()),
              *(() if given == scenario else (given,)))
     place = LaunchConfiguration('namespace').perform(context).strip('/')
     hidden = [(name, f'true_{name}') for name in ('state', 'odom') if estimates]

@@ -76,7 +76,7 @@ LQR: dict[str, tuple[Any, Values]] = {
                                     'schedule': 'v'}),
     'state_timeout': (0.1, {}), 'on_stale': ('hold', {}), 'stamp_timeout': (0.1, {}),
     'u_limits': ([9.0, 60.0], {}),
-    'unlimited': (True, {'command_sink': 'wrench', 'u_limits': [9.0, 60.0]}),
+    'unlimited': (False, {'u_limits': [9.0, 60.0]}),
     'x_limits': ([1.0] * 6, {}), 'on_envelope': ('hold', {'x_limits': [1.0] * 6}),
     'start_tolerance': ([0.5] * 6, {}), 'hardware_id': ('h1', {}),
     'transition_time': (0.5, {}), 'frame_id': ('map', {})}
@@ -116,10 +116,9 @@ CASES = [(node, name) for node, table in TABLES.items() for name in table]
 # none (empty where the defaults suffice).
 CONDITIONAL: dict[tuple[str, str], Values] = {
     **{('lqr_node', name): {} for name in (
-        'x_max', 'u_max', 'H', 'rho', 'Qi', 'sample_time', 'schedule_range', 'unlimited',
-        'on_envelope')},
+        'x_max', 'u_max', 'H', 'rho', 'Qi', 'sample_time', 'schedule_range', 'on_envelope')},
     **{('mpc_node', name): {} for name in (
-        'x_max', 'u_max', 'H', 'rho', 'unlimited', 'on_envelope')},
+        'x_max', 'u_max', 'H', 'rho', 'on_envelope')},
     **{(node, name): {'weights': 'bryson'}
        for node in ('lqr_node', 'mpc_node') for name in ('Qx', 'Qu')},
     **{(node, 'on_stale'): {'state_timeout': 0.0} for node in ('lqr_node', 'mpc_node')},

@@ -32,7 +32,6 @@ from obc_ros.msg import Command
 from obc_ros.ros.conversions import BASE
 
 SINKS = {'command': Command, 'cmd_vel': TwistStamped, 'wrench': WrenchStamped}
-ROBOTS = ('cmd_vel', 'wrench')  # sinks to which no simulated plant of this package subscribes
 
 
 class Sink:

@@ -1,6 +1,12 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""Parameters that lqr_node and mpc_node share, and what they specify: plant, limits, rules."""
+"""
+Parameters that lqr_node and mpc_node share, and what they specify: plant, limits, rules.
+
+Any robot is protected: if `system` is given, the inputs need limits (`unlimited`), and the command
+starts from rest (`transition_time`). Without `system`, the plant is the aircraft of
+plant_simulator, which needs neither. Parameter files of simulated plants decline both.
+"""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -18,7 +24,7 @@ from obc_ros.core.lqr.design.input_limits import (
 from obc_ros.core.lqr.design.set_point import describe_set_point
 from obc_ros.core.lqr.weights import count, WEIGHT_KINDS
 from obc_ros.core.text.errors import StatementError
-from obc_ros.nodes.control.command_sinks import ROBOTS, Sink, SINKS
+from obc_ros.nodes.control.command_sinks import Sink, SINKS
 from obc_ros.ros.conversions import (
     choose_node_system,
     choose_system,
@@ -84,8 +90,7 @@ class ControllerSettings:
         'numbers), in place of those. Infinite: the limit of the system; empty: the limits of the '
         'system', finite=False)
     unlimited: bool = declare_field(
-        False, 'true: the inputs of a robot need no limits',
-        used_when=(('command_sink', *ROBOTS),))
+        True, 'true: the inputs need no limits', default_given=('system', False))
     x_limits: Vector = declare_field(
         (), 'maximum absolute error of each state (n numbers), or lower and upper limit of each '
         '(2 n numbers), outside which on_envelope acts; empty: none', finite=False)
@@ -103,8 +108,8 @@ class ControllerSettings:
         read_only=True, used_when=(('command_sink', 'cmd_vel'),))
     transition_time: float = declare_field(
         0.0, 'time in which the jump of the command after a change decays, and the time from rest '
-        'to the first command of a robot; 0: the command jumps', 's', lower=0.0,
-        default_when=(('command_sink', *ROBOTS), 1.0))
+        'to the first command; 0: the command jumps', 's', lower=0.0,
+        default_given=('system', 1.0))
     frame_id: str = declare_field(
         '', 'frame_id of the states; empty: that of the first state')
     hardware_id: str = declare_field('', HARDWARE)
@@ -189,13 +194,13 @@ def make_input_limits(settings: ControllerSettings, held: LinearizedPlant) -> In
     Raises
     ------
     StatementError
-        If the limits are of wrong size, or those of a robot are not finite.
+        If the limits are of wrong size, or missing without `unlimited`.
 
     """
     angles = tuple(i for i, is_angle in enumerate(held.system.angles) if is_angle)
     lower, upper = resolve_input_limits(held, settings.u_limits)
-    if settings.command_sink in ROBOTS and not settings.unlimited:
-        check_all_limited(held, settings.u_limits, lower, upper, settings.command_sink)
+    if not settings.unlimited:
+        check_all_limited(held, settings.u_limits, lower, upper)
     return InputLimits(lower, upper, angles)
 
 
@@ -264,7 +269,7 @@ def make_rules(settings: ControllerSettings, rate: float, names: tuple[str, ...]
         period=round(min(1e9 / rate, 1e18)) if rate else 0,
         state_timeout=settings.state_timeout, on_stale=settings.on_stale, x_limits=bounds,
         on_envelope=settings.on_envelope, transition_time=settings.transition_time,
-        from_rest=settings.command_sink in ROBOTS,
+        from_rest=True,
         stamp_timeout=settings.stamp_timeout)
 
 

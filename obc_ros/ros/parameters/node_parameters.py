@@ -35,7 +35,6 @@ from obc_ros.core.text.errors import ObcError, quote, StatementError
 from obc_ros.ros.callback_guards import guard
 from obc_ros.ros.desk import Desk
 from obc_ros.ros.parameters.conditions import (
-    condition_holds,
     count_depth,
     explain_idle,
     is_used,
@@ -156,8 +155,8 @@ class Parameters(Generic[Settings, Judged]):
                 yield entry if entry.name else _renamed(entry, each.name)
 
     def _declare(self, entry: ParameterRow) -> None:
-        if entry.default_when and condition_holds(entry.default_when[0], self._values):
-            entry = replace(entry, default=entry.default_when[1])
+        if entry.default_given and self._is_given(entry.default_given[0]):
+            entry = replace(entry, default=entry.default_given[1])
         if entry.name in self._start:
             entry = replace(entry, default=entry.value(entry.ros(self._start[entry.name][0])))
         name, value = entry.name, entry.default
@@ -175,6 +174,10 @@ class Parameters(Generic[Settings, Judged]):
                 raise StatementError(f'{giver}: {str(error).removeprefix(f"{value}: ")}') from None
             self._start |= {each: (given, giver) for each, given in found.values.items()}
             self._node.get_logger().info(f'{giver}: {found.note}')
+
+    def _is_given(self, name: str) -> bool:
+        """Return whether a value at the start replaces the default of a parameter."""
+        return name in self._overrides or name in self._start
 
     def _check_start(self) -> None:
         """Reject values at the start that no parameter takes, or that would have no effect."""

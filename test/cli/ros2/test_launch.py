@@ -92,7 +92,7 @@ def test_a_loop_is_launched_with_parameters_and_ended(start: Any, probe: Any, tm
 
 def test_run_starts_a_node_with_its_parameters(start: Any, probe: Any) -> None:
     node = start('run', 'obc_ros', 'lqr_node', '--ros-args', '-p', 'system:=aircraft',
-                 '-p', 'Qx:=[2.0, 1.0, 1.0, 1.0, 1.0, 1.0]')
+                 '-p', 'Qx:=[2.0, 1.0, 1.0, 1.0, 1.0, 1.0]', '-p', 'unlimited:=true')
     node.wait_for_output('revision 1: aircraft')
     assert probe.get_parameters('/lqr_node', 'Qx')['Qx'][0] == 2.0
 

@@ -22,7 +22,7 @@ PAGE = Path(__file__).parents[3] / 'docs' / 'workspace.md'
 ROBOT = {'system': 'vehicle', 'state_source': 'odom', 'command_sink': 'cmd_vel'}
 MOVING = 'the set point of vehicle moves, dpx/dt = 10 m/s, and must be given: add ' \
          'setpoint_input: [10.0, 0.0] (px = 0 m, py = 0 m, theta = 0 rad; v = 10 m/s, phi = 0 rad)'
-UNLIMITED = 'command_sink = cmd_vel: the inputs of a robot need limits, and u_limits '
+UNLIMITED = 'the inputs of vehicle need limits, and u_limits '
 
 
 @pytest.mark.parametrize(('parameters', 'sentence'), [
@@ -38,7 +38,11 @@ UNLIMITED = 'command_sink = cmd_vel: the inputs of a robot need limits, and u_li
      '[0.0, HIGHEST_v, -0.6, 0.6] (lower and upper limit of v [m/s], phi [rad]), or unlimited: '),
     ({**ROBOT, 'setpoint_input': [1.0, 0.0], 'u_limits': [math.inf, 0.5]},
      UNLIMITED + 'leaves v unlimited: add u_limits: [0.0, HIGHEST_v, -0.5, 0.5]'),
-    ({'command_sink': 'wrench'}, 'command_sink = wrench: the inputs of a robot need limits, and'),
+    ({'system': 'aircraft', 'command_sink': 'wrench'},
+     'the inputs of aircraft need limits, and u_limits is missing'),
+    ({'system': 'aircraft'}, 'the inputs of aircraft need limits, and u_limits is missing: add '
+     'u_limits: [LOWEST_f1, HIGHEST_f1, LOWEST_f2, HIGHEST_f2] (lower and upper limit of f1 [N], '
+     'f2 [N]), or unlimited: true if the plant is simulated'),
     ({'u_max': [5.0, 50.0]}, 'u_max does not limit the inputs: write u_limits:'
      ' [-.inf, 5.0, -.inf, 50.0]'),
     ({'u_min': [-5.0, 0.0], 'u_max': [5.0, 50.0]}, 'u_min and u_max do not limit the '
