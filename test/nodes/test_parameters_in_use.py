@@ -70,10 +70,10 @@ LQR: dict[str, tuple[Any, Values]] = {
     'design': ('sampled', {'rate': 50.0}), 'rate': (50.0, {}),
     'sample_time': (0.05, {'rate': 50.0, 'design': 'sampled'}), 'delay': (0.02, {'rate': 50.0}),
     'horizon': (2.0, {}), 'P1': ([3.0] * 6, {}),
-    'schedule': ('', {'system': 'vehicle', 'setpoint_input': [2.0, 0.0],
+    'schedule': ('', {'system': 'vehicle', 'setpoint_input': [2.0, 0.0], 'unlimited': True,
                       'schedule': 'v', 'schedule_range': [1.0, 3.0]}),
     'schedule_range': ([1.0, 4.0], {'system': 'vehicle', 'setpoint_input': [2.0, 0.0],
-                                    'schedule': 'v'}),
+                                    'unlimited': True, 'schedule': 'v'}),
     'state_timeout': (0.1, {}), 'on_stale': ('hold', {}), 'stamp_timeout': (0.1, {}),
     'u_limits': ([9.0, 60.0], {}),
     'unlimited': (False, {'u_limits': [9.0, 60.0]}),
@@ -186,7 +186,7 @@ def test_a_parameter_has_an_effect_or_is_refused(start: Any, node: str, name: st
     """Check with the defaults of the node, and with the values that the parameter needs."""
     value, needed = TABLES[node][name]
     plain = start(node, {key: each for key, each in needed.items()
-                         if key in ('system', 'setpoint_input')})
+                         if key in ('system', 'setpoint_input', 'unlimited')})
     before = plain.effect
     result = plain.set(**{name: value})
     if not result.successful:
