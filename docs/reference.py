@@ -143,9 +143,10 @@ def condition(given: tuple[Any, ...]) -> str:
 
 
 def _shown(row: Row) -> tuple[nodes.Node]:
-    if row.default_when:
-        other, value = row.default_when
-        return (nodes.Text(f'{row.default}; {value} with {condition(other)}'),)
+    if row.default_given:
+        other, value = row.default_given
+        words = [str(each).lower() for each in (row.default, value)]
+        return (nodes.Text(f'{words[1]} if {other} is given, else {words[0]}'),)
     default = row.default
     if default is None:
         return (nodes.Text('that of the system'),)

@@ -54,7 +54,7 @@ class Row:
     choices: tuple[str, ...] = ()
     read_only: bool = False
     used_when: tuple[tuple[Any, ...], ...] = ()
-    default_when: tuple[tuple[Any, ...], Any] | None = None
+    default_given: tuple[str, Any] | None = None
 
 
 @dataclass(frozen=True)

@@ -20,9 +20,12 @@ from launch.conditions import IfCondition
 from launch.substitutions import EnvironmentVariable, LaunchConfiguration
 from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterFile, ParameterValue
+from obc_ros.ros.parameters.files import has_section
 
 CONFIG = Path(__file__).resolve().parents[1] / 'config'
 SCENARIOS = sorted(each.stem for each in CONFIG.glob('*.yaml'))
+ROBOTS = ('cmd_vel', 'wrench')   # sinks that no simulated plant is subscribed to
+PROTECTED = str(CONFIG / 'robots' / 'protected.yaml')   # of a robot, which no scenario is for
 SCENARIO = [f'{CONFIG}/', LaunchConfiguration('scenario'), '.yaml']
 ARGUMENTS = (
     ('vehicles', '10', 'number of vehicles'),
@@ -70,7 +73,9 @@ def _vehicles(context: LaunchContext) -> list[Node]:
         raise ValueError(f'vehicles:={given}: wanted a number from 1 to 100')
     if not Path(text('params_file')).is_file():
         raise ValueError(f'params_file:={text("params_file")}: there is no such file')
-    files = ParameterFile(SCENARIO), ParameterFile(text('params_file'))
+    is_robot = not is_true('plant') or text('command_sink') in ROBOTS
+    files = (str(CONFIG / f'{text("scenario")}.yaml'), *((PROTECTED,) if is_robot else ()),
+             text('params_file'))
     prefix = '/'.join(filter(None, map(text, ('namespace', 'prefix'))))
     sim_time = {'use_sim_time': ParameterValue(
         LaunchConfiguration('use_sim_time'), value_type=bool)}
@@ -78,11 +83,22 @@ def _vehicles(context: LaunchContext) -> list[Node]:
               for name in ('state_source', 'command_sink') if text(name)}
     options = {'respawn': is_true('respawn'), 'respawn_delay': 1.0}
 
+    def full_name(name: str, vehicle: int) -> str:
+        return f'/{prefix.lstrip("/")}{vehicle}/{name}'
+
     def node(name: str, vehicle: int, parameters: dict[str, object]) -> Node:
         return Node(package='obc_ros', executable=name, name=name, output='screen',
                     namespace=f'{prefix}{vehicle}',
-                    parameters=[*files, {**sim_time, **parameters}], **options)
+                    parameters=[*(ParameterFile(each) for each in files
+                                  if has_section(each, full_name(name, vehicle))),
+                                {**sim_time, **parameters}], **options)
 
-    return [each for vehicle in range(1, int(given) + 1) for each in (
-        *([node('plant_simulator', vehicle, IN_COMPANY)] if is_true('plant') else ()),
-        node('lqr_node', vehicle, topics))]
+    started = {**({'plant_simulator': IN_COMPANY} if is_true('plant') else {}),
+               'lqr_node': topics}
+    vehicles = range(1, int(given) + 1)
+    if not any(has_section(files[-1], full_name(name, vehicle))
+               for vehicle in vehicles for name in started):
+        raise ValueError(f'params_file:={files[-1]}: it has no section for a node of this fleet, '
+                         f'such as {full_name("lqr_node", 1)}')
+    return [node(name, vehicle, parameters)
+            for vehicle in vehicles for name, parameters in started.items()]

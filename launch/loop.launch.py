@@ -17,9 +17,12 @@ from launch.conditions import IfCondition
 from launch.substitutions import EnvironmentVariable, LaunchConfiguration
 from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterFile, ParameterValue
+from obc_ros.ros.parameters.files import has_section
 
 CONFIG = Path(__file__).resolve().parents[1] / 'config'
 SCENARIOS = sorted(each.stem for each in CONFIG.glob('*.yaml'))
+ROBOTS = ('cmd_vel', 'wrench')   # sinks that no simulated plant is subscribed to
+PROTECTED = str(CONFIG / 'robots' / 'protected.yaml')   # of a robot, which no scenario is for
 SCENARIO = [f'{CONFIG}/', LaunchConfiguration('scenario'), '.yaml']
 ARGUMENTS = (
     ('scenario', 'aircraft', 'file of config/', SCENARIOS),
@@ -73,9 +76,12 @@ def _nodes(context: LaunchContext) -> list[Node]:
     if estimates and not sensors.is_file():
         raise ValueError(f'estimator:=true: there is no {sensors}, with sensors of the scenario')
     scenario = str(CONFIG / f'{sensors.stem}.yaml')
-    files = [ParameterFile(each) for each in (
-        *(() if problem else (scenario,)), *((str(sensors),) if estimates else ()),
-        *(() if given == scenario else (given,)))]
+    is_robot = (not IfCondition(LaunchConfiguration('plant')).evaluate(context)
+                or LaunchConfiguration('command_sink').perform(context) in ROBOTS)
+    files = (*(() if problem else (scenario,)), *((PROTECTED,) if is_robot else ()),
+             *((str(sensors),) if estimates else ()),
+             *(() if given == scenario else (given,)))
+    place = LaunchConfiguration('namespace').perform(context).strip('/')
     hidden = [(name, f'true_{name}') for name in ('state', 'odom') if estimates]
 
     def argument(name: str, value_type: type) -> ParameterValue:
@@ -97,15 +103,24 @@ def _nodes(context: LaunchContext) -> list[Node]:
     source = {name: value for name, value in topics.items() if name == 'state_source'}
     options = {'respawn': is_true('respawn'), 'respawn_delay': 1.0}
 
+    def full_name(name: str) -> str:
+        return f'/{place}/{name}' if place else f'/{name}'
+
     def node(name: str, parameters: dict[str, ParameterValue],
              remappings: list[tuple[str, str]] | None = None) -> Node:
         return Node(package='obc_ros', executable=name, name=name, output='screen',
                     namespace=LaunchConfiguration('namespace'),
-                    parameters=[*files, {**sim_time, **parameters}],
+                    parameters=[*(ParameterFile(each) for each in files
+                                  if has_section(each, full_name(name))),
+                                {**sim_time, **parameters}],
                     remappings=remappings, **options)
 
-    return [
-        *([node('plant_simulator', plant | stated, hidden)] if is_true('plant') else ()),
-        *([node('estimator_node', {})] if estimates else ()),
-        node(f'{controller}_node', topics | stated),
-        *([node('trajectory_server', source)] if is_true('server') else ())]
+    started = {
+        **({'plant_simulator': (plant | stated, hidden)} if is_true('plant') else {}),
+        **({'estimator_node': ({},)} if estimates else {}),
+        f'{controller}_node': (topics | stated,),
+        **({'trajectory_server': (source,)} if is_true('server') else {})}
+    if given != scenario and not any(has_section(given, full_name(name)) for name in started):
+        raise ValueError(f'params_file:={given}: it has no section for a node of this loop, '
+                         f'{", ".join(map(full_name, started))}')
+    return [node(name, *words) for name, words in started.items()]

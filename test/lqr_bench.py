@@ -30,6 +30,8 @@ class Bench:
         self.probe = probe
         given = {key.replace('__', '.'): value for key, value in parameters.items()}
         given.setdefault('state_timeout', 0.0)   # a loaded machine sends states late
+        if commands == 'command':
+            given = {**support.DEMO, **given}
         given.setdefault('stamp_timeout', 0.0)   # stamps begin at 0
         self.process = spawn('lqr_node', given)
         self.designs: list[LqrDesign] = probe.listen(LqrDesign, '/lqr_node/design', LATCHED)

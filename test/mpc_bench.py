@@ -8,6 +8,7 @@ from pathlib import Path
 from diagnostic_msgs.msg import DiagnosticArray
 from lifecycle_msgs.srv import GetState
 from obc_ros.msg import Command, State, Trajectory
+from support import DEMO
 
 NEAR = [0.02, 0.0, 0.0, 0.0, 0.0, 0.0]   # inside the terminal set of the stand-in
 BOUND = 1.0
@@ -27,8 +28,8 @@ class Loop:
         self.reports = probe.listen(DiagnosticArray, '/diagnostics')
         self.plant = spawn('plant_simulator', {
             'system': 'aircraft', 'x0': x0, 'publish_rate': 50.0})
-        self.node = spawn('python', {'system': 'aircraft', 'x_bounds': BOUNDS, **parameters},
-                          arguments=[STAND_IN])
+        self.node = spawn('python', {
+            **DEMO, 'system': 'aircraft', 'x_bounds': BOUNDS, **parameters}, arguments=[STAND_IN])
 
     def figure(self, name):
         """Return a value of the last status of the plans; empty before the first."""

@@ -26,6 +26,8 @@ ISOLATED = {
     'PYTHONFAULTHANDLER': '1',
     'PYTHONUNBUFFERED': '1',
 }
+# Parameters of a controller whose plant is simulated: no protections of a robot.
+DEMO = {'unlimited': True, 'transition_time': 0.0}
 # Variables that a developer's shell may set and that tests must not depend on.
 FOREIGN = (
     'ROS_NAMESPACE',

@@ -47,7 +47,7 @@ ROS2 = {
     'interface': 'messages, services and actions: show',
     'lifecycle': 'states of lifecycle nodes: get, set',
     'node': 'running nodes: list',
-    'run': 'one node: obc run obc_ros lqr_node --ros-args -p system:=aircraft',
+    'run': 'one node: obc run obc_ros plant_simulator --ros-args -p system:=vehicle',
     'launch': 'a loop or a fleet: obc launch obc_ros loop.launch.py scenario:=vehicle',
 }
 # The commands that do not work without ROS 2.

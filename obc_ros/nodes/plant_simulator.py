@@ -62,6 +62,7 @@ from obc_ros.ros.parameters.node_parameters import (
     Parameters,
     StartValues,
 )
+from obc_ros.ros.state_sources import Components, NamesError
 from obc_ros.ros.subscription_thread import Apart, OwnThread, PRIORITY
 from obc_ros.ros.throttled_log import ThrottledLog
 from rclpy.clock import Clock
@@ -267,8 +268,9 @@ class PlantSimulator(Node):
             Simulator(candidate.system, candidate.x0, candidate.conditions), candidate.pacing,
             *self._now())
         self._sensors = candidate.sensors
+        self._inputs = Components(candidate.system.name, candidate.system.input_names)
         self._map = conversions.OdometryMap(candidate.system)
-        self._message = State()
+        self._message = State(names=list(candidate.system.state_names))
         self._message.header.frame_id = conversions.ODOM
         self._message.names = list(candidate.system.state_names)
         self._odometry = self._map.message(candidate.conditions.noise)
@@ -367,9 +369,16 @@ class PlantSimulator(Node):
 
     def _on_command(self, message: Command, _: Any = None) -> None:
         stamp = conversions.read_nanoseconds(message.header.stamp)
+        try:
+            u = self._inputs.arrange(message.names, message.u)
+        except NamesError as error:
+            with self._lock:
+                self._plant.dropped['other components'] += 1
+            self._warn_once('names', f'command dropped: {error}')
+            return
         with self._lock:
             held = self._plant.held
-            reason = self._plant.command(stamp, message.u, self._now()[0])
+            reason = self._plant.command(stamp, u, self._now()[0])
         if reason:
             self._warn_once(reason.split(':')[0], f'command dropped, {reason}')
         elif held:

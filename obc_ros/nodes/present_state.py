@@ -8,7 +8,7 @@ from typing import Any
 
 from obc_ros.core.text.errors import StatementError
 from obc_ros.ros.messages import check_size, read_parameters
-from obc_ros.ros.state_sources import Body, FrameError, SOURCES
+from obc_ros.ros.state_sources import Body, FrameError, NamesError, SOURCES
 from obc_ros.ros.throttled_log import ThrottledLog
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
@@ -46,28 +46,33 @@ class PresentState:
         Parameters
         ----------
         request : PlanMotion.Request
-            Its system is the one to which odometry is converted.
+            Its system is the one whose state is wanted.
         timeout : float
             Maximum age [s].
 
         Raises
         ------
         ObcError
-            If no state has arrived within `timeout`; for odometry, also if it does not contain the
-            state of the system, or there is no such system.
+            If no state has arrived within `timeout`, it is not that of the system, or there is no
+            such system.
 
         """
         if missing := self.explain_absence(timeout):
             raise StatementError(f'start is empty (the present state), and {missing}')
-        if self._topic == 'state':
+        if self._topic == 'state' and not self._message.names:
             return self._message.x  # type: ignore[no-any-return] # array of double
         # Imported here because CasADi takes a third of a second, and few nodes plan.
         from obc_ros.core.solver.motion_planning import find_registered
         from obc_ros.ros.conversions import make_state_reader
         check_size(request)
         given = read_parameters('system_parameters', request.system_parameters)
-        return make_state_reader(self._topic,
-                                 find_registered(request.system, given))(self._message)
+        read = make_state_reader(self._topic, find_registered(request.system, given))
+        try:
+            return read(self._message)
+        except NamesError as error:
+            raise StatementError(
+                'start is empty (the present state), and the state on '
+                f'{self._subscription.topic_name} is of another system: {error}') from None
 
     @property
     def has_arrived(self) -> bool:

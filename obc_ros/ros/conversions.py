@@ -26,13 +26,17 @@ from obc_ros.core.systems import registry
 from obc_ros.core.systems.system import System
 from obc_ros.core.text.errors import DynamicsError, StatementError
 from obc_ros.ros.parameters.table import ParameterRow
-from obc_ros.ros.state_sources import Body
+from obc_ros.ros.state_sources import Body, Components
 
 Read = Callable[[Any], Sequence[float]]
 
 ODOM, BASE = 'odom', 'base_link'  # REP 105
+# Squares of the norms 0.99 and 1.01: beyond, a quaternion is not rounded but incomplete.
+LEAST, MOST = 0.99**2, 1.01**2
 SYSTEM_PARAMETERS = 'system_parameters.'   # begins the names of the parameters of a node's system
-_POSE, _TWIST = ('px', 'py', 'theta'), ('vx', 'vy', 'omega')
+_HORIZONTAL, _VERTICAL = ('x', 'y', 'yaw'), ('x', 'z', 'pitch')
+_HORIZONTAL_RATES = 'vx', 'vy', 'angular.z', 'linear.x', 'linear.y'
+_VERTICAL_RATES = 'vx', 'vz', 'angular.y', 'linear.x', 'linear.z'
 _XX, _YY, _ZZ, _PITCH, _YAW = 0, 7, 14, 28, 35  # of a 6 x 6 covariance
 
 
@@ -165,37 +169,40 @@ class OdometryMap:
     Parameters
     ----------
     system : System
-        See its attribute `plane`.
+        See its attributes `plane` and `robot`.
 
     Attributes
     ----------
     complete : bool
-        Whether a state determines the pose: px, py and theta are among the states.
+        Whether a state determines the pose.
     readable : bool
         Whether pose and twist determine the state.
 
     """
 
     def __init__(self, system: System) -> None:
-        self._system = system
+        self._fields, self._n = system.robot.odometry, system.n
         self._vertical = system.plane == 'vertical'
-        names = system.state_names
-        self.complete = bool(system.plane) and all(name in names for name in _POSE)
-        self.readable = bool(system.plane) and set(names) <= {*_POSE, *_TWIST}
-        self._at = [names.index(name) for name in _POSE] if self.complete else []
-        self._rates = [names.index(name) if name in names else None for name in _TWIST]
+        self._pose, self._rates = (_VERTICAL, _VERTICAL_RATES) if self._vertical else (
+            _HORIZONTAL, _HORIZONTAL_RATES)
+        self.complete = all(name in self._fields for name in self._pose)
+        self.readable = {index for index, _ in self._fields.values()} == set(range(system.n))
 
     def message(self, noise: Sequence[float]) -> Odometry:
         """Return a message with frames, and with variances from the noise (n,) of the states."""
         message = Odometry(child_frame_id=BASE)
         message.header.frame_id = ODOM
-        of = dict(zip(self._system.state_names, (value * value for value in noise), strict=True))
+
+        def largest(*names: str) -> float:
+            return max(noise[self._fields[name][0]]**2 if name in self._fields else 0.0
+                       for name in names)
+
         up, about = (_ZZ, _PITCH) if self._vertical else (_YY, _YAW)
         pose, twist = message.pose.covariance, message.twist.covariance
-        pose[_XX], pose[up], pose[about] = (of.get(name, 0.0) for name in _POSE)
+        pose[_XX], pose[up], pose[about] = map(largest, self._pose)
         # In the frame of the body the axes mix; the larger variance is a bound for both.
-        twist[_XX] = twist[up] = max(of.get('vx', 0.0), of.get('vy', 0.0))
-        twist[about] = of.get('omega', 0.0)
+        twist[_XX] = twist[up] = largest('vx', 'vy', 'vz', 'linear.x', 'linear.y', 'linear.z')
+        twist[about] = largest('angular.y', 'angular.z')
         return message
 
     def fill(self, message: Odometry, x: Array, slope: Array | None) -> None:
@@ -212,25 +219,35 @@ class OdometryMap:
             Its derivative; None: the body is held, and only velocities that are states count.
 
         """
-        px, py, theta = (float(x[i]) for i in self._at)
-        vx, vy, omega = (float(slope[i]) for i in self._at) if slope is not None else (
-            0.0 if i is None else float(x[i]) for i in self._rates)
+        along, up, turned = self._values(self._pose, x)
+        theta = -turned if self._vertical else turned   # nose up is a negative pitch
         c, s = math.cos(theta), math.sin(theta)
+        if slope is not None:
+            v_along, v_up, rate = self._values(self._pose, slope)
+        else:
+            v_along, v_up, rate, ahead, left = self._values(self._rates, x)
+            v_along, v_up = v_along + c * ahead - s * left, v_up + s * ahead + c * left
         position, turn = message.pose.pose.position, message.pose.pose.orientation
         linear, angular = message.twist.twist.linear, message.twist.twist.angular
-        forward, aside = c * vx + s * vy, c * vy - s * vx
-        turn.w = math.cos(theta / 2)
-        position.x, linear.x = px, forward
+        forward, aside = c * v_along + s * v_up, c * v_up - s * v_along
+        turn.w = math.cos(turned / 2)
+        position.x, linear.x = along, forward
         if self._vertical:
-            position.z, linear.z = py, aside
-            turn.y, angular.y = -math.sin(theta / 2), -omega
+            position.z, linear.z = up, aside
+            turn.y, angular.y = math.sin(turned / 2), rate
         else:
-            position.y, linear.y = py, aside
-            turn.z, angular.z = math.sin(theta / 2), omega
+            position.y, linear.y = up, aside
+            turn.z, angular.z = math.sin(turned / 2), rate
+
+    def _values(self, names: tuple[str, ...], x: Array) -> Iterator[float]:
+        """Yield the values of fields in a state or its derivative; 0: no state."""
+        for name in names:
+            index, sign = self._fields.get(name, (0, 0.0))
+            yield sign * float(x[index])
 
     def state(self, message: Odometry) -> Array:
         """
-        Return the state, shape (n,), of a message; theta in [-pi, pi].
+        Return the state, shape (n,), of a message; the heading is in [-pi, pi].
 
         Motion out of the plane is ignored.
 
@@ -244,21 +261,26 @@ class OdometryMap:
         linear, angular = message.twist.twist.linear, message.twist.twist.angular
         qx, qy, qz, qw = turn.x, turn.y, turn.z, turn.w
         size = qx * qx + qy * qy + qz * qz + qw * qw
-        if not 1e-6 < size < 1e6:
-            raise StatementError(f'the orientation ({qx:g}, {qy:g}, {qz:g}, {qw:g}) is no '
-                                 'rotation')
+        if not LEAST < size < MOST:
+            raise StatementError(
+                f'the orientation ({qx:g}, {qy:g}, {qz:g}, {qw:g}) is no rotation: its norm is '
+                f'{math.sqrt(size):.3g}, wanted 1')
         # The direction of the x axis of the body, seen from above or from the side.
         ahead = size - 2 * (qy * qy + qz * qz)
         if self._vertical:
-            px, py, forward, aside = position.x, position.z, linear.x, linear.z
-            theta, omega = math.atan2(2 * (qx * qz - qw * qy), ahead), -angular.y
+            theta = math.atan2(2 * (qx * qz - qw * qy), ahead)
         else:
-            px, py, forward, aside = position.x, position.y, linear.x, linear.y
-            theta, omega = math.atan2(2 * (qx * qy + qw * qz), ahead), angular.z
+            theta = math.atan2(2 * (qx * qy + qw * qz), ahead)
         c, s = math.cos(theta), math.sin(theta)
-        known = {'px': px, 'py': py, 'theta': theta, 'vx': c * forward - s * aside,
-                 'vy': s * forward + c * aside, 'omega': omega}
-        x = np.array([known[name] for name in self._system.state_names])
+        aside = linear.z if self._vertical else linear.y
+        up = s * linear.x + c * aside
+        known = {'x': position.x, 'y': position.y, 'z': position.z, 'yaw': theta, 'pitch': -theta,
+                 'vx': c * linear.x - s * aside, 'vy': up, 'vz': up,
+                 'linear.x': linear.x, 'linear.y': linear.y, 'linear.z': linear.z,
+                 'angular.y': angular.y, 'angular.z': angular.z}
+        x = np.zeros(self._n)
+        for name, (index, sign) in self._fields.items():
+            x[index] = sign * known[name]
         if not np.isfinite(x).all():
             raise StatementError('the odometry has numbers that are not finite')
         return x
@@ -278,7 +300,8 @@ def make_state_reader(topic: str, system: System) -> Read:
     Returns
     -------
     callable
-        Returns the state (n,) of a message; raises StatementError if the message has none.
+        Returns the state (n,) of a message; raises StatementError if the message has none, or
+        that of another system.
 
     Raises
     ------
@@ -287,11 +310,14 @@ def make_state_reader(topic: str, system: System) -> Read:
 
     """
     if topic == 'state':
-        return lambda message: message.x  # type: ignore[no-any-return] # array of double
+        components = Components(system.name, system.state_names)
+        return lambda message: components.arrange(message.names, message.x)
     odometry = OdometryMap(system)
     if not odometry.readable:
-        raise StatementError(f'state_source = odom: a pose and a twist do not determine the '
-                             f'state of {system.name} ({", ".join(system.state_names)})')
+        raise StatementError(
+            f'state_source = odom: a pose and a twist do not determine the state of {system.name} '
+            f'({", ".join(system.state_names)}); its file says which states they are, such as '
+            'ros: {odom: {x: px, y: py, yaw: theta}}')
     return lambda message: odometry.state(message).tolist()  # type: ignore[no-any-return]
 
 

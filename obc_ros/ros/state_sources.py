@@ -11,6 +11,8 @@ odom   Odometry  pose, and twist in the child frame; see `conversions`
 =====  ========  ==========================================================
 """
 
+from collections.abc import Sequence
+
 from nav_msgs.msg import Odometry
 from obc_ros.core.text.errors import quote, StatementError
 from obc_ros.msg import State
@@ -21,6 +23,57 @@ STATE_SOURCE = 'topic of the states, with its type: state (State) or odom (Odome
 
 class FrameError(StatementError):
     """The frame of a message is invalid, or differs from that of earlier messages."""
+
+
+class NamesError(StatementError):
+    """The components of a message are not those of the system."""
+
+
+class Components:
+    """
+    The components of the states or commands of one system, in messages that may name them.
+
+    Parameters
+    ----------
+    system : str
+        Name of the system, for sentences.
+    names : sequence of str
+        Names of its states or inputs, in order.
+
+    """
+
+    def __init__(self, system: str, names: Sequence[str]) -> None:
+        self._system, self._names = system, list(names)
+        self._permuted: tuple[list[str], list[int]] = list(names), []   # the last one, its order
+
+    def arrange(self, names: list[str], values: Sequence[float]) -> Sequence[float]:
+        """
+        Return the values of a message in the order of the system.
+
+        Parameters
+        ----------
+        names : list of str
+            Names in the message; empty: not stated, and not checked.
+        values : sequence of float
+            The values in the message.
+
+        Raises
+        ------
+        NamesError
+            If other names are stated, or more or fewer than values.
+
+        """
+        if not names or names == self._names:
+            return values
+        if names != self._permuted[0]:
+            if sorted(names) != sorted(self._names):
+                raise NamesError(
+                    f'its components are ({quote(", ".join(names), 200)}); wanted '
+                    f'({", ".join(self._names)}) of {self._system}')
+            self._permuted = list(names), [names.index(name) for name in self._names]
+        if len(values) != len(names):
+            raise NamesError(f'it has {len(names)} names and {len(values)} numbers')
+        return [values[index] for index in self._permuted[1]]
 
 
 class Body:

@@ -14,7 +14,7 @@ from obc_ros.srv import SuggestNoise
 from probes import Probe
 import pytest
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
-from support import DEADLINE
+from support import DEADLINE, DEMO
 
 SYSTEM = {'system': 'aircraft'}
 SIMULATED = {'use_sim_time': True}
@@ -56,7 +56,7 @@ def test_the_loop_with_late_and_lost_measurements_is_stable(spawn, probe):
                               'publish_rate': 100.0, 'speed': 0.25, 'publish_clock': True},
           remappings={'state': 'true_state'})
     estimator = spawn('estimator_node', {**SYSTEM, **NOISE, **SIMULATED})
-    spawn('lqr_node', {**SYSTEM, **SIMULATED})
+    spawn('lqr_node', {**DEMO, **SYSTEM, **SIMULATED})
 
     def is_near() -> bool:
         true = np.abs([each.x for each in truth[-200:]])
@@ -291,7 +291,7 @@ def test_the_gain_of_a_suggestion_is_that_of_lqr_node(spawn, probe):
                                                  durability=DurabilityPolicy.TRANSIENT_LOCAL))
     spawn('estimator_node', DOYLE_FILTER)
     assert 'no lqr_node/design has been received' in suggest(probe).message
-    spawn('lqr_node', {**DOYLE, 'Qx': [100.0] * 4, 'Qu': [1.0]})
+    spawn('lqr_node', {**DEMO, **DOYLE, 'Qx': [100.0] * 4, 'Qu': [1.0]})
     probe.wait_for(lambda: designs, 60.0)
     probe.wait_for(lambda: suggest(probe).success, 60.0)
     given = suggest(probe, k=list(designs[-1].k))

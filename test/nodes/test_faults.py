@@ -26,11 +26,11 @@ from obc_ros.srv import DesignLqr, SolveOptimalControl
 import pytest
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock
-from support import children
+from support import children, DEMO
 
 NODES: dict[str, dict[str, Any]] = {
     'plant_simulator': {'system': 'aircraft', 'x0': [0.0] * 6, 'command_timeout': 0.3},
-    'lqr_node': {'system': 'aircraft', 'state_timeout': 0.3, 'stamp_timeout': 0.0},
+    'lqr_node': {**DEMO, 'system': 'aircraft', 'state_timeout': 0.3, 'stamp_timeout': 0.0},
     'trajectory_server': {'workers': 1}}
 
 
@@ -186,7 +186,7 @@ def test_a_lost_worker_loses_at_most_its_request(spawn, probe, number):
 
 def test_a_controller_tolerates_a_jumping_clock(spawn, probe):
     """The controller uses the stamps of the states, so that jumps of /clock have no effect."""
-    spawn('lqr_node', {'system': 'aircraft', 'use_sim_time': True, 'state_timeout': 0.5})
+    spawn('lqr_node', {**DEMO, 'system': 'aircraft', 'use_sim_time': True, 'state_timeout': 0.5})
     commands = probe.listen(Command, 'command')
     clock = probe.publisher(Clock, '/clock', QoSProfile(
         depth=1, reliability=ReliabilityPolicy.BEST_EFFORT))

@@ -54,6 +54,18 @@ def test_a_parameter_file_overrides_the_scenario(file: str, tmp_path: Path) -> N
 
 
 @pytest.mark.parametrize('file', FILES)
+def test_a_node_gets_the_files_with_a_section_for_it(file: str, tmp_path: Path) -> None:
+    """A file with a section for no node is refused: a name in it is misspelt."""
+    tuned = tmp_path / 'tuned.yaml'
+    tuned.write_text('/**/lqr_node: {ros__parameters: {Qx: [2.0, 1.0, 1.0]}}')
+    for each in nodes(file, params_file=str(tuned)):
+        assert (tuned in each.files) == (each.name == 'lqr_node')
+    tuned.write_text('/**/lqr_nodes: {ros__parameters: {Qx: [2.0, 1.0, 1.0]}}')
+    with pytest.raises(RefusedError, match='it has no section for a node of this'):
+        nodes(file, params_file=str(tuned))
+
+
+@pytest.mark.parametrize('file', FILES)
 @pytest.mark.parametrize(('arguments', 'sentence'), [
     ({'scenario': 'nonsense'},
      r'"scenario".* "nonsense".*\[\'aircraft\', \'aircraft_limits\', \'vehicle\', '

@@ -12,11 +12,12 @@ from obc_ros.msg import Command, LqrDesign, State
 from obc_ros.ros.conversions import read_nanoseconds
 import pytest
 from rclpy.qos import DurabilityPolicy, QoSProfile
+from support import DEMO
 
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 X0 = [1.0, -1.0, 0.1, 0.0, 0.0, 0.0]
 PLANT = {'system': 'aircraft', 'x0': X0}
-CONTROLLER = {'system': 'aircraft', 'stamp_timeout': 0.0}   # those of lockstep are simulated
+CONTROLLER = {**DEMO, 'system': 'aircraft', 'stamp_timeout': 0.0}   # lockstep is simulated
 LOCKSTEP = {**PLANT, 'lockstep': True, 'speed': 0.0}
 
 

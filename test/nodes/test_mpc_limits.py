@@ -14,13 +14,14 @@ from obc_ros.msg import Command, LqrDesign, State
 import pytest
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from std_srvs.srv import SetBool
+from support import DEMO
 
 pytestmark = [pytest.mark.slow, pytest.mark.nodes]
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 INF = float('inf')
 SPEED, TILT = 0.4, 0.2
 BOUNDS = [-INF, INF, -INF, INF, -TILT, TILT, -SPEED, SPEED, -INF, INF, -INF, INF]
-LIMITS = {'system': 'aircraft', 'x_bounds': BOUNDS, 'u_limits': [-6.0, 6.0, 20.0, 60.0],
+LIMITS = {**DEMO, 'system': 'aircraft', 'x_bounds': BOUNDS, 'u_limits': [-6.0, 6.0, 20.0, 60.0],
           'horizon': 0.4, 'stamp_timeout': 0.0}   # the stamps of lockstep are simulated
 X0 = [1.0, 0.5, 0.0, 0.0, 0.0, 0.0]
 LONG = 90.0   # [s] reached only by a failing test
@@ -89,7 +90,7 @@ def test_the_vehicle_goes_back_to_its_lane_within_its_limits(spawn, probe):
     spawn('plant_simulator', {
         'system': 'vehicle', 'x0': [50.0, 1.5, 0.0], 'publish_rate': 50.0, 'lockstep': True})
     spawn('mpc_node', {
-        'system': 'vehicle', 'setpoint': [0.0, 0.0, 0.0], 'setpoint_input': [10.0, 0.0],
+        **DEMO, 'system': 'vehicle', 'setpoint': [0.0, 0.0, 0.0], 'setpoint_input': [10.0, 0.0],
         'x_bounds': [-INF, INF, -INF, INF, -0.15, 0.15], 'u_limits': [5.0, 15.0, -0.1, 0.1],
         'horizon': 0.6, 'stamp_timeout': 0.0})
     probe.wait_for(lambda: states and np.abs(states[-1].x[1:]).max() < 0.02, LONG, 'the lane')
@@ -108,7 +109,8 @@ def test_a_plant_of_a_file_goes_around_an_obstacle(spawn, probe, tmp_path):
     spawn('plant_simulator', {'system': str(file), 'x0': [-2.0, 0.1, 0.0, 0.0],
                               'publish_rate': 20.0, 'lockstep': True})
     spawn('mpc_node', {
-        'system': str(file), 'rate': 20.0, 'horizon': 2.0, 'u_limits': [2.0, 2.0], 'stamp_timeout': 0.0,
+        **DEMO, 'system': str(file), 'rate': 20.0, 'horizon': 2.0, 'u_limits': [2.0, 2.0],
+        'stamp_timeout': 0.0,
         'path_constraints': ['0.25 - (x + 1)**2 - y**2']})
     probe.wait_for(lambda: settles(states), LONG, 'the set point')
     x = np.array([each.x for each in states])

@@ -20,6 +20,7 @@ import pytest
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile
+from support import DEMO
 import yaml
 
 LONG = 90.0   # [s] reached only by a failing test
@@ -219,7 +220,7 @@ def test_plant_and_controller_of_one_file_go_around_its_obstacle(
     spawn('plant_simulator', {'problem': path, 'publish_rate': 20.0, 'lockstep': True})
     # The plant repeats its first state until a command comes: it is heard before that.
     probe.wait_for(lambda: states, what='the first state')
-    node = spawn('mpc_node', {'problem': path, 'rate': 20.0, 'stamp_timeout': 0.0})
+    node = spawn('mpc_node', {**DEMO, 'problem': path, 'rate': 20.0, 'stamp_timeout': 0.0})
     goal = np.array([1.0, 0.0, 0.0, 0.0])
     probe.wait_for(lambda: states and np.abs(states[-1].x - goal).max() < 0.02, LONG, 'the goal')
     x = np.array([each.x for each in states])

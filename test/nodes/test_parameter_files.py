@@ -110,3 +110,62 @@ def test_tuned_parameters_load_into_a_new_node(spawn: Any, probe: Any, tmp_path:
     file.write_text('/fresh:\n  ros__parameters:\n    Qx: [1, 1, 1, 1, 1, 2]\n    rate: .nan\n')
     assert load(probe, '/fresh', file) == {'rate': 'rate = nan: wanted a finite number'}
     assert probe.get_parameters('/fresh', 'Qx') == {'Qx': [1.0, 1.0, 1.0, 1.0, 1.0, 2.0]}
+
+
+# Sections and names at the start
+
+
+@pytest.mark.parametrize(('text', 'sentence'), [
+    ('lqr_nodes: {ros__parameters: {Qx: [1.0]}}', '{} has no section for /lqr_node; it has '
+     '/lqr_nodes'),
+    ('/robot/lqr_node: {ros__parameters: {rate: 1.0}}\nplant_simulator: {ros__parameters: {}}',
+     '{} has no section for /lqr_node; it has /robot/lqr_node, /plant_simulator'),
+    ('{}', '{} has no section for /lqr_node; it has no section'),
+    ('lqr_node: {ros__parameters: {u_limit: [9.0, 60.0]}}',
+     "no parameter 'u_limit'; did you mean 'u_limits'?"),
+    ('/**/lqr_node: {ros__parameters: {system_parameters: {mass: 1.0}}}',
+     "no parameter 'system_parameters.mass'; did you mean 'system_parameters.m'?"),
+    ('/**: {ros__parameters: {speed: 2.0}}\nlqr_node: {ros__parameters: {speed: 2.0}}',
+     "no parameter 'speed'")])
+def test_a_file_or_a_name_that_does_not_fit_refuses_the_start(spawn: Any, tmp_path: Path,
+                                                              text: str, sentence: str) -> None:
+    """Row 18: no regulator of another plant, and none without limits, starts by a typo."""
+    file = tmp_path / 'given.yaml'
+    file.write_text(text)
+    process = spawn('lqr_node', arguments=['--ros-args', '--params-file', str(file), '--'])
+    assert process.wait() == 1
+    assert process.output().splitlines()[-1] == 'lqr_node: ' + sentence.replace('{}', str(file))
+
+
+def test_an_unknown_argument_refuses_the_start(spawn: Any) -> None:
+    process = spawn('lqr_node', arguments=['--ros-args', '-p', 'u_limit:=[9.0, 60.0]', '--'])
+    assert process.wait() == 1
+    assert process.output().splitlines()[-1] == (
+        "lqr_node: no parameter 'u_limit'; did you mean 'u_limits'?")
+
+
+@pytest.mark.parametrize('section', [
+    '/**', '/*', '/b/lqr_node', 'lqr_node', '/*/lqr_node', '/**/lqr_node', '/a/lqr_node',
+    'a/lqr_node'])
+def test_sections_are_those_that_ros_uses(spawn: Any, probe: Any, tmp_path: Path, section: str
+                                          ) -> None:
+    """The node starts if and only if rcl gives it the values; /** may have those of others."""
+    file, other = tmp_path / 'given.yaml', ', speed: 2.0' if section == '/**' else ''
+    file.write_text(f'{section}: {{ros__parameters: {{rate: 33.0, use_sim_time: true{other}}}}}')
+    process = spawn('lqr_node', arguments=['--ros-args', '--params-file', str(file), '--'],
+                    namespace='/a')
+    if section in ('/*', '/b/lqr_node', 'lqr_node'):
+        assert process.wait() == 1
+        assert f'{file} has no section for /a/lqr_node' in process.output()
+        return
+    assert probe.get_parameters('/a/lqr_node', 'rate') == {'rate': 33.0}
+    if other:
+        process.wait_for_output('ignored, not parameters of this node: speed')
+
+
+def test_a_section_in_a_section_is_that_of_a_namespace(spawn: Any, probe: Any, tmp_path: Path
+                                                       ) -> None:
+    file = tmp_path / 'given.yaml'
+    file.write_text('a: {lqr_node: {ros__parameters: {rate: 33.0}}}')
+    spawn('lqr_node', arguments=['--ros-args', '--params-file', str(file), '--'], namespace='/a')
+    assert probe.get_parameters('/a/lqr_node', 'rate') == {'rate': 33.0}

@@ -64,20 +64,19 @@ LQR: dict[str, tuple[Any, Values]] = {
     'weights': ('matrices', {'weights': 'bryson', 'x_max': [2.0] * 6}),
     'Qx': ([2.0] * 6, {}), 'Qu': ([2.0, 1.0], {}), 'cross': ([0.1] + 11 * [0.0], {}),
     'x_max': ([2.0] * 6, {'weights': 'bryson'}), 'u_max': ([2.0, 3.0], {'weights': 'bryson'}),
-    'H': ([2.0] + 6 * [0.0] + [2.0] + 4 * [0.0],
-          {'weights': 'output', 'H': [1.0] + 6 * [0.0] + [1.0] + 4 * [0.0]}),
-    'rho': (2.0, {'weights': 'output', 'H': [1.0] + 6 * [0.0] + [1.0] + 4 * [0.0]}),
+    'H': ([2.0] + 6 * [0.0] + [2.0] + 4 * [0.0], {'weights': 'output'}),
+    'rho': (2.0, {'weights': 'output'}),
     'stability': (0.5, {}), 'integral': (['px'], {}), 'Qi': ([2.0], {'integral': ['px']}),
     'design': ('sampled', {'rate': 50.0}), 'rate': (50.0, {}),
     'sample_time': (0.05, {'rate': 50.0, 'design': 'sampled'}), 'delay': (0.02, {'rate': 50.0}),
     'horizon': (2.0, {}), 'P1': ([3.0] * 6, {}),
-    'schedule': ('', {'system': 'vehicle', 'setpoint_input': [2.0, 0.0],
+    'schedule': ('', {'system': 'vehicle', 'setpoint_input': [2.0, 0.0], 'unlimited': True,
                       'schedule': 'v', 'schedule_range': [1.0, 3.0]}),
     'schedule_range': ([1.0, 4.0], {'system': 'vehicle', 'setpoint_input': [2.0, 0.0],
-                                    'schedule': 'v', 'schedule_range': [1.0, 3.0]}),
+                                    'unlimited': True, 'schedule': 'v'}),
     'state_timeout': (0.1, {}), 'on_stale': ('hold', {}), 'stamp_timeout': (0.1, {}),
     'u_limits': ([9.0, 60.0], {}),
-    'unlimited': (True, {'command_sink': 'wrench', 'u_limits': [9.0, 60.0]}),
+    'unlimited': (False, {'u_limits': [9.0, 60.0]}),
     'x_limits': ([1.0] * 6, {}), 'on_envelope': ('hold', {'x_limits': [1.0] * 6}),
     'start_tolerance': ([0.5] * 6, {}), 'hardware_id': ('h1', {}),
     'transition_time': (0.5, {}), 'frame_id': ('map', {})}
@@ -117,10 +116,9 @@ CASES = [(node, name) for node, table in TABLES.items() for name in table]
 # none (empty where the defaults suffice).
 CONDITIONAL: dict[tuple[str, str], Values] = {
     **{('lqr_node', name): {} for name in (
-        'x_max', 'u_max', 'H', 'rho', 'Qi', 'sample_time', 'schedule_range', 'unlimited',
-        'on_envelope')},
+        'x_max', 'u_max', 'H', 'rho', 'Qi', 'sample_time', 'schedule_range', 'on_envelope')},
     **{('mpc_node', name): {} for name in (
-        'x_max', 'u_max', 'H', 'rho', 'unlimited', 'on_envelope')},
+        'x_max', 'u_max', 'H', 'rho', 'on_envelope')},
     **{(node, name): {'weights': 'bryson'}
        for node in ('lqr_node', 'mpc_node') for name in ('Qx', 'Qu')},
     **{(node, 'on_stale'): {'state_timeout': 0.0} for node in ('lqr_node', 'mpc_node')},
@@ -188,7 +186,7 @@ def test_a_parameter_has_an_effect_or_is_refused(start: Any, node: str, name: st
     """Check with the defaults of the node, and with the values that the parameter needs."""
     value, needed = TABLES[node][name]
     plain = start(node, {key: each for key, each in needed.items()
-                         if key in ('system', 'setpoint_input')})
+                         if key in ('system', 'setpoint_input', 'unlimited')})
     before = plain.effect
     result = plain.set(**{name: value})
     if not result.successful:

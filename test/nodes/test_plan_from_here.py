@@ -16,7 +16,7 @@ from obc_ros.srv import PlanMotion
 import pytest
 from rcl_interfaces.msg import Log
 from rclpy.qos import DurabilityPolicy, QoSProfile
-from support import children
+from support import children, DEMO
 
 pytestmark = pytest.mark.nodes
 
@@ -74,6 +74,10 @@ def test_a_plan_without_a_recent_state_is_refused(spawn: Any, probe: Any) -> Non
     assert 'the last state on /state arrived 1.' in answer.message
     assert answer.message.endswith(' s ago; wanted at most 0.3 s (state_timeout)')
     assert plan_integrator(probe, start=[0.0, 0.0]).success   # a start needs no state
+    repeat(probe, publisher, State(names=['p', 'v'], x=[1.0, 2.0]))
+    assert plan_integrator(probe).message == (
+        'start is empty (the present state), and the state on /state is of another system: its '
+        'components are (p, v); wanted (x1, x2) of double_integrator')
     repeat(probe, publisher, State(x=[1.0, 2.0, 3.0]))
     answer = plan_integrator(probe)
     assert not answer.success
@@ -90,7 +94,7 @@ def test_a_plan_without_a_recent_state_is_refused(spawn: Any, probe: Any) -> Non
 def test_one_call_plans_and_executes_from_the_present_state(spawn: Any, probe: Any) -> None:
     """The plant moves from 3 to 2 along the plan; the request does not contain its state."""
     spawn('plant_simulator', {'system': 'double_integrator', 'x0': [3.0, 0.0]})
-    spawn('lqr_node', {'system': 'double_integrator', 'setpoint': [3.0, 0.0]})
+    spawn('lqr_node', {**DEMO, 'system': 'double_integrator', 'setpoint': [3.0, 0.0]})
     spawn('trajectory_server', {'workers': 1})
     log = probe.listen(Log, '/rosout', ROSOUT)
     plans = probe.listen(Trajectory, 'reference', LATCHED)

@@ -3,7 +3,7 @@
 """Odometry by REP 103 and by finite differences; time stamps; parameters of systems."""
 
 from builtin_interfaces.msg import Time
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 from nav_msgs.msg import Odometry
 import numpy as np
@@ -116,13 +116,26 @@ def test_a_reduced_model_reads_its_states_from_the_pose(x, v, phi):
     assert_allclose(lateral.state(message), x[1:], atol=1e-12)
 
 
-@given(st.floats(0.1, 100.0), angle)
-def test_an_unnormalised_quaternion_is_normalised(length, theta):
-    aircraft = registry.get_system('aircraft')
-    message = odometry(aircraft, [0, 0, theta, 0, 0, 0], [0, 0])
+def turned(length, theta):
+    """Return odometry of the aircraft whose quaternion has a norm."""
+    message = odometry(registry.get_system('aircraft'), [0, 0, theta, 0, 0, 0], [0, 0])
     q = message.pose.pose.orientation
     q.x, q.y, q.z, q.w = (length * value for value in (q.x, q.y, q.z, q.w))
-    assert OdometryMap(aircraft).state(message)[2] == pytest.approx(theta, abs=1e-12)
+    return message
+
+
+@given(st.floats(0.9901, 1.0099), angle)
+def test_rounding_of_a_quaternion_is_removed(length, theta):
+    aircraft = OdometryMap(registry.get_system('aircraft'))
+    assert aircraft.state(turned(length, theta))[2] == pytest.approx(theta, abs=1e-12)
+
+
+@given(st.floats(0.0, 0.9899) | st.floats(1.0101, 100.0), angle)
+@example(0.05, 3.1)   # w was never set
+def test_a_quaternion_that_is_not_of_norm_1_is_no_orientation(length, theta):
+    aircraft = OdometryMap(registry.get_system('aircraft'))
+    with pytest.raises(StatementError, match='is no rotation: its norm is'):
+        aircraft.state(turned(length, theta))
 
 
 @pytest.mark.parametrize(('field', 'value', 'words'), [

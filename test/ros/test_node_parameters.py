@@ -44,6 +44,7 @@ class Settings:
     on_stale: str = declare_field('hold', 'what to do', choices=('equilibrium', 'hold', 'silent'))
     integral: tuple[str, ...] = declare_field((), 'names of states', texts=True)
     gust: float = declare_field(0.0, 'gust', name='disturbance.gust')
+    smooth: float = declare_field(0.0, 'time', default_given=('system', 1.0))
 
 
 def give(text: str) -> StartValues:
@@ -314,7 +315,7 @@ def test_an_unknown_parameter_type_is_refused(target: Target, probe: Any, servic
 def test_initial_values_are_checked(probe: Any) -> None:
     """Values of files and arguments get the same checks; a bad one ends the node."""
     target = Target(probe.context, {'Qx': [5, 6], 'rate': 100, 'system': 'vehicle',
-                                    'system_parameters.l': 3, 'Qz': 1.0})
+                                    'system_parameters.l': 3})
     settings = target.parameters.settings
     assert settings.Qx == (5.0, 6.0)
     assert settings.system_parameters == {'l': 3.0}
@@ -325,6 +326,8 @@ def test_initial_values_are_checked(probe: Any) -> None:
         Target(probe.context, {'Qx': [99, 99]})
     with pytest.raises(ObcError, match="did you mean 'aircraft'"):
         Target(probe.context, {'system': 'aircaft'})
+    with pytest.raises(ObcError, match="no parameter 'Qz'; did you mean 'Qx'"):
+        Target(probe.context, {'Qz': 1.0})
 
 
 def test_start_values_take_the_place_of_defaults(probe: Any) -> None:
@@ -338,6 +341,18 @@ def test_start_values_take_the_place_of_defaults(probe: Any) -> None:
     assert target.set(Qx=[5.0], delay=0.0).successful
     assert target.parameters.settings.Qx == (5.0,)
     target.node.destroy_node()
+
+
+def test_a_default_may_depend_on_what_is_given(probe: Any) -> None:
+    """By the user or by a file; the value itself does not matter, and a given one overrides."""
+    for values, table, wanted in (
+            ({}, Settings, 0.0), ({'rate': 1.0}, Settings, 0.0),
+            ({'system': 'aircraft'}, Settings, 1.0),
+            ({'start': "system='aircraft'"}, StartSettings, 1.0),
+            ({'system': 'aircraft', 'smooth': 0.0}, Settings, 0.0)):
+        target = Target(probe.context, values, table)
+        assert target.parameters.settings.smooth == wanted, values
+        target.node.destroy_node()
 
 
 @pytest.mark.parametrize(('text', 'words'), [

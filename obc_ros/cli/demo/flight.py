@@ -14,6 +14,7 @@ from obc_ros.cli.processes import Children
 from obc_ros.cli.recording import Recorder
 from obc_ros.cli.share_folders import share_directory
 from obc_ros.core.text.errors import ObcError
+from obc_ros.ros.parameters.files import has_section
 
 BACKLOG = 1000  # depth of the queue of commands (default 1): the recorder may fall behind
 
@@ -73,16 +74,19 @@ def fly(flight: Flight, out: Path, real_time: bool,
     recorded = ['-p', f'qos_overrides./command.publisher.depth:={BACKLOG}']
     with (Children(out / 'log') as children, Recorder(out / 'log' / flight.name) as journal,
           Recorder(out / flight.name, ordered=not real_time) as recorder):
-        parameters = _find_parameters(flight)
-        children.start('plant_simulator', *parameters, *pace, *hidden, *flight.plant)
-        children.start('trajectory_server', *parameters)
+
+        def start(node: str, *words: str) -> None:
+            children.start(node, *_find_parameters(flight, node), *words)
+
+        start('plant_simulator', *pace, *hidden, *flight.plant)
+        start('trajectory_server')
         with closing(Pilot(children, recorder, journal, flight.controller, flight.rest)) as pilot:
             pilot.wait(lambda: bool(pilot.states.stamp), 'the first state')
             # The simulated time is paused until all nodes have discovered each other.
             pilot.pause(True)
             if flight.sensors:
-                children.start('estimator_node', *parameters, *simulated)
-            children.start(flight.controller, *parameters, *timeless, *recorded)
+                start('estimator_node', *simulated)
+            start(flight.controller, *timeless, *recorded)
             pilot.wait(lambda: bool(pilot.designs) and pilot.hears('command')
                        and pilot.hears('state'), flight.controller)
             wall = time.monotonic()
@@ -97,12 +101,13 @@ def fly(flight: Flight, out: Path, real_time: bool,
     return 1 if recorder.fault else status
 
 
-def _find_parameters(flight: Flight) -> list[str]:
-    """Return the ROS arguments with the parameter files of a flight."""
+def _find_parameters(flight: Flight, node: str) -> list[str]:
+    """Return the ROS arguments with the parameter files of a flight for a node."""
     config = share_directory('obc_ros') / 'config'
     files = [config / flight.config, *([config / 'sensors' / flight.sensors]
                                        if flight.sensors else ())]
-    return [word for file in files for word in ('--params-file', str(file))]
+    return [word for file in files if has_section(file, f'/{node}')
+            for word in ('--params-file', str(file))]
 
 
 class FlightProgress:

@@ -28,6 +28,8 @@ PACE = {'lockstep': True, 'speed': 1e6, 'dt': 0.005}  # speed 0 would publish a 
 # paused: this is no outage, after which a horizon would begin anew.
 PATIENT = {'qos_overrides./command.publisher.depth': 1000, 'state_timeout': 0.0}
 
+SIMULATED = {'unlimited': True, 'transition_time': 0.0}   # no protections of a robot
+
 
 class UnansweredError(ObcError):
     """The nodes have no result that an entry needs."""
@@ -208,6 +210,7 @@ def read_run(states: Samples, commands: Samples, end: int, begin: int = 0, answe
 def run_loop(folder: Path, plant: Mapping[str, Any], regulator: Mapping[str, Any],
              note: Callable[[str], None]) -> Iterator[NodeLoop]:
     """Start a loop whose time is paused, and yield it; its topics are recorded in `folder`."""
+    regulator = {**regulator, **SIMULATED}
     note(run_node('plant_simulator', plant))  # in real time
     note(run_node('lqr_node', regulator))
     note(DESIGN)

@@ -17,7 +17,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('executable_name', help='lqr_node, mpc_node, plant_simulator, '
                         'estimator_node, trajectory_server')
     parser.add_argument('argv', nargs=argparse.REMAINDER,
-                        help='its arguments: --ros-args -p system:=aircraft')
+                        help='its arguments: --ros-args -p system:=vehicle')
 
 
 def run(args: argparse.Namespace) -> int:

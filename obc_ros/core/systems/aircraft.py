@@ -51,7 +51,9 @@ def system() -> System:
             Signal('gps_y', description='vertical position'),
             Signal('attitude', description='attitude, counter-clockwise'),
             Signal('gyro', description='angular velocity')),
-        output_map=lambda x, u, p: (x[0], x[1], x[2], x[5]))
+        output_map=lambda x, u, p: (x[0], x[1], x[2], x[5]),
+        # at its centre of mass; nose up is a negative rotation about y
+        ros={'wrench': {'force.x': 'f1', 'force.z': 'f2', 'torque.y': '-r*f1'}})
 
 
 def _dynamics(x: list[ca.SX], u: list[ca.SX], p: list[ca.SX]) -> tuple[Any, ...]:

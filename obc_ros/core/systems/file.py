@@ -6,8 +6,9 @@ Systems in YAML files.
 A system file has the keys of a problem file. Keys of the task (costs, initial state, constraints,
 final time) are ignored, so that a problem file is a system file too. These keys belong to a system
 only: `units` (of states, inputs, parameters), `angles` (states modulo 2 pi), `setpoint`,
-`setpoint_input`, `parameter_bounds`, `plane`, `description` and `outputs` (what sensors measure,
-name to expression of states, inputs and parameters).
+`setpoint_input`, `parameter_bounds`, `plane`, `description`, `outputs` (what sensors measure, name
+to expression of states, inputs and parameters) and `ros` (fields of messages, see
+`robot_fields`).
 """
 
 from collections.abc import Mapping, Sequence
@@ -33,7 +34,7 @@ from obc_ros.core.text.stated_functions import call_functions
 from obc_ros.core.text.yaml_files import read_yaml
 
 OF_A_PLANT = ('units', 'angles', 'setpoint', 'setpoint_input', 'parameter_bounds', 'plane',
-              'description', 'outputs')
+              'description', 'outputs', 'ros')
 PLANT = ('name', 'states', 'inputs', 'parameters', 'dynamics', 'input_bounds', 'state_bounds',
          *OF_A_PLANT)
 TASK = (
@@ -140,7 +141,8 @@ def _system(given: Given, stem: str, chosen: Values) -> System:
         plane=_plane(given),
         rebuild=lambda new: _system(given, stem, {**chosen, **new}),
         outputs=[Signal(name, units.get(name, ''), angle=name in angles) for name in outputs],
-        output_map=measured)
+        output_map=measured,
+        ros=read_section(given, 'ros'))
 
 
 def _outputs(given: Given, states: tuple[str, ...], taken: tuple[str, ...]) -> dict[str, Any]:

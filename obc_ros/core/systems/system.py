@@ -15,6 +15,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 from obc_ros.core.numerics.arrays import Array
+from obc_ros.core.systems.robot_fields import read_robot_fields, RobotFields
 from obc_ros.core.text.errors import DynamicsError
 
 
@@ -73,6 +74,8 @@ class System:
         What sensors measure, in the order of y (q,). Empty: all states.
     y : casadi.SX
         h(x, u; p), shape (q, 1). Without `outputs` it is x.
+    robot : RobotFields
+        Which fields of the messages of robots the states and inputs are.
 
     """
 
@@ -91,6 +94,7 @@ class System:
     rebuild: 'Callable[[Mapping[str, float]], System] | None' = field(default=None, repr=False)
     outputs: tuple[Signal, ...] = ()
     y: ca.SX = field(default_factory=lambda: ca.SX(0, 1), repr=False)
+    robot: RobotFields = field(default=RobotFields(), repr=False)
 
     def __post_init__(self) -> None:
         """Measure all states if no outputs are given."""
@@ -233,6 +237,7 @@ def define(
     rebuild: Callable[[Mapping[str, float]], System] | None = None,
     outputs: Sequence[Signal] = (),
     output_map: Callable[[list[ca.SX], list[ca.SX], list[ca.SX]], Sequence[Any]] | None = None,
+    ros: Mapping[str, Mapping[str, Any]] | None = None,
 ) -> System:
     """
     Return the system dx/dt = f(x, u; p) whose f is `dynamics`.
@@ -254,12 +259,17 @@ def define(
     output_map : callable, optional
         Called as `dynamics`; returns the q expressions y. An output that is a state with an angle
         is an angle.
+    ros : mapping, optional
+        Which fields of messages the states and inputs are, as for `read_robot_fields`. The state
+        that is the heading of a body in a plane is an angle.
 
     Raises
     ------
     DynamicsError
         If `dynamics` or `output_map` does not return as many expressions as needed, or a
         parameter is out of its range.
+    StatementError
+        If `ros` is malformed.
 
     """
     x, u, p = (ca.vertcat(*(ca.SX.sym(each.name) for each in signals)) if signals else ca.SX(0, 1)
@@ -269,6 +279,12 @@ def define(
     if len(xdot) != len(states):
         raise DynamicsError(
             f'{name}: {len(states)} states but {len(xdot)} derivatives')
+    robot = read_robot_fields(
+        ros or {}, plane, _by_name(states, symbols[0]), _by_name(inputs, symbols[1]),
+        _by_name(parameters, symbols[2]),
+        {each.name: each.unit for each in (*states, *inputs) if each.unit})
+    states = [replace(each, angle=each.angle or index == robot.heading)
+              for index, each in enumerate(states)]
     y = list(output_map(*symbols)) if output_map is not None else []
     if len(y) != len(outputs):
         raise DynamicsError(f'{name}: {len(outputs)} outputs but {len(y)} expressions')
@@ -279,10 +295,14 @@ def define(
         x=x, u=u, p=p, xdot=ca.densify(ca.vertcat(*xdot)),
         setpoint=tuple(setpoint or [0.0] * len(states)),
         setpoint_input=tuple(setpoint_input or [0.0] * len(inputs)),
-        description=description, plane=plane, rebuild=rebuild,
+        description=description, plane=robot.plane, rebuild=rebuild, robot=robot,
         outputs=tuple(_describe_output(signal, expression, states, symbols[0])
                       for signal, expression in zip(outputs, y, strict=True)),
         y=ca.vertcat(*y) if y else ca.SX(0, 1))
+
+
+def _by_name(signals: Sequence[Signal | Parameter], symbols: Sequence[ca.SX]) -> dict[str, ca.SX]:
+    return {each.name: symbol for each, symbol in zip(signals, symbols, strict=True)}
 
 
 def _describe_output(output: Signal, expression: Any, states: Sequence[Signal],

@@ -24,6 +24,7 @@ _THETA = Signal('theta', 'rad', angle=True, description='heading, counter-clockw
 _PHI = Signal('phi', 'rad', -STEERING_LIMIT, STEERING_LIMIT,
               description='angle of the front wheels, positive to the left')
 _LENGTH = Parameter('l', 2.0, 'm', 1e-3, description='wheelbase')
+_TWIST = {'linear.x': 'v', 'angular.z': '(v/l)*tan(phi)'}
 
 
 def system() -> System:
@@ -52,7 +53,8 @@ def system() -> System:
             Signal('gps_x', description='position of the rear axle'),
             Signal('gps_y', description='position of the rear axle, to the left'),
             Signal('compass', description='heading, counter-clockwise')),
-        output_map=lambda x, u, p: x)
+        output_map=lambda x, u, p: x,
+        ros={'cmd_vel': _TWIST})
 
 
 def lateral() -> System:
@@ -74,7 +76,8 @@ def lateral() -> System:
             Parameter('v', 10.0, 'm/s', 1e-3, description='speed of the rear axle'), _LENGTH),
         dynamics=_lateral_dynamics,
         description='motion of the vehicle across the road (Exercise 2.10)',
-        plane='horizontal')
+        plane='horizontal',
+        ros={'cmd_vel': _TWIST})
 
 
 def define_two_wheeled() -> System:
@@ -122,7 +125,8 @@ def _two_wheeled(values: Mapping[str, float]) -> System:
         setpoint_input=(L / 2, 0.0),
         description='two wheeled robot (Exercise 2.6)',
         plane='horizontal',
-        rebuild=lambda new: _two_wheeled({**values, **new}))
+        rebuild=lambda new: _two_wheeled({**values, **new}),
+        ros={'cmd_vel': {'linear.x': 'v', 'angular.z': 'omega'}})
 
 
 def _two_wheeled_dynamics(x: list[ca.SX], u: list[ca.SX], _: list[ca.SX]) -> tuple[Any, ...]:

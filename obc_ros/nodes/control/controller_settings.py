@@ -1,6 +1,12 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""Parameters that lqr_node and mpc_node share, and what they specify: plant, limits, rules."""
+"""
+Parameters that lqr_node and mpc_node share, and what they specify: plant, limits, rules.
+
+Any robot is protected: if `system` is given, the inputs need limits (`unlimited`), and the command
+starts from rest (`transition_time`). Without `system`, the plant is the aircraft of
+plant_simulator, which needs neither. Parameter files of simulated plants decline both.
+"""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -18,12 +24,19 @@ from obc_ros.core.lqr.design.input_limits import (
 from obc_ros.core.lqr.design.set_point import describe_set_point
 from obc_ros.core.lqr.weights import count, WEIGHT_KINDS
 from obc_ros.core.text.errors import StatementError
-from obc_ros.nodes.control.command_sinks import ROBOTS, SINKS
-from obc_ros.ros.conversions import choose_node_system, choose_system, list_system_parameters
+from obc_ros.nodes.control.command_sinks import Sink, SINKS
+from obc_ros.ros.conversions import (
+    choose_node_system,
+    choose_system,
+    list_system_parameters,
+    make_state_reader,
+)
 from obc_ros.ros.hardware_id import HARDWARE
 from obc_ros.ros.parameters.node_parameters import declare_field, group, Value
 from obc_ros.ros.state_sources import SOURCES, STATE_SOURCE
 from obc_ros.ros.subscription_thread import PRIORITY
+
+LEAST_TIMEOUT = 1e-3   # [s] no source of states is faster
 
 
 @dataclass(frozen=True)
@@ -53,14 +66,16 @@ class ControllerSettings:
         (), 'acceptable deviation of each input, in its unit; a scale, not a limit (see '
         'u_limits); empty: 1 each', finite=False, used_when=(('weights', 'bryson'),))
     H: Vector = declare_field(
-        (), "output matrix of z = H x in the cost z'z + rho u'u: p*n numbers row by row",
+        (), "output matrix of z = H x in the cost z'z + rho u'u: p*n numbers row by row; empty: "
+        'all states',
         used_when=(('weights', 'output'),))
     rho: float = declare_field(
         1.0, "weight of u'u relative to z'z", lower=0.0, used_when=(('weights', 'output'),))
     cross: Vector = declare_field((),
                                   "cross weight N of 2 x'N u: n*m numbers row by row; empty: none")
     state_timeout: float = declare_field(
-        0.5, 'age of the last valid state at which on_stale acts; 0: never', 's', lower=0.0)
+        0.5, 'age of the last valid state at which on_stale acts, at least 0.001; 0: never', 's',
+        lower=0.0)
     stamp_timeout: float = declare_field(
         0.5, "maximum difference of a state's stamp and the node's clock; other states are "
         "dropped. 0: no check. There is no check in simulated time, and for differences above one "
@@ -75,8 +90,7 @@ class ControllerSettings:
         'numbers), in place of those. Infinite: the limit of the system; empty: the limits of the '
         'system', finite=False)
     unlimited: bool = declare_field(
-        False, 'true: the inputs of a robot need no limits',
-        used_when=(('command_sink', *ROBOTS),))
+        True, 'true: the inputs need no limits', default_given=('system', False))
     x_limits: Vector = declare_field(
         (), 'maximum absolute error of each state (n numbers), or lower and upper limit of each '
         '(2 n numbers), outside which on_envelope acts; empty: none', finite=False)
@@ -87,15 +101,15 @@ class ControllerSettings:
         'state', STATE_SOURCE, choices=tuple(SOURCES), read_only=True)
     command_sink: str = declare_field(
         'command', 'topic of the commands, with its type: command (Command), cmd_vel '
-        '(TwistStamped, the vehicle) or wrench (WrenchStamped, the aircraft)',
+        '(TwistStamped) or wrench (WrenchStamped), of a system that states their fields',
         choices=tuple(SINKS), read_only=True)
     cmd_vel_stamped: bool = declare_field(
         True, 'true: cmd_vel is a TwistStamped; false: a Twist, which has no stamp',
         read_only=True, used_when=(('command_sink', 'cmd_vel'),))
     transition_time: float = declare_field(
         0.0, 'time in which the jump of the command after a change decays, and the time from rest '
-        'to the first command of a robot; 0: the command jumps', 's', lower=0.0,
-        default_when=(('command_sink', *ROBOTS), 1.0))
+        'to the first command; 0: the command jumps', 's', lower=0.0,
+        default_given=('system', 1.0))
     frame_id: str = declare_field(
         '', 'frame_id of the states; empty: that of the first state')
     hardware_id: str = declare_field('', HARDWARE)
@@ -141,14 +155,15 @@ def linearize_system(system: str, parameters: tuple[tuple[str, Value], ...], set
     return linearize_plant(choose_system(system, dict(parameters)), setpoint, setpoint_input)
 
 
-def fill_deviations(given: dict[str, Any], held: LinearizedPlant) -> None:
+def fill_weights(given: dict[str, Any], held: LinearizedPlant) -> None:
     """
-    Set missing deviations of Bryson's rule to 1, so that `weights` can be set before them.
+    Set what is missing for a kind of weights, so that `weights` can be set before it.
 
     Parameters
     ----------
     given : dict
-        Parameters by name; x_max (n,) and u_max (m,) are changed, in their units.
+        Parameters by name; changed are x_max (n,) and u_max (m,) of Bryson's rule to 1 each, in
+        their units, and H (n*n,) to the identity.
     held : LinearizedPlant
         The plant.
 
@@ -156,6 +171,9 @@ def fill_deviations(given: dict[str, Any], held: LinearizedPlant) -> None:
     if given['weights'] == 'bryson':
         given['x_max'] = given['x_max'] or (1.0,) * held.system.n
         given['u_max'] = given['u_max'] or (1.0,) * held.system.m
+    elif given['weights'] == 'output':
+        n = held.system.n
+        given['H'] = given['H'] or tuple(float(i == j) for i in range(n) for j in range(n))
 
 
 def make_input_limits(settings: ControllerSettings, held: LinearizedPlant) -> InputLimits:
@@ -176,14 +194,38 @@ def make_input_limits(settings: ControllerSettings, held: LinearizedPlant) -> In
     Raises
     ------
     StatementError
-        If the limits are of wrong size, or those of a robot are not finite.
+        If the limits are of wrong size, or missing without `unlimited`.
 
     """
     angles = tuple(i for i, is_angle in enumerate(held.system.angles) if is_angle)
     lower, upper = resolve_input_limits(held, settings.u_limits)
-    if settings.command_sink in ROBOTS and not settings.unlimited:
-        check_all_limited(held, settings.u_limits, lower, upper, settings.command_sink)
+    if not settings.unlimited:
+        check_all_limited(held, settings.u_limits, lower, upper)
     return InputLimits(lower, upper, angles)
+
+
+def check_messages(settings: ControllerSettings, held: LinearizedPlant) -> None:
+    """
+    Check that the messages of states and commands are those of a plant, by converting some.
+
+    Parameters
+    ----------
+    settings : ControllerSettings
+        The parameters.
+    held : LinearizedPlant
+        The plant at its set point.
+
+    Raises
+    ------
+    StatementError
+        If a message does not determine the state, does not carry an input, or is not finite at
+        the set point or at rest.
+
+    """
+    make_state_reader(settings.state_source, held.system)
+    sink = Sink(settings.command_sink, held.system, settings.cmd_vel_stamped)
+    sink.check(held.rest, 'at rest')
+    sink.check(held.equilibrium.u, 'of the set point')
 
 
 def make_rules(settings: ControllerSettings, rate: float, names: tuple[str, ...]) -> Rules:
@@ -206,9 +248,12 @@ def make_rules(settings: ControllerSettings, rate: float, names: tuple[str, ...]
     Raises
     ------
     StatementError
-        If x_limits are of wrong size or sign.
+        If x_limits are of wrong size or sign, or state_timeout is too short.
 
     """
+    if 0.0 < settings.state_timeout < LEAST_TIMEOUT:
+        raise StatementError(f'state_timeout = {settings.state_timeout:g}: wanted 0 (never) or at '
+                             f'least {LEAST_TIMEOUT:g} s')
     given, n = settings.x_limits, len(names)
     if len(given) not in (0, n, 2 * n):
         raise StatementError(f'x_limits has {count(len(given))}; wanted {n} or {2 * n}, for '
@@ -224,7 +269,7 @@ def make_rules(settings: ControllerSettings, rate: float, names: tuple[str, ...]
         period=round(min(1e9 / rate, 1e18)) if rate else 0,
         state_timeout=settings.state_timeout, on_stale=settings.on_stale, x_limits=bounds,
         on_envelope=settings.on_envelope, transition_time=settings.transition_time,
-        from_rest=settings.command_sink in ROBOTS,
+        from_rest=True,
         stamp_timeout=settings.stamp_timeout)
 
 

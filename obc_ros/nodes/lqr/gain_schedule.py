@@ -16,10 +16,11 @@ from obc_ros.core.lqr.design.design import (
     schedule_gains,
 )
 from obc_ros.core.lqr.weights import count
+from obc_ros.core.systems.system import System
 from obc_ros.core.text.errors import quote, StatementError
 
 
-def make_schedule(found: Design, settings: Any) -> tuple[Schedule, str]:
+def make_schedule(found: Design, settings: Any) -> tuple[Schedule | None, str]:
     """
     Return the schedule of a design, and the verified properties as a clause.
 
@@ -32,10 +33,10 @@ def make_schedule(found: Design, settings: Any) -> tuple[Schedule, str]:
 
     Returns
     -------
-    schedule : Schedule
-        The gains.
+    schedule : Schedule or None
+        The gains; None: the gain is constant, for want of a variable or its range.
     clause : str
-        What was verified.
+        For the sentence of the design; empty without a variable.
 
     Raises
     ------
@@ -43,17 +44,21 @@ def make_schedule(found: Design, settings: Any) -> tuple[Schedule, str]:
         If there is no such schedule.
 
     """
+    if not settings.schedule:
+        return None, ''
+    is_measured = settings.state_source == 'odom'
+    index = _find_variable(found.plant.system, settings.schedule, is_measured)
+    if not settings.schedule_range:
+        return None, f'the gain does not follow {settings.schedule} without schedule_range'
     if len(settings.schedule_range) != 2:
         raise StatementError(f'schedule_range has {count(len(settings.schedule_range))}; wanted '
                              'the lowest and the highest value')
-    return _scheduled(found, settings.schedule, settings.schedule_range, settings.setpoint,
-                      settings.setpoint_input, settings.state_source == 'odom')
+    return _scheduled(found, settings.schedule, index, settings.schedule_range, settings.setpoint,
+                      settings.setpoint_input)
 
 
-@functools.lru_cache(maxsize=4)
-def _scheduled(found: Design, name: str, between: Vector, setpoint: Vector,
-               setpoint_input: Vector, is_measured: bool) -> tuple[Schedule, str]:
-    system = found.plant.system
+def _find_variable(system: System, name: str, is_measured: bool) -> int:
+    """Return the index of the input that is the scheduling variable; -1: a parameter is."""
     known = {each.name: each for each in (*system.inputs, *system.parameters)}
     if name not in known:
         raise StatementError(f"schedule: {system.name} has no input or parameter '{quote(name)}'; "
@@ -64,14 +69,23 @@ def _scheduled(found: Design, name: str, between: Vector, setpoint: Vector,
     if index < 0 and not is_measured:
         raise StatementError(f'schedule = {name}: a State does not contain this parameter; set '
                              'state_source = odom')
+    return index
+
+
+@functools.lru_cache(maxsize=4)
+def _scheduled(found: Design, name: str, index: int, between: Vector, setpoint: Vector,
+               setpoint_input: Vector) -> tuple[Schedule, str]:
     made = schedule_gains(found, _plant_at(found, name, index, setpoint, setpoint_input), *between)
     changes = ('for any rate of change' if made.rate == math.inf else
                f'for rates of change up to {made.rate:.3g} per second')
+    n = found.plant.system.n
     gains = Gains(convert_vector(made.values),
-                  tuple(convert_rows(K[:, :system.n]) for K in made.K),
-                  tuple(convert_rows(K[:, system.n:]) if len(found.C) else () for K in made.K))
-    return (Schedule(gains, index),
-            f'{len(made.values)} gains, stability verified on this range {changes}')
+                  tuple(convert_rows(K[:, :n]) for K in made.K),
+                  tuple(convert_rows(K[:, n:]) if len(found.C) else () for K in made.K))
+    low, high = between
+    return Schedule(gains, index), (
+        f'the gain follows {name} from {low:g} to {high:g}: {len(made.values)} gains, stability '
+        f'verified on this range {changes}')
 
 
 def _plant_at(found: Design, name: str, index: int, setpoint: Vector, setpoint_input: Vector

@@ -24,10 +24,10 @@ from obc_ros.core.lqr.weights import count, square
 from obc_ros.core.riccati.checks import check_semidefinite
 from obc_ros.core.text.errors import StatementError
 from obc_ros.msg import LqrWeights
-from obc_ros.nodes.control.command_sinks import Sink
 from obc_ros.nodes.control.controller_settings import (
+    check_messages,
     ControllerSettings,
-    fill_deviations,
+    fill_weights,
     linearize_system,
     make_input_limits,
     make_key,
@@ -72,7 +72,8 @@ class Settings(ControllerSettings):
         'from the last command, or a parameter of the system that odom measures as the forward '
         'speed (v of vehicle_lateral); empty: none')
     schedule_range: Vector = declare_field(
-        (), 'minimum and maximum of the scheduling variable; outside, the nearest gain is used',
+        (), 'minimum and maximum of the scheduling variable; outside, the nearest gain is used. '
+        'Empty: the constant gain',
         used_when=(('schedule',),))
     start_tolerance: Vector = declare_field(
         (), 'maximum distance of each state from a reference, in its unit (n numbers), at the '
@@ -101,10 +102,8 @@ class LqrCandidate:
         words, settings = [], self.settings
         if self.control.horizon is not None:
             words.append(f'time-varying gain over a horizon of {settings.horizon:g} s')
-        if self.control.schedule is not None:
-            low, high = settings.schedule_range
-            words.append(f'the gain follows {settings.schedule} from {low:g} to {high:g}: '
-                         f'{make_schedule(self.design, settings)[1]}')
+        if settings.schedule:
+            words.append(make_schedule(self.design, settings)[1])
         return '; '.join(words)
 
 
@@ -130,7 +129,7 @@ def judge_lqr_settings(settings: Settings, courses: tuple[Course, ...] = ()) -> 
 
     """
     found = _design(*(make_key(getattr(settings, name)) for name in _DESIGN))
-    Sink(settings.command_sink, found.plant.system)  # raises if it does not carry the inputs
+    check_messages(settings, found.plant)
     check_set_point(found.plant, settings.setpoint, settings.setpoint_input)
     if settings.P1:
         n = found.plant.system.n
@@ -150,7 +149,7 @@ def judge_lqr_settings(settings: Settings, courses: tuple[Course, ...] = ()) -> 
         C=convert_rows(found.C),
         prediction=found.prediction,
         horizon=_horizon(found, settings.horizon, settings.P1) if settings.horizon else None,
-        schedule=make_schedule(found, settings)[0] if settings.schedule else None))
+        schedule=make_schedule(found, settings)[0]))
 
 
 def describe_ending(course: Course, candidate: LqrCandidate) -> str:
@@ -216,7 +215,7 @@ _DESIGN = (*_PLANT, *_WEIGHTS, 'integral', 'Qi', 'design', 'rate', 'sample_time'
 def _design(*values: Any) -> Design:
     given = dict(zip(_DESIGN, values, strict=True))
     held = linearize_system(*(given[name] for name in _PLANT))
-    fill_deviations(given, held)
+    fill_weights(given, held)
     return design(held, {name: given[name] for name in _WEIGHTS}, given['integral'], given['Qi'],
                   _sampling(given['design'] == 'sampled', given['rate'], given['sample_time'],
                             given['delay']))

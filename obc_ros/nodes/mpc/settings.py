@@ -18,10 +18,10 @@ from obc_ros.core.lqr.design.design import Design, design, Sampling
 from obc_ros.core.lqr.design.set_point import check_set_point
 from obc_ros.core.lqr.weights import count
 from obc_ros.core.text.errors import StatementError
-from obc_ros.nodes.control.command_sinks import Sink
 from obc_ros.nodes.control.controller_settings import (
+    check_messages,
     ControllerSettings,
-    fill_deviations,
+    fill_weights,
     linearize_system,
     make_input_limits,
     make_key,
@@ -156,7 +156,7 @@ def judge_mpc_settings(settings: Settings) -> MpcCandidate:
         raise StatementError('rate = 0: wanted the rate of the plans')
     found = _design(*(make_key(getattr(settings, name)) for name in _DESIGN))
     system = found.plant.system
-    Sink(settings.command_sink, system)   # raises if it does not carry the inputs
+    check_messages(settings, found.plant)
     check_set_point(found.plant, settings.setpoint, settings.setpoint_input)
     limits = make_input_limits(settings, found.plant)
     # Without a terminal set nothing is known to be safe but the set point itself.
@@ -219,6 +219,6 @@ _DESIGN = (*_PLANT, *_WEIGHTS, 'rate')
 def _design(*values: Any) -> Design:
     given = dict(zip(_DESIGN, values, strict=True))
     held = linearize_system(*(given[name] for name in _PLANT))
-    fill_deviations(given, held)
+    fill_weights(given, held)
     return design(held, {name: given[name] for name in _WEIGHTS}, (), (),
                   Sampling(1.0 / given['rate'], 0.0, True))

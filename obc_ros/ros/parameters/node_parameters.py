@@ -21,22 +21,26 @@ place of their defaults. A value that the user gives explicitly overrides it.
 
 A parameter without an effect under the present settings (`used_when`) is at its default. Another
 value is rejected, also at the start. A change that removes its effect resets it to the default.
+
+A name that is no parameter is rejected, also at the start, unless a section for all nodes of a
+file gives it. A parameter file without a section for the node is rejected.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import fields, MISSING, replace
+import sys
 from typing import Any, cast, Generic, TypeVar
 
 from obc_ros.core.text.errors import ObcError, quote, StatementError
 from obc_ros.ros.callback_guards import guard
 from obc_ros.ros.desk import Desk
 from obc_ros.ros.parameters.conditions import (
-    condition_holds,
     count_depth,
     explain_idle,
     is_used,
     Value,
 )
+from obc_ros.ros.parameters.files import check_files
 from obc_ros.ros.parameters.services import serve_parameters
 from obc_ros.ros.parameters.table import (
     declare_field,
@@ -118,6 +122,7 @@ class Parameters(Generic[Settings, Judged]):
         self._prepared: tuple[Settings, Judged | None, Exception | None] | None = None
         # rclpy has no public list of the values given by files and arguments
         self._overrides: dict[str, Parameter] = getattr(node, '_parameter_overrides', {})
+        self._shared = check_files(sys.argv, node.get_fully_qualified_name())
         for entry in self._rows():
             self._declare(entry)
         try:
@@ -150,8 +155,8 @@ class Parameters(Generic[Settings, Judged]):
                 yield entry if entry.name else _renamed(entry, each.name)
 
     def _declare(self, entry: ParameterRow) -> None:
-        if entry.default_when and condition_holds(entry.default_when[0], self._values):
-            entry = replace(entry, default=entry.default_when[1])
+        if entry.default_given and self._is_given(entry.default_given[0]):
+            entry = replace(entry, default=entry.default_given[1])
         if entry.name in self._start:
             entry = replace(entry, default=entry.value(entry.ros(self._start[entry.name][0])))
         name, value = entry.name, entry.default
@@ -170,6 +175,10 @@ class Parameters(Generic[Settings, Judged]):
             self._start |= {each: (given, giver) for each, given in found.values.items()}
             self._node.get_logger().info(f'{giver}: {found.note}')
 
+    def _is_given(self, name: str) -> bool:
+        """Return whether a value at the start replaces the default of a parameter."""
+        return name in self._overrides or name in self._start
+
     def _check_start(self) -> None:
         """Reject values at the start that no parameter takes, or that would have no effect."""
         for name, (_, giver) in self._start.items():
@@ -179,6 +188,10 @@ class Parameters(Generic[Settings, Judged]):
         given = {name: each.value for name, each in self._overrides.items()}
         if advice := self._former(given, self._values):
             raise StatementError(advice)
+        for name in self._unknown():
+            if name not in self._shared:
+                raise StatementError(f"no parameter '{quote(name)}'"
+                                     f'{suggest_key(name, self._entries)}')
         for name in self._idle(self._values):
             raise StatementError(explain_idle(self._entries, name, self._values, is_start=True))
 
@@ -187,10 +200,14 @@ class Parameters(Generic[Settings, Judged]):
         return (name for name, entry in self._entries.items()
                 if values[name] != entry.default and not is_used(entry.used_when, values))
 
+    def _unknown(self) -> list[str]:
+        """Return the names given at the start that are no parameters."""
+        return [name for name in self._overrides
+                if not (self._node.has_parameter(name) or name.startswith('qos_overrides.'))]
+
     def _report_unknown(self) -> None:
-        """Log names given at the start that are no parameters; files are often shared by nodes."""
-        others = [name for name in self._overrides
-                  if not (self._node.has_parameter(name) or name.startswith('qos_overrides.'))]
+        """Log names that sections for all nodes give, and that are no parameters of this one."""
+        others = [name for name in self._unknown() if name in self._shared]
         for name in others:
             if near := suggest_key(name, self._entries):
                 self._node.get_logger().warning(

@@ -10,7 +10,7 @@ import re
 from typing import Any
 
 from obc_ros.core.text.errors import quote, StatementError
-from obc_ros.ros.parameters.conditions import ParameterCondition, UsedWhen, Value
+from obc_ros.ros.parameters.conditions import UsedWhen, Value
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 from rclpy.parameter import Parameter
 
@@ -64,7 +64,7 @@ class ParameterRow:
     finite: bool = True
     texts: bool = False
     used_when: UsedWhen = ()
-    default_when: tuple[ParameterCondition, Value] | None = None
+    default_given: tuple[str, Value] | None = None
     gives: Callable[[str], StartValues] | None = None
 
     @property
@@ -183,7 +183,7 @@ def declare_field(
     finite: bool = True,
     texts: bool = False,
     used_when: UsedWhen = (),
-    default_when: tuple[ParameterCondition, Value] | None = None,
+    default_given: tuple[str, Value] | None = None,
     gives: Callable[[str], StartValues] | None = None,
 ) -> Any:
     """
@@ -212,8 +212,8 @@ def declare_field(
     used_when : tuple
         Conditions on other parameters, see `conditions`. The parameter has an effect if one of
         them holds; empty: always.
-    default_when : tuple, optional
-        A condition on parameters declared before, and the default if it holds.
+    default_given : tuple, optional
+        Name of a parameter declared before, and the default if that is given at the start.
     gives : callable, optional
         Returns the `StartValues` of a text that is not empty. They become the defaults of the
         other parameters. Raises ObcError for a text that gives none.
@@ -227,7 +227,7 @@ def declare_field(
     entry = ParameterRow(
         name=name, default=default, description=description, unit=unit, lower=lower, upper=upper,
         choices=choices, read_only=read_only, finite=finite, texts=texts, used_when=used_when,
-        default_when=default_when, gives=gives)
+        default_given=default_given, gives=gives)
     return field(default=default, metadata={'entry': entry})
 
 

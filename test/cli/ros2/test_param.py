@@ -17,7 +17,7 @@ import yaml
 @pytest.fixture
 def lqr(spawn: Any) -> Any:
     """Start a regulator and wait for its design."""
-    node = spawn('lqr_node', {'system': 'aircraft'})
+    node = spawn('lqr_node', {**support.DEMO, 'system': 'aircraft'})
     node.wait_for_output('revision 1')
     return node
 

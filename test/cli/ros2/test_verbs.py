@@ -25,7 +25,7 @@ GOAL = ("{problem: {states: [p], inputs: [u], dynamics: [{name: p, expression: u
 def loop(spawn: Any) -> None:
     """Start a plant and its regulator."""
     spawn('plant_simulator', {'system': 'aircraft'})
-    spawn('lqr_node', {'system': 'aircraft'}).wait_for_output('revision 1')
+    spawn('lqr_node', {**support.DEMO, 'system': 'aircraft'}).wait_for_output('revision 1')
 
 
 def test_service_call_and_list(loop: None, terminal: Terminal) -> None:

@@ -91,7 +91,7 @@ class Site:
         self.spawner = support.Spawner(folder, domain)
         self.domain, self.folder, self.browser = domain, folder, browser
         self.spawner('plant_simulator', AIRCRAFT)
-        self.spawner('lqr_node', {'system': 'aircraft', 'use_sim_time': True})
+        self.spawner('lqr_node', {**support.DEMO, 'system': 'aircraft', 'use_sim_time': True})
         self.spawner('trajectory_server', {'workers': 1, 'plan_lead': 3.0})
         self.probe = Probe(domain)
         self.designs = self.probe.listen(LqrDesign, 'lqr_node/design', LATCHED)

@@ -14,6 +14,7 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm, solve_discrete_are
 from std_srvs.srv import Trigger
+from support import DEMO
 
 pytestmark = pytest.mark.nodes
 
@@ -129,8 +130,9 @@ def test_integral_action_removes_the_steady_state_error(spawn: Any, probe: Any) 
             'publish_rate': 20.0, 'disturbance.constant.x2': push}, namespace=f'/{name}')
     probe.wait_for(lambda: all(states.values()), what='the first states')
     for name, extra in loops.items():
-        spawn('lqr_node', {'system': 'double_integrator', 'Qx': [4.0, 0.0], 'state_timeout': 0.0, 'stamp_timeout': 0.0,
-                           **extra}, namespace=f'/{name}')
+        spawn('lqr_node', {**DEMO, 'system': 'double_integrator', 'Qx': [4.0, 0.0],
+                           'state_timeout': 0.0, 'stamp_timeout': 0.0, **extra},
+              namespace=f'/{name}')
     probe.wait_for(lambda: all(seen[-1].header.stamp.sec >= 35 for seen in states.values()), 40.0)
     assert states['plain'][-1].x[0] == pytest.approx(push / 2.0, rel=1e-6)
     assert np.abs(states['integral'][-1].x).max() < 1e-6

@@ -13,6 +13,7 @@ import numpy as np
 from obc_ros.msg import State
 import pytest
 from std_srvs.srv import Trigger
+from support import DEMO
 
 pytestmark = pytest.mark.nodes
 
@@ -63,7 +64,7 @@ def test_diagnostics_warn_of_a_plant_unlike_the_design(spawn: Any, probe: Any) -
     for name, a in (('right', -1.0), ('wrong', 1.5)):  # the design is for a = -1
         spawn('plant_simulator', {'system': 'scalar', 'system_parameters.a': a, 'x0': [1e-3],
                                   'publish_rate': 50.0}, namespace=f'/{name}')
-        spawn('lqr_node', {'system': 'scalar', 'system_parameters.a': -1.0},
+        spawn('lqr_node', {**DEMO, 'system': 'scalar', 'system_parameters.a': -1.0},
               namespace=f'/{name}')
 
     def words(name: str) -> set[str]:

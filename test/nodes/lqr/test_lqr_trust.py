@@ -108,7 +108,7 @@ def test_a_dry_run_reports_the_design_and_changes_nothing(spawn: Any, probe: Any
     assert attempt(stability=0.5).design.poles_real[-1] < -0.5
     for refused, sentence in (
             ({'qu': [1.0, -1.0]}, 'Qu[1] = -1'), ({'qx': [math.nan] * 6}, 'Qx[0] = nan'),
-            ({'weights': 'best'}, 'best'), ({'rho': math.nan, 'weights': 'output'}, 'H has no'),
+            ({'weights': 'best'}, 'best'), ({'rho': math.nan, 'weights': 'output'}, 'rho = nan'),
             ({'cross': [1e9] * 12}, 'cross'), ({'stability': -1.0}, 'stability = -1')):
         answer = attempt(**refused)
         assert not answer.success, (refused, answer.message)
@@ -447,8 +447,10 @@ def test_the_forces_are_published_as_a_wrench(spawn: Any, probe: Any) -> None:
 @pytest.mark.parametrize(('parameters', 'sentence'), [
     ({'system': 'double_integrator', 'state_source': 'odom'},
      'do not determine the state of double'),
-    ({'system': 'aircraft', 'command_sink': 'cmd_vel'}, 'this message does not carry the inputs'),
-    ({'system': 'vehicle', 'command_sink': 'wrench'}, 'this message does not carry the inputs'),
+    ({'system': 'aircraft', 'command_sink': 'cmd_vel'},
+     'add to its file: ros: {cmd_vel: {linear.x: EXPRESSION, angular.z: EXPRESSION}}, with'),
+    ({'system': 'vehicle', 'command_sink': 'wrench'},
+     'it is not known how this message carries the inputs of vehicle'),
 ])
 def test_messages_unfit_for_the_system_are_refused(spawn: Any, parameters: Any, sentence: str
                                                    ) -> None:

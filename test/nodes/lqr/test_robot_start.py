@@ -12,7 +12,7 @@ from geometry_msgs.msg import TwistStamped
 from lqr_bench import Bench, HOVER, matrix
 from nav_msgs.msg import Odometry
 import numpy as np
-from obc_ros.msg import LqrWeights
+from obc_ros.msg import Command, LqrWeights
 from obc_ros.srv import TryDesign
 import pytest
 
@@ -22,7 +22,7 @@ PAGE = Path(__file__).parents[3] / 'docs' / 'workspace.md'
 ROBOT = {'system': 'vehicle', 'state_source': 'odom', 'command_sink': 'cmd_vel'}
 MOVING = 'the set point of vehicle moves, dpx/dt = 10 m/s, and must be given: add ' \
          'setpoint_input: [10.0, 0.0] (px = 0 m, py = 0 m, theta = 0 rad; v = 10 m/s, phi = 0 rad)'
-UNLIMITED = 'command_sink = cmd_vel: the inputs of a robot need limits, and u_limits '
+UNLIMITED = 'the inputs of vehicle need limits, and u_limits '
 
 
 @pytest.mark.parametrize(('parameters', 'sentence'), [
@@ -38,7 +38,11 @@ UNLIMITED = 'command_sink = cmd_vel: the inputs of a robot need limits, and u_li
      '[0.0, HIGHEST_v, -0.6, 0.6] (lower and upper limit of v [m/s], phi [rad]), or unlimited: '),
     ({**ROBOT, 'setpoint_input': [1.0, 0.0], 'u_limits': [math.inf, 0.5]},
      UNLIMITED + 'leaves v unlimited: add u_limits: [0.0, HIGHEST_v, -0.5, 0.5]'),
-    ({'command_sink': 'wrench'}, 'command_sink = wrench: the inputs of a robot need limits, and'),
+    ({'system': 'aircraft', 'command_sink': 'wrench'},
+     'the inputs of aircraft need limits, and u_limits is missing'),
+    ({'system': 'aircraft'}, 'the inputs of aircraft need limits, and u_limits is missing: add '
+     'u_limits: [LOWEST_f1, HIGHEST_f1, LOWEST_f2, HIGHEST_f2] (lower and upper limit of f1 [N], '
+     'f2 [N]), or unlimited: true if the plant is simulated'),
     ({'u_max': [5.0, 50.0]}, 'u_max does not limit the inputs: write u_limits:'
      ' [-.inf, 5.0, -.inf, 50.0]'),
     ({'u_min': [-5.0, 0.0], 'u_max': [5.0, 50.0]}, 'u_min and u_max do not limit the '
@@ -214,3 +218,45 @@ def test_an_accepted_frame_and_wheelbase_take_effect(spawn: Any, probe: Any) -> 
     robot.odom.publish(message)
     robot.process.wait_for_output("a state in the frame 'odom' was dropped: wanted 'map'")
     assert len(robot.twists) == seen
+
+
+PLANT = """
+name: cart
+states: [p, v]
+inputs: [a]
+dynamics: {p: v, v: a}
+"""
+
+
+@pytest.mark.parametrize('node', ['lqr_node', 'mpc_node'])
+def test_an_own_plant_on_command_needs_limits(spawn: Any, tmp_path: Path, node: str) -> None:
+    """Row 17: whatever its topics are; the sentence gives the line to add."""
+    (tmp_path / 'cart.yaml').write_text(PLANT)
+    process = spawn(node, {'system': str(tmp_path / 'cart.yaml')})
+    assert process.wait() == 1
+    assert 'the inputs of cart need limits, and u_limits is missing: add u_limits: [LOWEST_a, ' \
+        'HIGHEST_a] (lower and upper limit of a [1]), or unlimited: true' in process.output()
+
+
+def test_an_own_plant_on_command_starts_from_rest(spawn: Any, probe: Any, tmp_path: Path) -> None:
+    """Row 17: its own limits are enough; the law has half of its effect after half a second."""
+    (tmp_path / 'cart.yaml').write_text(PLANT + 'input_bounds: {a: [-9, 9]}')
+    bench = Bench(spawn, probe, sink=Command, commands='/command',
+                  system=str(tmp_path / 'cart.yaml'))
+    assert probe.get_parameters('/lqr_node', 'transition_time', 'unlimited') == {
+        'transition_time': 1.0, 'unlimited': False}
+    x, K = [1.0, 0.0], matrix(bench.design(1).k, 1)
+    bench.ask(x)
+    first = bench.stamp * 1e-9
+    for t, part in ((0.25, 0.25**2 * 2.5), (0.5, 0.5), (0.75, 0.84375), (1.0, 1.0)):
+        found = bench.answer(x, first + t)   # 3 s^2 - 2 s^3
+        np.testing.assert_allclose(found, -K @ x * part, rtol=0.15, atol=1e-9)
+
+
+def test_without_a_system_the_aircraft_of_the_simulator_flies_at_once(spawn: Any, probe: Any
+                                                                      ) -> None:
+    """Row 17: `ros2 run obc_ros lqr_node` alone needs nothing."""
+    process = spawn('lqr_node')
+    process.wait_for_output('revision 1')
+    assert probe.get_parameters('/lqr_node', 'transition_time', 'unlimited') == {
+        'transition_time': 0.0, 'unlimited': True}

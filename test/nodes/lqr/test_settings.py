@@ -165,6 +165,10 @@ def test_every_parameter_is_described() -> None:
     ({'P1': (1.0,)}, 'P1 has 1 number; wanted 6'),
     ({'schedule': 'f2', 'schedule_range': (30.0, 50.0)}, 'f2'),
     ({'schedule': 'm', 'schedule_range': (3.0, 5.0)}, 'a State does not contain this'),
+    ({'schedule': 'f3'}, "no input or parameter 'f3'"),
+    ({'schedule': 'f1', 'schedule_range': (1.0,)}, 'schedule_range has 1 number; wanted'),
+    ({'state_timeout': 1e-6}, 'state_timeout = 1e-06: wanted 0 (never) or at least 0.001 s'),
+    ({'state_timeout': 9.9e-4}, 'wanted 0 (never) or at least 0.001 s'),
     ({'sample_time': 0.01, 'rate': 20.0}, 'with rate = 20 commands are 0.05 s apart or more'),
 ])
 def test_contradictory_settings_are_refused(change: dict[str, Any], sentence: str) -> None:
@@ -186,3 +190,27 @@ def test_a_reference_needs_the_frame_of_the_states(frame: str, states: str, sent
         return
     with pytest.raises(ObcError, match=sentence):
         read_courses(message, system, states, ())
+
+
+def test_weights_of_outputs_are_set_one_by_one() -> None:
+    """Row 26: `weights: output` alone weights all states, z = x; then H and rho."""
+    alone = judge_lqr_settings(Settings(weights='output'))
+    identity = judge_lqr_settings(Settings())
+    np.testing.assert_array_equal(alone.design.lqr.K, identity.design.lqr.K)
+    rows = (3.0, *6 * [0.0], 1.0, *4 * [0.0])   # z = (3 px, py)
+    outputs = judge_lqr_settings(Settings(weights='output', H=rows))
+    np.testing.assert_array_equal(outputs.design.weights.Qx, np.diag([9.0, 1.0, *4 * [0.0]]))
+
+
+def test_a_schedule_is_set_one_by_one() -> None:
+    """Row 26: the gain is constant until there is a range; the sentence says so."""
+    vehicle = Settings(system='vehicle', setpoint_input=(2.0, 0.0),
+                       system_parameters={'l': 2.0})
+    variable = replace(vehicle, schedule='v')
+    alone, whole = (judge_lqr_settings(each) for each in (
+        variable, replace(variable, schedule_range=(1.0, 4.0))))
+    assert alone.control.schedule is None
+    assert alone.control.regulator.K == judge_lqr_settings(vehicle).control.regulator.K
+    assert 'the gain does not follow v without schedule_range' in alone.note
+    assert whole.control.schedule is not None
+    assert 'the gain follows v from 1 to 4: ' in whole.note

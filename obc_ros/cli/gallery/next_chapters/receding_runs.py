@@ -7,7 +7,14 @@ from pathlib import Path
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
-from obc_ros.cli.gallery.loop import ATTEMPTS, read_run, record_nodes, Run, UnansweredError
+from obc_ros.cli.gallery.loop import (
+    ATTEMPTS,
+    read_run,
+    record_nodes,
+    Run,
+    SIMULATED,
+    UnansweredError,
+)
 from obc_ros.cli.gallery.ros2_commands import run_node
 from obc_ros.cli.gallery.runner import Desk
 
@@ -36,7 +43,7 @@ def run_receding(desk: Desk, plant: Mapping[str, Any], controller: Mapping[str, 
         If messages are lost or a plan is late in each of `ATTEMPTS` runs.
 
     """
-    plant = {**plant, 'lockstep': True}
+    plant, controller = {**plant, 'lockstep': True}, {**controller, **SIMULATED}
     desk.note(run_node('plant_simulator', plant))
     desk.note(run_node('mpc_node', controller))
     desk.note(PLAN)

@@ -67,11 +67,10 @@ def resolve_input_limits(plant: LinearizedPlant, given: Sequence[float]) -> tupl
     return convert_vector(low for low, _ in bounds), convert_vector(high for _, high in bounds)
 
 
-def check_all_limited(plant: LinearizedPlant, given: Sequence[float], lower: Vector, upper: Vector,
-                      sink: str
+def check_all_limited(plant: LinearizedPlant, given: Sequence[float], lower: Vector, upper: Vector
                       ) -> None:
     """
-    Check that limits are given, and that every input of a robot has both.
+    Check that every input has both limits.
 
     Parameters
     ----------
@@ -81,8 +80,6 @@ def check_all_limited(plant: LinearizedPlant, given: Sequence[float], lower: Vec
         As for `resolve_input_limits`.
     lower, upper : tuple of float
         (m,) the limits that follow.
-    sink : str
-        Topic of the commands, for the message.
 
     Raises
     ------
@@ -92,7 +89,7 @@ def check_all_limited(plant: LinearizedPlant, given: Sequence[float], lower: Vec
     """
     free = [signal.name for signal, low, high in zip(
         plant.system.inputs, lower, upper, strict=True) if not math.isfinite(high - low)]
-    if given and not free:
+    if not free:
         return
     pairs = ', '.join(
         str(float(f'{bound:.6g}')) if math.isfinite(bound) else f'{word}_{signal.name}'
@@ -101,8 +98,8 @@ def check_all_limited(plant: LinearizedPlant, given: Sequence[float], lower: Vec
     units = ', '.join(f'{signal.name} [{signal.unit or "1"}]' for signal in plant.system.inputs)
     what = f'u_limits leaves {" and ".join(free)} unlimited' if given else 'u_limits is missing'
     raise StatementError(
-        f'command_sink = {sink}: the inputs of a robot need limits, and {what}: add '
-        f'u_limits: [{pairs}] (lower and upper limit of {units}), or unlimited: true')
+        f'the inputs of {plant.system.name} need limits, and {what}: add u_limits: [{pairs}] '
+        f'(lower and upper limit of {units}), or unlimited: true if the plant is simulated')
 
 
 def translate_former_limits(system: System, given: Mapping[str, Any]) -> str:
