@@ -6,7 +6,8 @@ Node lqr_node: state feedback u = ue - K (x - xe), designed from the weights in 
 Subscribes to ``state`` (State) or ``odom`` (nav_msgs/Odometry) and ``reference`` (Trajectory).
 Publishes ``command`` (Command, or see `command_sinks`), ``~/design`` (LqrDesign, transient local)
 and ``/diagnostics``. Services: ``~/stop``, ``~/start`` (std_srvs/Trigger), ``~/try_design``
-(TryDesign), ``~/suggest_weights`` (SuggestWeights), and those of a lifecycle node. Parameters: see
+(TryDesign), ``~/suggest_weights`` (SuggestWeights), ``~/predict_state`` (PredictState),
+``~/follow_reference`` (FollowReference), and those of a lifecycle node. Parameters: see
 `settings.Settings`. The loop is in `controller_node`.
 """
 
@@ -18,11 +19,12 @@ from typing import Any
 from obc_ros.core.lqr.design.reference_checks import check
 from obc_ros.core.lqr.design.reference_tracking import Course
 from obc_ros.core.lqr.design.report import change
-from obc_ros.core.text.errors import ObcError, StatementError
+from obc_ros.core.text.errors import ObcError, RefusedReferenceError, StatementError
 from obc_ros.msg import LqrDesign, Trajectory
 from obc_ros.nodes.control.controller_node import ControllerNode, LATCHED_QOS, OVERRIDES
 from obc_ros.nodes.control.design_message import design_message
-from obc_ros.nodes.lqr.reference_messages import read_courses
+from obc_ros.nodes.lqr.prediction import explain_idleness, Oracle
+from obc_ros.nodes.lqr.reference_messages import is_same_reference, read_courses
 from obc_ros.nodes.lqr.settings import (
     apply_request,
     describe_ending,
@@ -31,9 +33,9 @@ from obc_ros.nodes.lqr.settings import (
     Settings,
 )
 from obc_ros.nodes.lqr.weight_suggestions import fill_suggestion, suggest_weights
-from obc_ros.ros.conversions import read_nanoseconds
+from obc_ros.ros.conversions import read_nanoseconds, set_stamp
 from obc_ros.ros.executor import run
-from obc_ros.srv import SuggestWeights, TryDesign
+from obc_ros.srv import FollowReference, PredictState, SuggestWeights, TryDesign
 from rclpy.qos_overriding_options import QoSOverridingOptions
 
 
@@ -45,6 +47,8 @@ class LqrNode(ControllerNode):
 
     def _prepare(self) -> None:
         self._courses: tuple[Course, ...] = ()
+        self._oracle = Oracle()
+        self._accepted: Trajectory | None = None   # by the service, and not yet on the topic
 
     def _create_topics(self, settings: Settings) -> None:
         super()._create_topics(settings)
@@ -58,8 +62,11 @@ class LqrNode(ControllerNode):
         super()._create_services()
         for kind, name, callback in (
                 (TryDesign, '~/try_design', self._on_try_design),
-                (SuggestWeights, '~/suggest_weights', self._on_suggest_weights)):
+                (SuggestWeights, '~/suggest_weights', self._on_suggest_weights),
+                (PredictState, '~/predict_state', self._on_predict_state)):
             self.create_service(kind, name, callback, callback_group=self._desk.group)
+        self.create_service(FollowReference, '~/follow_reference', self._on_follow_reference,
+                            callback_group=self._desk.changes)
 
     def _shared_topics(self) -> list[str]:
         return [self._references.topic_name]
@@ -83,28 +90,63 @@ class LqrNode(ControllerNode):
         super()._adopt(candidate)
 
     def _forget(self) -> None:
-        self._courses = ()
+        self._courses, self._accepted = (), None
 
     def _note_refused(self, reason: str) -> None:
         self._refuse_reference(reason)
 
     async def _on_reference(self, message: Trajectory, info: Any) -> None:
         """Follow a reference; one without samples ends the one that is followed."""
+        accepted, self._accepted = self._accepted, None
+        if accepted is not None and is_same_reference(message, accepted):
+            return   # trajectory_server publishes what was accepted
         try:
             self._check_age(message, info)
-            courses, candidate = await self._desk.run(
-                lambda: self._judge_reference(message), is_change=True)
+            await self._follow(message, is_judged_ahead=False)
         except ObcError as error:
             self._refuse_reference(str(error))
-            return
+
+    async def _on_follow_reference(self, request: FollowReference.Request,
+                                   response: FollowReference.Response
+                                   ) -> FollowReference.Response:
+        try:
+            if request.reference.t and (reason := explain_idleness(self._loop)):
+                raise StatementError(reason)
+            response.message = await self._follow(request.reference, is_judged_ahead=True)
+        except ObcError as error:
+            response.message = str(error)
+            self._refuse_reference(response.message)
+        else:
+            response.success, self._accepted = True, request.reference
+        return response
+
+    async def _follow(self, message: Trajectory, is_judged_ahead: bool) -> str:
+        """Follow a reference and return what is said of it; raise ObcError if it is rejected."""
+        courses, candidate = await self._desk.run(
+            lambda: self._judge_reference(message, is_judged_ahead), is_change=True)
         if reason := self._loop.offer(candidate.control):
-            self._refuse_reference(reason)
-            return
+            raise RefusedReferenceError(reason)
         self._courses, self._adopted = courses, candidate
-        self._log.info(
-            'reference', f'a reference of {courses[-1].reference.duration:g} s, '
-            f'{describe_ending(courses[-1], candidate)}' if courses else
-            'no reference is followed')
+        sentence = (f'a reference of {courses[-1].reference.duration:g} s, '
+                    f'{describe_ending(courses[-1], candidate)}' if courses else
+                    'no reference is followed')
+        self._log.info('reference', sentence)
+        return sentence
+
+    async def _on_predict_state(self, request: PredictState.Request,
+                                response: PredictState.Response) -> PredictState.Response:
+        stamp = read_nanoseconds(request.stamp)
+        try:
+            found = await self._desk.run(
+                lambda: self._oracle.foresee(self._loop, self._adopted, stamp))
+        except ObcError as error:
+            response.message = str(error)
+            return response
+        set_stamp(response.header.stamp, found.stamp)
+        response.header.frame_id, response.names = self._frame, list(self._adopted.control.names)
+        response.x, response.u, response.at_rest = found.x, found.u, found.at_rest
+        response.success, response.message = True, found.sentence
+        return response
 
     def _check_age(self, message: Trajectory, info: Any) -> None:
         """Reject a reference that begins at once if it was published before the node began."""
@@ -114,7 +156,8 @@ class LqrNode(ControllerNode):
                 f'it was published {(self._created - sent) * 1e-9:.3g} s before this node '
                 'started, and has no stamp: publish it again')
 
-    def _judge_reference(self, message: Trajectory) -> tuple[tuple[Course, ...], LqrCandidate]:
+    def _judge_reference(self, message: Trajectory, is_judged_ahead: bool
+                         ) -> tuple[tuple[Course, ...], LqrCandidate]:
         """Return the references to follow after a message, and their control; at the desk."""
         followed = self._loop.reference
         courses = read_courses(
@@ -124,6 +167,8 @@ class LqrNode(ControllerNode):
         if courses:
             control = candidate.control
             check(courses[-1], candidate.design, control.limits, control.legs[-1].allowed)
+            if is_judged_ahead and (reason := self._oracle.explain_miss(self._loop, candidate)):
+                raise RefusedReferenceError(f'predicted for its beginning: {reason}')
         return courses, candidate
 
     def _refuse_reference(self, reason: str) -> None:

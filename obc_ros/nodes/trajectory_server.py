@@ -6,20 +6,23 @@ Node trajectory_server: solves optimal control problems on request, with a certi
 Services: ``~/solve`` (SolveOptimalControl), ``~/design_lqr`` (DesignLqr), ``~/minimize``
 (Minimize), ``~/plan`` (PlanMotion). Action: ``~/solve_optimal_control``, the same request as
 ``~/solve`` with feedback and cancel. Publishes ``reference`` (Trajectory, transient local) when a
-plan is to be executed, and ``/diagnostics``; the last plan of a plant with positions as ``plan``
+plan is executed, and ``/diagnostics``; the last plan of a plant with positions as ``plan``
 (nav_msgs/Path) and ``plan_markers`` (visualization_msgs/MarkerArray), if somebody subscribes.
-Subscribes to ``state`` (State) or ``odom`` (nav_msgs/Odometry), from which a plan without a start
-begins. Parameters: see `Settings`.
+Subscribes to ``state`` (State) or ``odom`` (nav_msgs/Odometry). Calls ``lqr_node/predict_state``
+(PredictState), where a plan without a start begins, and ``lqr_node/follow_reference``
+(FollowReference). Parameters: see `Settings`.
 
 Worker processes solve the problems, so that the node always responds.
 """
 
 from collections import Counter, deque
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 import math
 import sys
 from time import monotonic
+from types import MappingProxyType
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
@@ -27,7 +30,10 @@ from obc_ros.action import SolveOptimalControl as SolveAction
 from obc_ros.core.ocp.solution import MAX_INTERVALS
 from obc_ros.core.text.errors import ObcError, quote, StatementError
 from obc_ros.msg import Trajectory
-from obc_ros.nodes.present_state import PresentState
+from obc_ros.nodes.motions.lqr_client import LqrClient
+from obc_ros.nodes.motions.motion_requests import MotionRequests, state_plan
+from obc_ros.nodes.motions.plant_files import load_plants
+from obc_ros.nodes.motions.present_state import PresentState
 from obc_ros.nodes.views.plan_view import PlanView
 from obc_ros.ros import messages
 from obc_ros.ros.callback_guards import guard_callbacks
@@ -88,8 +94,12 @@ class Settings:
     state_timeout: float = declare_field(
         0.5, 'maximum age of the state at which a plan may begin', 's', lower=1e-3)
     plan_lead: float = declare_field(
-        0.5, 'time from the publication of a plan to its beginning, in which lqr_node computes '
-        'its gains', 's', lower=0.0, upper=60.0)
+        0.5, 'time from a plan to its beginning, in which lqr_node computes its gains; where the '
+        'plant moves, the time that such a plan took before is added before it is computed', 's',
+        lower=0.0, upper=60.0)
+    systems: tuple[str, ...] = declare_field(
+        (), 'YAML files of plants that ~/plan plans for by their names, besides the registered '
+        'systems; read at the start', texts=True, read_only=True)
     state_source: str = declare_field(
         'state', STATE_SOURCE, choices=tuple(SOURCES), read_only=True)
     markers: bool = declare_field(
@@ -116,14 +126,19 @@ class TrajectoryServer(Node):
         self._arrived: deque[tuple[Future, RequestAnswer]] = deque()
         self._statuses: Counter[str] = Counter()
         self._log = ThrottledLog(self)
-        self._state = PresentState(self, self._settings.settings.state_source, self._log)
-        self._reference = self.create_publisher(Trajectory, 'reference', PLAN_QOS)
+        self._motions = self._plan_motions()
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(1.0, self._diagnose, clock=steady)
         self._action: ActionServer | None = None
         self._latest = monotonic() + START
         self._opening = self.create_timer(LOOK, self._open, clock=steady)
+
+    def _plan_motions(self) -> MotionRequests:
+        return MotionRequests(
+            self, PresentState(self, self._settings.settings.state_source, self._log),
+            LqrClient(self, ReentrantCallbackGroup()),
+            self.create_publisher(Trajectory, 'reference', PLAN_QOS), self._log, self._ask_motion)
 
     def _open(self) -> None:
         """Create the services once the workers run, so that the first responses are in time."""
@@ -171,7 +186,7 @@ class TrajectoryServer(Node):
     async def _solve(self, request: Any, response: Any) -> Any:
         messages.fill_answer(response, await self._ask('solve', request, request.time_limit))
         if response.success:
-            self._view.show(response.trajectory, request.problem)
+            self._view.show(response.trajectory, partial(messages.read_statement, request.problem))
         return response
 
     async def _minimize(self, request: Any, response: Any) -> Any:
@@ -183,42 +198,18 @@ class TrajectoryServer(Node):
         return response
 
     async def _plan(self, request: Any, response: Any) -> Any:
-        timeout = self._settings.settings.state_timeout
-        if not request.start:
-            try:
-                request.start = self._state.start(request, timeout)
-            except ObcError as error:
-                messages.fill_answer(response, self._refuse('plan', 'malformed', str(error)))
-                return response
-        packet = await self._ask('plan', request, request.time_limit)
-        if request.execute and packet.plain['status'] == 'solved':
-            packet = self._check_state(packet, timeout)
-        messages.fill_answer(response, packet)
-        if response.success and request.execute:
-            self._publish(response.trajectory)
+        try:
+            await self._motions.answer(
+                request, response, self._settings.settings, self._limit(request.time_limit))
+        except ObcError as error:
+            messages.fill_answer(response, self._refuse('plan', 'malformed', str(error)))
         if response.success:
-            self._view.show(response.trajectory)
+            self._view.show(response.trajectory, partial(
+                state_plan, request, self._settings.settings.systems))
         return response
 
-    def _check_state(self, packet: Packet, timeout: float) -> Packet:
-        """Return a plan, as rejected if the states ended while it was computed."""
-        # Without any state the plan has a start of its own, and the plant may come later.
-        if not self._state.has_arrived or not (
-                missing := self._state.explain_absence(timeout)):
-            return packet
-        reason = f'the plan is solved, but not executed: {missing}'
-        self._log_refusal('plan', reason)
-        return Packet({**packet.plain, 'status': 'cancelled', 'message': reason}, packet.arrays)
-
-    def _publish(self, plan: Trajectory) -> None:
-        """Publish a plan as a reference, which begins by the clock of the states."""
-        now = self._state.stamp()
-        now = self.get_clock().now().nanoseconds if now is None else now
-        plan.header.stamp.sec, plan.header.stamp.nanosec = divmod(
-            now + round(self._settings.settings.plan_lead * 1e9), 10**9)
-        self._reference.publish(plan)
-        self._log.info('reference', f'a plan of {plan.t[-1]:.4g} s for {plan.system} is published '
-                       f'on {self._reference.topic_name}')
+    async def _ask_motion(self, request: Any, limit: float, more: Mapping[str, Any]) -> Packet:
+        return await self._ask('plan', request, limit, more=more)
 
     async def _execute(self, goal: Any) -> Any:
         """Execute a goal of the action; it succeeds only with a certified solution."""
@@ -234,7 +225,8 @@ class TrajectoryServer(Node):
         messages.fill_answer(result, await self._ask(
             'solve', goal.request, goal.request.time_limit, progress, goal))
         if result.success:
-            self._view.show(result.trajectory, goal.request.problem)
+            self._view.show(
+                result.trajectory, partial(messages.read_statement, goal.request.problem))
             goal.succeed()
         elif goal.is_cancel_requested:
             goal.canceled()
@@ -249,7 +241,8 @@ class TrajectoryServer(Node):
         return CancelResponse.ACCEPT
 
     async def _ask(self, kind: str, request: Any, time_limit: float = 0.0,
-                   progress: Progress = lambda *_: None, goal: Any = None) -> Packet:
+                   progress: Progress = lambda *_: None, goal: Any = None,
+                   more: Mapping[str, Any] = MappingProxyType({})) -> Packet:
         """Return the response of a worker to a request, or the reason for its absence."""
         try:
             packet = messages.read_request(kind, request)
@@ -258,7 +251,7 @@ class TrajectoryServer(Node):
             return self._refuse(kind, 'malformed', str(error))
         settings = self._settings.settings
         packet.plain.update(
-            cache_size=settings.cache_size, max_intervals=settings.max_intervals)
+            more, cache_size=settings.cache_size, max_intervals=settings.max_intervals)
         future: Future = Future()
         job = Job(
             kind=kind, request=packet, time_limit=limit,
@@ -371,7 +364,8 @@ class TrajectoryServer(Node):
 
 
 def _judge(settings: Settings) -> Settings:
-    """Return the settings; raise ObcError if the address of the scheduler cannot be used."""
+    """Return the settings; raise ObcError if the scheduler or a system cannot be used."""
+    load_plants(settings.systems)
     if settings.scheduler:
         from obc_ros.sweep.cluster.connection import check_address, has_dask
         check_address(settings.scheduler)

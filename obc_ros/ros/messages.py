@@ -399,6 +399,8 @@ def _plan_request(request: Any) -> Packet:
         {'system': request.system, 'objective': request.objective,
          'parameters': read_parameters('system_parameters', request.system_parameters),
          'input_bounds': read_message_bounds('input_bounds', request.input_bounds),
+         'state_bounds': read_message_bounds('state_bounds', request.state_bounds),
+         'path_constraints': list(request.path_constraints),
          'final_time': request.final_time},
         _arrays(request, 'start', 'goal', 'qx', 'qu'))
 

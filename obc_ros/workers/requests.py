@@ -4,10 +4,11 @@
 
 from obc_ros.core.numerics.arrays import integrate, linalg, optimize, special
 from obc_ros.core.ocp.solution import MAX_INTERVALS, Report
-from obc_ros.core.solver.motion_planning import Motion, solve_motion
+from obc_ros.core.solver.motion_planning import solve_motion
 from obc_ros.core.solver.nlp.minimize import minimize
 from obc_ros.workers.designing import design_regulator
 from obc_ros.workers.kinds import answer_by, Handler, Keep
+from obc_ros.workers.motions import read_motion
 from obc_ros.workers.solutions import pack_certificate, pack_solution
 from obc_ros.workers.solving import get_cache, solve_statement
 from obc_ros.workers.wire import Packet
@@ -22,16 +23,12 @@ def _minimize(request: Packet, time_limit: float, report: Report, keep: Keep) ->
 
 
 def _plan(request: Packet, time_limit: float, report: Report, keep: Keep) -> Packet:
-    plain, arrays = request.plain, request.arrays
-    motion = Motion(
-        system=plain['system'], start=arrays['start'], goal=arrays['goal'],
-        objective=plain['objective'], parameters=plain['parameters'], Qx=arrays['qx'],
-        Qu=arrays['qu'], final_time=plain['final_time'], input_bounds=plain['input_bounds'])
+    plain = request.plain
     problem, solution = solve_motion(
-        motion, time_limit, report=report, cache=get_cache(plain['cache_size']),
+        read_motion(request), time_limit, report=report, cache=get_cache(plain['cache_size']),
         max_intervals=plain.get('max_intervals', MAX_INTERVALS),
-        keep=lambda problem, path: keep(pack_solution(problem, path, motion.system)))
-    return pack_solution(problem, solution, motion.system)
+        keep=lambda problem, path: keep(pack_solution(problem, path, plain['system'])))
+    return pack_solution(problem, solution, plain['system'])
 
 
 KINDS: dict[str, Handler] = {

@@ -214,7 +214,7 @@ def test_a_controller_tolerates_a_jumping_clock(spawn, probe):
 
 def test_a_plant_tolerates_a_jumping_clock(spawn, probe):
     """The plant continues from its state after jumps in both directions."""
-    spawn('plant_simulator', {'hold_until_command': False, 
+    spawn('plant_simulator', {'hold_until_command': False,
         'system': 'aircraft', 'use_sim_time': True, 'publish_rate': 50.0,
         'x0': [0.0, 0.0, 0.0, 1.0, 0.0, 0.0]})
     states = probe.listen(State, 'state')

@@ -49,8 +49,10 @@ from obc_ros.msg import (
 from obc_ros.ros.messages import build_problem_message, read_request
 from obc_ros.srv import (
     DesignLqr,
+    FollowReference,
     Minimize,
     PlanMotion,
+    PredictState,
     SolveOptimalControl,
     SuggestNoise,
     SuggestWeights,
@@ -82,7 +84,8 @@ PARAMETERS = {
 SERVICES = {
     'lqr_node': {
         **PARAMETERS, 'start': Trigger, 'stop': Trigger, 'suggest_weights': SuggestWeights,
-        'try_design': TryDesign, 'change_state': ChangeState, 'get_state': GetState,
+        'try_design': TryDesign, 'predict_state': PredictState,
+        'follow_reference': FollowReference, 'change_state': ChangeState, 'get_state': GetState,
         'get_available_states': GetAvailableStates,
         'get_available_transitions': GetAvailableTransitions},
     'estimator_node': {**PARAMETERS, 'suggest_weights': SuggestNoise},
@@ -209,6 +212,7 @@ def valid_requests() -> dict[str, Any]:
             system='aircraft', setpoint=[0.0] * 6, setpoint_input=[0.0, 39.2], weights=weights,
             sample_time=0.01, delay=0.02),
         'try_design': TryDesign.Request(weights=weights),
+        'predict_state': PredictState.Request(),
         'suggest_weights': SuggestWeights.Request(
             x_max=[1.0] * 6, u_max=[1.0] * 2, rise_time=2.0, overshoot=0.2,
             peak_input=[10.0, 50.0])}

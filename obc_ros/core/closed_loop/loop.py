@@ -13,6 +13,7 @@ The module is long because all methods share the memory of one run.
 
 from collections import Counter, deque
 from collections.abc import Sequence
+from copy import deepcopy
 import math
 from operator import add, mul, sub
 from threading import RLock
@@ -277,6 +278,29 @@ class ControlLoop:
             self._cause = 'with another publisher of the states'
             self._step(Event.REPLACED, f'{self._cause} the control law begins anew')
 
+    # Prediction
+
+    def fork(self) -> 'ControlLoop':
+        """Return a loop that goes on from here on its own; see `imagine`."""
+        with self._lock:
+            controls = self._control, self._next
+            constant = (*controls, *self._plans, self._setpoint, *(
+                leg.reference for control in controls for leg in control.legs))
+            return deepcopy(self, {id(each): each for each in constant}
+                            | {id(self._lock): RLock()})
+
+    def imagine(self, stamp: int, x: Sequence[float]) -> list[float] | None:
+        """Return the command for a predicted state as `answer` does, as if it came in time."""
+        last = self._clock.last
+        passed = 0.0 if last is None else (stamp - last) * NS
+        return self.answer(stamp, x, self._seen + passed, None, self._measured,
+                           self._restarts or 0)
+
+    def list_earlier(self) -> list[tuple[int, list[float]]]:
+        """Return the commands before the last one that act or will, oldest first, with stamps."""
+        prediction = self._control.prediction
+        return [] if prediction is None else self._sent.list_earlier(prediction)
+
     # States and time, in one thread
 
     def answer(self, stamp: int, x: Sequence[float], now: float, clock: int | None = None,
@@ -403,8 +427,8 @@ class ControlLoop:
         kind, words = ('old', 'before') if self.lag > 0.0 else ('ahead', 'after')
         self.drop(kind, f'a state stamped {abs(self.lag):.3g} s {words} the local time was '
                         f'dropped (stamp_timeout: {timeout:g} s): it is late, or the clocks '
-                        'differ: set use_sim_time for a simulation, or stamp_timeout: 0 for clocks '
-                        'that are not synchronised',
+                        'differ: set use_sim_time for a simulation, or stamp_timeout: 0 for '
+                        'clocks that are not synchronised',
                   self._now)
         return False
 

@@ -43,8 +43,15 @@ class SentCommands:
             self._past.appendleft(self._past[0] if self._past else u)
         self._past.appendleft(u)
         self._stamp = stamp
-        while len(self._past) > len(prediction.Gammas):
+        while len(self._past) > len(prediction.Gammas) + 1:   # the one that acts now stays
             self._past.pop()
+
+    def list_earlier(self, prediction: Prediction) -> list[tuple[int, list[float]]]:
+        """Return the commands before the last one, oldest first, with their stamps [ns]."""
+        stamp = self._stamp
+        earlier = [] if stamp is None else [
+            (stamp - k * prediction.period, u) for k, u in enumerate(self._past)][1:]
+        return earlier[::-1]
 
 
 class Integral:

@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 
 from obc_ros.core.closed_loop.clock import NS
 from obc_ros.core.closed_loop.control import Control, Leg, Reference
+from obc_ros.core.text.digits import format_distinct
 
 AllowedErrors = tuple[tuple[float, float], ...]
 
@@ -127,12 +128,13 @@ def describe_miss(error: Sequence[float], wanted: Sequence[float], t: float,
 
     """
     where = "the plan's start {}" if t == 0.0 else f'{{}} of the plan at t = {t:.4g} s'
-    return '; '.join(
-        f'{name} is {format_unit(abs(e), unit)} from {where.format(format_unit(xr, unit))}, '
-        f'allowed {format_unit(-low if e < 0.0 else high, unit)}'
-        for e, xr, (low, high), name, unit in zip(
-            error, wanted, allowed, names, units, strict=True)
-        if not is_within(e, low, high))
+    sentences = []
+    for e, xr, (low, high), name, unit in zip(error, wanted, allowed, names, units, strict=True):
+        if not is_within(e, low, high):
+            distance, most = format_distinct(abs(e), -low if e < 0.0 else high, unit=unit)
+            place, = format_distinct(xr, unit=unit)
+            sentences.append(f'{name} is {distance} from {where.format(place)}, allowed {most}')
+    return '; '.join(sentences)
 
 
 def is_within(error: float, low: float, high: float) -> bool:
@@ -152,22 +154,3 @@ def is_within(error: float, low: float, high: float) -> bool:
 
     """
     return low * (1.0 + 1e-9) <= error <= high * (1.0 + 1e-9)
-
-
-def format_unit(value: float, unit: str) -> str:
-    """
-    Return a number with four digits and its unit.
-
-    Parameters
-    ----------
-    value : float
-        The number.
-    unit : str
-        Its unit; empty: none.
-
-    Returns
-    -------
-    str
-
-    """
-    return f'{value:.4g} {unit}'.rstrip()

@@ -1,7 +1,7 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Statement of a motion of a registered system from a start to a goal as an optimal control problem.
+Statement of a motion of a system from a start to a goal as an optimal control problem.
 
 Objectives: 'time' minimises T, 'effort' the integral of (u - ug)'Qu (u - ug), 'quadratic' that of
 (x - xg)'Qx (x - xg) + (u - ug)'Qu (u - ug). The terminal constraint is x(T) = xg. ug is the input
@@ -11,6 +11,7 @@ that holds the system at the goal; without one, the set point input of the syste
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 import math
+import re
 import time
 from typing import Any
 
@@ -24,7 +25,8 @@ from obc_ros.core.ocp.statement import build_problem
 from obc_ros.core.solver.solve import Cache, solve
 from obc_ros.core.systems import registry
 from obc_ros.core.systems.equilibrium import check_numbers, find_equilibrium, linearize
-from obc_ros.core.systems.system import System
+from obc_ros.core.systems.file import build_system
+from obc_ros.core.systems.system import Signal, System
 from obc_ros.core.text.errors import (
     DynamicsError,
     ObcError,
@@ -47,24 +49,26 @@ class Motion:
 
     Attributes
     ----------
-    system : str
-        Name of a registered system.
+    system : str or System
+        Name of a registered system, or a system with its parameters chosen.
     start, goal : sequence of float, length n
         x(0) and x(T).
     objective : str
         One of OBJECTIVES.
     parameters : mapping
-        Number or expression by the name of a parameter, as in a problem file.
+        Number or expression by the name of a parameter, as in a problem file, for a name.
     Qx, Qu : sequence of float
         Diagonal, or full matrix row by row; empty: the identity.
     final_time : float
         T [s] unless the objective is 'time'; 0: from the poles of the regulator of Qx and Qu.
-    input_bounds : mapping
-        Pair of numbers or expressions by the name of an input; None: no tighter bound.
+    input_bounds, state_bounds : mapping
+        Pair of numbers or expressions by the name of an input or a state; None: no tighter bound.
+    path_constraints : sequence of str
+        Expressions of states, inputs and parameters that are at most 0 along the path.
 
     """
 
-    system: str
+    system: str | System
     start: Sequence[float] | Array
     goal: Sequence[float] | Array
     objective: str
@@ -73,6 +77,8 @@ class Motion:
     Qu: Sequence[float] | Array = ()
     final_time: float = 0.0
     input_bounds: Mapping[str, Any] = field(default_factory=dict)
+    state_bounds: Mapping[str, Any] = field(default_factory=dict)
+    path_constraints: Sequence[str] = ()
 
 
 def state_motion(motion: Motion) -> dict[str, Any]:
@@ -100,21 +106,28 @@ def state_motion(motion: Motion) -> dict[str, Any]:
     if motion.objective not in OBJECTIVES:
         raise StatementError(f"objective = '{quote(motion.objective)}': wanted one of "
                              f'{", ".join(OBJECTIVES)}')
-    system = find_registered(motion.system, motion.parameters)
+    system = motion.system if isinstance(motion.system, System) else find_registered(
+        motion.system, motion.parameters)
+    _check_names(system)
     start = check_numbers('start', motion.start, system.state_names)
     goal = check_numbers('goal', motion.goal, system.state_names)
     goal = np.where(system.angles, start + np.remainder(goal - start + math.pi, 2 * math.pi)
                     - math.pi, goal)
     held = _input_at(system, goal)
-    bounds = _bounds(system, motion.input_bounds)
+    bounds = _bounds(system, 'input', system.inputs, motion.input_bounds)
     goals = {f'goal_{name}': float(value)
              for name, value in zip(system.state_names, goal, strict=True)}
     found: dict[str, Any] = {
-        'name': f'{system.name}_{motion.objective}', 'system': system.name,
+        'name': f'{system.name}_{motion.objective}',
+        'system': system if motion.system is system else system.name,
         'parameters': {**motion.parameters, **goals},
         'initial_state': dict(zip(system.state_names, start.tolist(), strict=True)),
         'terminal_constraints': [f'{name} - goal_{name}' for name in system.state_names],
-        'input_bounds': {name: list(pair) for name, pair in bounds.items()}}
+        'input_bounds': {name: list(pair) for name, pair in bounds.items()},
+        'state_bounds': {name: list(pair) for name, pair in _bounds(
+            system, 'state', system.states, motion.state_bounds).items() if any(
+                each is not None for each in pair)},
+        'path_constraints': [{'expr': each, 'upper': 0} for each in motion.path_constraints]}
     if motion.objective == 'time':
         return found | _least_time(system, bounds)
     Qx = square('qx', motion.Qx if len(motion.Qx) else np.ones(system.n), system.n)
@@ -127,6 +140,17 @@ def state_motion(motion: Motion) -> dict[str, Any]:
     found['running_cost'] = ' + '.join(terms) or '0'
     duration = motion.final_time or _settling_time(system, goal, held, Qx, Qu)
     return found | {'final_time': {'free': False, 'value': float(duration)}}
+
+
+def _check_names(system: System) -> None:
+    """Refuse a system with the name of a number of the statement."""
+    own = {f'goal_{name}' for name in system.state_names}
+    own |= {f'hold_{name}' for name in system.input_names}
+    for name in (*system.state_names, *system.input_names, *(
+            each.name for each in system.parameters)):
+        if name in own or re.fullmatch(r'weight_[xu]\d+_\d+', name):
+            raise StatementError(f"{system.name}: '{name}' is the name of a number of the plan; "
+                                 'rename it')
 
 
 def solve_motion(motion: Motion, time_limit: float, *, report: Report | None = None,
@@ -199,12 +223,39 @@ def find_registered(name: str, parameters: Mapping[str, Any]) -> System:
         If the name is not registered, or a parameter is not valid.
 
     """
-    values = {key: value if isinstance(value, list) else
-              parse_number(value, {}, f'parameters.{quote(key)}') for key,
-              value in parameters.items()}
     return registry.get_registered(name, {
         key: int(value) if isinstance(value, float) and value.is_integer() else value
-        for key, value in values.items()})
+        for key, value in _evaluate(parameters).items()})
+
+
+def build_plant(plant: Mapping[str, Any], parameters: Mapping[str, Any]) -> System:
+    """
+    Build the system of a file with parameters.
+
+    Parameters
+    ----------
+    plant : mapping
+        As `systems.file.load_plant` returns it.
+    parameters : mapping
+        By name: a number or an expression without names.
+
+    Returns
+    -------
+    System
+
+    Raises
+    ------
+    StatementError, DynamicsError
+        If a parameter is not valid.
+
+    """
+    return build_system(plant).with_parameters(_evaluate(parameters))
+
+
+def _evaluate(parameters: Mapping[str, Any]) -> dict[str, Any]:
+    """Return given values of parameters as numbers; lists remain."""
+    return {key: value if isinstance(value, list) else parse_number(
+        value, {}, f'parameters.{quote(key)}') for key, value in parameters.items()}
 
 
 def _input_at(system: System, goal: Array) -> Array:
@@ -215,24 +266,25 @@ def _input_at(system: System, goal: Array) -> Array:
         return np.array(system.setpoint_input)
 
 
-def _bounds(system: System, tighter: Mapping[str, Any]) -> dict[str, tuple[Any, Any]]:
-    """Return (lower, upper) by input: the tighter of the system's and the given bounds."""
-    own = {signal.name: (_or_none(signal.lower), _or_none(signal.upper))
-           for signal in system.inputs}
+def _bounds(system: System, kind: str, signals: Sequence[Signal], tighter: Mapping[str, Any]
+            ) -> dict[str, tuple[float | None, float | None]]:
+    """Return (lower, upper) by signal: the tighter of the system's and the given bounds."""
+    own = {signal.name: (_or_none(signal.lower), _or_none(signal.upper)) for signal in signals}
     for name, (lower, upper) in tighter.items():
         if name not in own:
-            raise StatementError(f"input_bounds: '{quote(name)}' is not an input of "
-                                 f'{system.name}; there {"is" if system.m == 1 else "are"} '
+            article = 'an' if kind == 'input' else 'a'
+            raise StatementError(f"{kind}_bounds: '{quote(name)}' is not {article} {kind} of "
+                                 f'{system.name}; there {"is" if len(own) == 1 else "are"} '
                                  f'{", ".join(own)}')
-        low, high = own[name]
-        own[name] = (_tighter(max, low, lower, name), _tighter(min, high, upper, name))
+        where, (low, high) = f'{kind}_bounds.{name}', own[name]
+        own[name] = (_tighter(max, low, lower, where), _tighter(min, high, upper, where))
     return own
 
 
-def _tighter(choose: Any, own: float | None, given: Any, name: str) -> float | None:
+def _tighter(choose: Any, own: float | None, given: Any, where: str) -> float | None:
     if given is None:
         return own
-    value = parse_number(given, {}, f'input_bounds.{name}')
+    value = parse_number(given, {}, where)
     return value if own is None else choose(own, value)
 
 

@@ -70,13 +70,42 @@ def load_system(path: str | Path) -> System:
         with the file and the key.
 
     """
+    return _load(path)[0]
+
+
+def load_plant(path: str | Path) -> dict[str, Any]:
+    """
+    Read the keys of a system from a YAML file, for `build_system` in another process.
+
+    Parameters
+    ----------
+    path : str or Path
+        The file.
+
+    Returns
+    -------
+    dict
+        Keys of a system without those of a task; they are valid, and ``name`` is among them.
+
+    Raises
+    ------
+    StatementError
+        As `load_system`.
+
+    """
+    system, given = _load(path)
+    return {key: given[key] for key in PLANT if key in given} | {'name': system.name}
+
+
+def _load(path: str | Path) -> tuple[System, Given]:
+    """Return the system of a file, and the keys of the file."""
     given = read_yaml(path)
     if isinstance(given, list) and len(given) == 1:
         given = given[0]
     try:
         if not isinstance(given, Mapping):
             raise StatementError(f'wanted one mapping of keys, found {describe_type(given)}')
-        return _system(given, Path(path).stem, {})
+        return _system(given, Path(path).stem, {}), given
     except ObcError as error:
         raise StatementError(f'{path}: {error}') from None
 

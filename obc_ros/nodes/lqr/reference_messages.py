@@ -47,3 +47,9 @@ def read_courses(message: Trajectory, system: System, frame: str, followed: tupl
     new = read_course(system, (message.state_names, message.input_names), message.t, message.x,
                       message.u, message.interpolation, stamp or None)
     return (*followed, new)
+
+
+def is_same_reference(one: Trajectory, other: Trajectory) -> bool:
+    """Return whether two messages are the same reference, whatever else they contain."""
+    return all(getattr(one, name) == getattr(other, name)
+               for name in ('header', 'system', 't', 'x', 'u'))

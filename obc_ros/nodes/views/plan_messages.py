@@ -2,7 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The messages that show a plan: a path, and markers."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import Point, PoseStamped
@@ -12,7 +13,7 @@ from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.systems import registry
 from obc_ros.core.systems.system import System
 from obc_ros.core.text.errors import ObcError
-from obc_ros.msg import OptimalControlProblem, Trajectory
+from obc_ros.msg import Trajectory
 from obc_ros.nodes.views.bodies import (
     BLUE,
     BodyMarkers,
@@ -26,7 +27,6 @@ from obc_ros.nodes.views.bodies import (
 from obc_ros.nodes.views.obstacles import find_boundaries, find_box
 from obc_ros.nodes.views.plane import PlaneMap
 from obc_ros.ros.conversions import ODOM, read_nanoseconds, set_stamp
-from obc_ros.ros.messages import read_statement
 from visualization_msgs.msg import Marker
 
 MOST_POSES = 200   # of a path
@@ -62,7 +62,7 @@ def make_path(plan: Trajectory) -> Path | None:
     return path
 
 
-def make_markers(plan: Trajectory, problem: OptimalControlProblem | None) -> list[Marker]:
+def make_markers(plan: Trajectory, statement: Mapping[str, Any] | None) -> list[Marker]:
     """
     Return the markers of a plan; none if its states have no place in a plane.
 
@@ -70,8 +70,8 @@ def make_markers(plan: Trajectory, problem: OptimalControlProblem | None) -> lis
     ----------
     plan : Trajectory
         The plan.
-    problem : OptimalControlProblem, optional
-        Its problem, for the obstacles.
+    statement : mapping, optional
+        Its problem, as in a file, for the obstacles.
 
     Returns
     -------
@@ -92,8 +92,8 @@ def make_markers(plan: Trajectory, problem: OptimalControlProblem | None) -> lis
     if times := plan.switching_times[:MOST_SWITCHES]:
         markers.append(_draw_points('switching_times', np.column_stack([
             np.interp(times, plan.t, column) for column in places.T]), plane, FIRE))
-    if problem is not None and (problem.path_constraints or problem.state_bounds):
-        curves = find_boundaries(read_statement(problem), find_box(places[:, :2]))
+    if statement and (statement.get('path_constraints') or statement.get('state_bounds')):
+        curves = find_boundaries(statement, find_box(places[:, :2]))
         if curves:
             markers.append(_draw_curves('obstacles', curves, plane))
     return markers

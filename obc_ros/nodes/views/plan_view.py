@@ -8,10 +8,11 @@ later subscribers. Nothing that draws is imported before, so that the node start
 without a view.
 """
 
+from collections.abc import Callable, Mapping
 from typing import Any
 
 from nav_msgs.msg import Path
-from obc_ros.msg import OptimalControlProblem, Trajectory
+from obc_ros.msg import Trajectory
 from obc_ros.nodes.views.scene import Scene
 from obc_ros.ros.callback_guards import guard_callbacks
 from rclpy.clock import Clock
@@ -21,6 +22,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 
 PLAN_VIEW_QOS = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 LOOK_PERIOD = 0.5  # [s] between two looks for subscribers
+StateProblem = Callable[[], Mapping[str, Any]]
 PLACES = {'px', 'py'}   # states without which there is nothing to draw
 
 
@@ -39,13 +41,13 @@ class PlanView:
         self.is_shown = True
         self._path = node.create_publisher(Path, 'plan', PLAN_VIEW_QOS)
         self._scene = Scene(node, 'plan_markers', PLAN_VIEW_QOS)
-        self._plan: tuple[Trajectory, OptimalControlProblem | None] | None = None
+        self._plan: tuple[Trajectory, StateProblem | None] | None = None
         self._todo: set[str] = set()
         timer = node.create_timer(LOOK_PERIOD, self._publish,
                                   clock=Clock(clock_type=ClockType.STEADY_TIME))
         guard_callbacks(node, timer, 'view of the plan')
 
-    def show(self, plan: Trajectory, problem: OptimalControlProblem | None = None) -> None:
+    def show(self, plan: Trajectory, state: StateProblem | None = None) -> None:
         """
         Show a plan in place of the last one; one without px and py among its states is ignored.
 
@@ -53,12 +55,12 @@ class PlanView:
         ----------
         plan : Trajectory
             Certified; its stamp is that of t = 0, or 0.
-        problem : OptimalControlProblem, optional
-            The problem that it solves, for the obstacles.
+        state : callable, optional
+            Returns the problem that it solves, as in a file, for the obstacles.
 
         """
         if PLACES & set(plan.state_names) and plan.t:
-            self._plan, self._todo = (plan, problem), {'path', 'markers'}
+            self._plan, self._todo = (plan, state), {'path', 'markers'}
 
     def _publish(self) -> None:
         """Publish what has subscribers and is not published yet."""
@@ -72,4 +74,5 @@ class PlanView:
         if 'path' in todo and (path := make_path(self._plan[0])):
             self._path.publish(path)
         if 'markers' in todo:
-            self._scene.show(make_markers(*self._plan))
+            plan, state = self._plan
+            self._scene.show(make_markers(plan, state() if state else None))

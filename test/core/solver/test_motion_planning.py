@@ -20,12 +20,14 @@ import pytest
 PLANAR = Motion('double_integrator', [1.0, 0.0], [0.0, 0.0], 'effort')
 
 
-def plan(motion):
+def plan(motion, **plain):
     """Return the response of a worker to a motion request."""
     arrays = {'start': motion.start, 'goal': motion.goal, 'qx': motion.Qx, 'qu': motion.Qu}
     request = Packet(
         {'system': motion.system, 'objective': motion.objective, 'parameters': motion.parameters,
-         'input_bounds': motion.input_bounds, 'final_time': motion.final_time, 'cache_size': 8},
+         'input_bounds': motion.input_bounds, 'state_bounds': motion.state_bounds,
+         'path_constraints': motion.path_constraints, 'final_time': motion.final_time,
+         'cache_size': 8, **plain},
         {name: np.array(values, float) for name, values in arrays.items()})
     return requests.answer('plan', request, 20.0, lambda *_: False)
 
@@ -120,3 +122,58 @@ def test_the_tighter_bounds_apply():
     assert bounds() == [-1, -1, 1, 1]
     assert bounds(v=['-0.5', '7'], omega=[None, '1/2']) == [-0.5, -1, 1, 0.5]
     assert registry.get_registered('two_wheeled').input_names == ('v', 'omega')
+
+
+DISC = '0.25 - (px - 1)**2 - (py - 0.05)**2'
+
+
+def test_a_plan_keeps_off_an_obstacle_and_within_state_bounds():
+    """The constraint and the bounds are evaluated along the answer; the plan touches both."""
+    motion = Motion('two_wheeled', [0.0, 0.0, 0.0], [2.0, 0.0, 0.0], 'time',
+                    path_constraints=[DISC], state_bounds={'py': ['-0.6', '1']})
+    response = plan(motion)
+    assert response.plain['status'] == 'solved', response.plain['message']
+    px, py, _ = response.arrays['x'].T
+    assert (0.25 - (px - 1)**2 - (py - 0.05)**2).max() == pytest.approx(0.0, abs=1e-3)
+    assert py.min() >= -0.6 - 1e-6
+    free = plan(replace(motion, path_constraints=()))
+    assert free.plain['objective'] == pytest.approx(2.0, abs=1e-6)   # straight through
+    assert response.plain['objective'] > 2.05
+
+
+CART = {'name': 'cart', 'states': ['p', 'v'], 'inputs': ['a'], 'parameters': {'m': 2.0},
+        'dynamics': {'p': 'v', 'v': 'a/m'}, 'input_bounds': {'a': ['-m', 'm']},
+        'state_bounds': {'v': [-0.5, 0.5]}}
+
+
+def test_a_plant_of_a_file_keeps_to_its_own_bounds():
+    """Full thrust for 0.5 s, then the speed limit 0.5, then the brake: T = d/v + v/a."""
+    motion = Motion('cart', [0.0, 0.0], [1.0, 0.0], 'time')
+    response = plan(motion, plant=CART)
+    assert response.plain['status'] == 'solved', response.plain['message']
+    assert response.plain['objective'] == pytest.approx(1.0 / 0.5 + 0.5 / 1.0, abs=1e-5)
+    assert response.plain['system'] == 'cart'
+    # the limits follow the parameter: a = m still gives 1 m/s^2
+    heavier = plan(replace(motion, parameters={'m': '4'}), plant=CART)
+    assert heavier.plain['objective'] == pytest.approx(2.5, abs=1e-5)
+    wider = plan(replace(motion, state_bounds={'v': ['-1', '1']}), plant=CART)
+    assert wider.plain['objective'] == pytest.approx(2.5, abs=1e-5)   # the tighter one holds
+
+
+@pytest.mark.parametrize(('changes', 'plain', 'words'), [
+    ({'path_constraints': ['px +']}, {}, 'path_constraints[0]'),
+    ({'path_constraints': ['1.0']}, {}, 'depends on no state and no input'),
+    ({'path_constraints': ['__import__("os")']}, {}, 'path_constraints[0]'),
+    ({'path_constraints': ['boat - 1']}, {}, "'boat'"),
+    ({'state_bounds': {'v': ['0', '1']}}, {}, "'v' is not a state of two_wheeled"),
+    ({'state_bounds': {'py': ['1', '0']}}, {}, 'py'),
+    ({'state_bounds': {'py': ['nan', '0']}}, {}, 'py'),
+    ({}, {'start_names': ['px', 'py', 'phi']}, 'has px, py, phi; wanted px, py, theta'),
+    ({'parameters': {'boat': '1'}}, {'plant': CART}, "no parameter 'boat'"),
+    ({}, {'plant': {**CART, 'parameters': {'goal_p': 1.0, 'm': 1.0}}}, 'rename it'),
+])
+def test_bad_constraints_names_and_plants_are_refused_in_words(changes, plain, words):
+    start = [0.0] * (2 if 'plant' in plain else 3)
+    response = plan(replace(Motion('two_wheeled', start, start, 'time'), **changes), **plain)
+    assert response.plain['status'] == 'malformed'
+    assert words in response.plain['message']

@@ -267,8 +267,8 @@ def test_example_2_5_at_20_hz_and_50_ms_needs_a_sampled_design(spawn: Any, probe
             'publish_rate': 20.0, 'dt': 0.001, 'input_delay': 0.05}, namespace=f'/{name}')
     probe.wait_for(lambda: all(states.values()), what='the first states')
     for name, parameters in loops.items():
-        spawn('lqr_node', {**EXAMPLE_2_5, **parameters, 'state_timeout': 0.0, 'stamp_timeout': 0.0},
-              namespace=f'/{name}')
+        spawn('lqr_node', {**EXAMPLE_2_5, **parameters, 'state_timeout': 0.0,
+                           'stamp_timeout': 0.0}, namespace=f'/{name}')
     probe.wait_for(lambda: all(
         seen[-1].header.stamp.sec >= 6 for seen in states.values()), 40.0)
     sizes = {name: max(np.abs(each.x[:2]).max() for each in seen if each.header.stamp.sec == 5)

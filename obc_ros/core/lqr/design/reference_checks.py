@@ -12,11 +12,12 @@ import math
 
 import numpy as np
 from obc_ros.core.closed_loop.feedback import InputLimits
-from obc_ros.core.closed_loop.references import AllowedErrors, format_unit, is_within
+from obc_ros.core.closed_loop.references import AllowedErrors, is_within
 from obc_ros.core.lqr.design.design import Design
 from obc_ros.core.lqr.design.reference_tracking import Course
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.systems.system import System
+from obc_ros.core.text.digits import format_distinct
 from obc_ros.core.text.errors import RefusedReferenceError
 
 PART = 0.1         # allowed error relative to the range of a state along the reference
@@ -46,10 +47,31 @@ def compute_allowed_error(along: Course, x_limits: AllowedErrors = (),
         (n,) lower and upper bound of x - xr.
 
     """
+    with np.errstate(over='ignore'):
+        return compute_allowed_distance(np.ptp(along.x, axis=0), x_limits, tolerance)
+
+
+def compute_allowed_distance(ranges: Array, x_limits: AllowedErrors, tolerance: Sequence[float]
+                             ) -> AllowedErrors:
+    """
+    Return the bounds of an error, for the ranges of the states (n,).
+
+    Parameters
+    ----------
+    ranges : ndarray, shape (n,)
+        Largest minus smallest value of each state along a reference.
+    x_limits, tolerance
+        As in `compute_allowed_error`.
+
+    Returns
+    -------
+    tuple of (float, float)
+        (n,) lower and upper bound.
+
+    """
     if tolerance:
         return tuple((-each, each) for each in tolerance)
-    with np.errstate(over='ignore'):
-        own = PART * np.maximum(np.ptp(along.x, axis=0), 1.0)
+    own = PART * np.maximum(ranges, 1.0)
     default = tuple((-each, each) for each in own.tolist())
     if not x_limits:
         return default
@@ -95,9 +117,9 @@ def _beyond_limits(along: Course, system: System, limits: InputLimits) -> list[s
                                (int(values.argmax()), high, 1.0)):
             size = max(abs(bound), float(np.abs(values).max()))
             if side * (values[k] - bound) > _ROUNDING * size:
-                sentences.append(
-                    f'{signal.name} is {format_unit(values[k], signal.unit)} at t = '
-                    f'{along.t[k]:.4g} s, the limit is {format_unit(bound, signal.unit)}')
+                value, limit = format_distinct(values[k], bound, unit=signal.unit)
+                sentences.append(f'{signal.name} is {value} at t = {along.t[k]:.4g} s, the limit '
+                                 f'is {limit}')
     return sentences
 
 
@@ -117,12 +139,14 @@ def _off_dynamics(along: Course, system: System, allowed: AllowedErrors, time: f
         grown = ~(np.abs(error) <= np.abs(largest))
         largest = np.where(grown, error, largest)
         at = np.where(grown, along.t[k + 1], at)
-    return [
-        f'the reference does not satisfy the dynamics: with its inputs {signal.name} deviates by '
-        f'{format_unit(abs(e), signal.unit)} at t = {t:.4g} s, allowed '
-        f'{format_unit(-low if e < 0.0 else high, signal.unit)}'
-        for signal, e, t, (low, high) in zip(system.states, largest, at, allowed, strict=True)
-        if not is_within(float(e), low, high)]
+    sentences = []
+    for signal, e, t, (low, high) in zip(system.states, largest, at, allowed, strict=True):
+        if not is_within(float(e), low, high):
+            deviation, most = format_distinct(abs(e), -low if e < 0.0 else high, unit=signal.unit)
+            sentences.append('the reference does not satisfy the dynamics: with its inputs '
+                             f'{signal.name} deviates by {deviation} at t = {t:.4g} s, allowed '
+                             f'{most}')
+    return sentences
 
 
 def _defects(along: Course, system: System) -> Array:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from obc_ros.core.closed_loop.control import Leg, Prediction, Reference, Rules
 from obc_ros.core.closed_loop.feedback import InputLimits, StateFeedback
 from obc_ros.core.closed_loop.loop import ControlLoop
+from obc_ros.core.closed_loop.references import describe_miss
 from obc_ros.core.lqr.design.design import ALWAYS, Design, design, linearize_plant, Sampling
 from obc_ros.core.lqr.design.reference_checks import check, compute_allowed_error
 from obc_ros.core.lqr.design.reference_tracking import Course, read_course
@@ -98,6 +99,19 @@ def test_inputs_beyond_the_limits_are_rejected() -> None:
             r'phi is -0\.07568 rad at t = 4 s, the limit is -0\.05 rad; '
             r'phi is 0\.09.* rad at t = 1\.6 s, the limit is 0\.05 rad$')):
         check(bend(), regulator(), InputLimits((0.0, -0.05), (10.0, 0.05)), WIDE)
+
+
+def test_a_value_and_its_limit_are_never_printed_alike() -> None:
+    """With four digits both would be 10 m/s, and 1 m."""
+    t = np.linspace(0.0, 1.0, 11)
+    along = given(t, np.column_stack([10.0001 * t, 0.0 * t, 0.0 * t]), [[10.0001, 0.0]] * 11)
+    limits = InputLimits((0.0, -0.5), (10.0, 0.5))
+    with pytest.raises(RefusedReferenceError, match=(
+            r'v is 10\.0001 m/s at t = 0 s, the limit is 10 m/s$')):
+        check(along, regulator(), limits, WIDE)
+    bounds, names = ((-1.0, 1.0), (-0.31437, 0.31437)), ('px', 'py')
+    assert describe_miss((0.0, -0.31441), (0.0, 2.0), 0.0, bounds, names, ('m', 'm')) == (
+        "py is 0.31441 m from the plan's start 2 m, allowed 0.31437 m")
 
 
 def test_paths_of_another_plant_are_rejected() -> None:

@@ -4,17 +4,27 @@
 
 from collections.abc import Sequence
 from time import monotonic
-from typing import Any
+from typing import Any, NamedTuple
 
+from obc_ros.core.text.digits import format_distinct
 from obc_ros.core.text.errors import StatementError
+from obc_ros.nodes.motions.plant_files import Plants
 from obc_ros.ros.messages import check_size, read_parameters
 from obc_ros.ros.state_sources import Body, FrameError, NamesError, SOURCES
 from obc_ros.ros.throttled_log import ThrottledLog
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 
-LAST = (2**31 - 2) * 10**9  # [ns] a later stamp plus a second would overflow
+LAST = (2**31 - 100_000) * 10**9  # [ns] later stamps plus a lead and a time limit overflow
 SOURCE = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+
+
+class PlanStart(NamedTuple):
+    """A state (n,) at which a plan begins, the names of its components, and its frame."""
+
+    x: Sequence[float]
+    names: Sequence[str]
+    frame: str
 
 
 class PresentState:
@@ -39,9 +49,9 @@ class PresentState:
         self._subscription = node.create_subscription(
             SOURCES[topic], topic, self._take if topic == 'state' else self._take_odometry, SOURCE)
 
-    def start(self, request: Any, timeout: float) -> Sequence[float]:
+    def read(self, request: Any, timeout: float, plants: Plants) -> PlanStart:
         """
-        Return the state (n,).
+        Return the state.
 
         Parameters
         ----------
@@ -49,6 +59,8 @@ class PresentState:
             Its system is the one whose state is wanted.
         timeout : float
             Maximum age [s].
+        plants : dict
+            The plants of files.
 
         Raises
         ------
@@ -57,22 +69,29 @@ class PresentState:
             such system.
 
         """
-        if missing := self.explain_absence(timeout):
-            raise StatementError(f'start is empty (the present state), and {missing}')
+        self.check(timeout)
+        header = self._message.header
         if self._topic == 'state' and not self._message.names:
-            return self._message.x  # type: ignore[no-any-return] # array of double
+            return PlanStart(self._message.x, (), header.frame_id)
         # Imported here because CasADi takes a third of a second, and few nodes plan.
-        from obc_ros.core.solver.motion_planning import find_registered
+        from obc_ros.core.solver.motion_planning import build_plant, find_registered
         from obc_ros.ros.conversions import make_state_reader
         check_size(request)
-        given = read_parameters('system_parameters', request.system_parameters)
-        read = make_state_reader(self._topic, find_registered(request.system, given))
+        given, plant = read_parameters(
+            'system_parameters', request.system_parameters), plants.get(request.system)
+        system = build_plant(plant, given) if plant else find_registered(request.system, given)
         try:
-            return read(self._message)
+            x = make_state_reader(self._topic, system)(self._message)
         except NamesError as error:
             raise StatementError(
                 'start is empty (the present state), and the state on '
                 f'{self._subscription.topic_name} is of another system: {error}') from None
+        return PlanStart(x, system.state_names, header.frame_id)
+
+    def check(self, timeout: float) -> None:
+        """Raise StatementError if there is no state of at most `timeout` [s]."""
+        if missing := self.explain_absence(timeout):
+            raise StatementError(f'start is empty (the present state), and {missing}')
 
     @property
     def has_arrived(self) -> bool:
@@ -85,9 +104,11 @@ class PresentState:
         if self._message is None:
             return f'no state has arrived on {topic}'
         age = monotonic() - self._came
-        return '' if age <= timeout else (
-            f'the last state on {topic} arrived {age:.3g} s ago; wanted at most {timeout:g} s '
-            '(state_timeout)')
+        if age <= timeout:
+            return ''
+        passed, most = format_distinct(age, timeout, digits=3)
+        return (f'the last state on {topic} arrived {passed} s ago; wanted at most {most} s '
+                '(state_timeout)')
 
     def stamp(self) -> int | None:
         """Return the stamp of the last state [ns]; None: none has arrived, or it has no time."""

@@ -1,0 +1,251 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+Requests to plan a motion, ``~/plan`` of trajectory_server.
+
+A plan without a start begins at the state that lqr_node predicts for a stamp at which the answer
+will be there: `plan_lead` and the time that the last such plan took after the request. If it takes
+longer, it begins later where the plant rests at its start; where it moves, it is computed once
+more, for a later stamp. All times are those of the stamps of the states, so that a simulation may
+run at any speed.
+
+Without lqr_node a plan begins at the last state, as soon as it is published.
+"""
+
+from collections.abc import Awaitable, Callable, Mapping
+from dataclasses import dataclass
+from time import monotonic
+from typing import Any, Protocol
+
+from obc_ros.core.closed_loop.clock import NS
+from obc_ros.core.text.errors import quote
+from obc_ros.msg import Trajectory
+from obc_ros.nodes.motions.lqr_client import LqrClient, make_stamp
+from obc_ros.nodes.motions.plant_files import load_plants
+from obc_ros.nodes.motions.present_state import PlanStart, PresentState
+from obc_ros.ros import messages
+from obc_ros.ros.throttled_log import ThrottledLog
+from obc_ros.workers.pool import SHORTEST
+from obc_ros.workers.wire import Packet
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+
+
+class PlanSettings(Protocol):
+    """The parameters that concern plans; see the settings of trajectory_server."""
+
+    state_timeout: float
+    plan_lead: float
+    systems: tuple[str, ...]
+
+
+@dataclass
+class PlannedMotion:
+    """
+    A plan that has been asked for.
+
+    Attributes
+    ----------
+    packet : Packet
+        The answer of a worker.
+    begin : int or None
+        Stamp of its t = 0 [ns]; None: any.
+    frame : str
+        Frame of its positions; empty: not known.
+    notes : list of str
+        Clauses that the message of the answer ends with.
+
+    """
+
+    packet: Packet
+    begin: int | None
+    frame: str
+    notes: list[str]
+
+
+Ask = Callable[[Any, float, Mapping[str, Any]], Awaitable[Packet]]
+
+
+class MotionRequests:
+    """
+    The requests of a node to plan a motion.
+
+    Parameters
+    ----------
+    node : rclpy.node.Node
+        Its clock is used for states without a valid stamp.
+    state : PresentState
+    lqr : LqrClient
+    reference : rclpy.publisher.Publisher
+        For the plans that are to be followed.
+    log : ThrottledLog
+    ask : callable
+        Returns the answer of a worker to a request within a time [s]; a mapping has what the
+        message does not contain.
+
+    """
+
+    def __init__(self, node: Node, state: PresentState, lqr: LqrClient, reference: Publisher,
+                 log: ThrottledLog, ask: Ask) -> None:
+        self._node, self._state, self._lqr, self._ask = node, state, lqr, ask
+        self._reference, self._log = reference, log
+        self._took: dict[tuple[str, str], int] = {}   # [ns] by system and objective
+
+    async def answer(self, request: Any, response: Any, settings: PlanSettings, limit: float
+                     ) -> None:
+        """
+        Plan a motion, and have it followed if that is asked for.
+
+        Parameters
+        ----------
+        request : PlanMotion.Request
+            Changed in place.
+        response : PlanMotion.Response
+            Filled in place.
+        settings : PlanSettings
+            The parameters in use.
+        limit : float
+            Time for everything [s].
+
+        Raises
+        ------
+        ObcError
+            If there is no state to begin at, or a plant of a file has a wrong parameter.
+
+        """
+        until, key = monotonic() + limit, (request.system, request.objective)
+        has_start = bool(request.start)
+        for _ in range(2):
+            asked = self._now()
+            begin = asked + self._lead(settings) + self._took.get(key, 0)
+            motion = await self._plan(request, settings, until, None if has_start else begin)
+            messages.fill_answer(response, motion.packet)
+            if not response.success:
+                return
+            await self._conclude(request, response, motion, settings, until)
+            if motion.begin is None:
+                return
+            now = self._now()
+            self._took[key] = max(0, now - asked)
+            if response.success or asked <= now <= motion.begin:
+                return
+
+    async def _plan(self, request: Any, settings: PlanSettings, until: float, begin: int | None
+                    ) -> PlannedMotion:
+        """Return a plan from the start of a request, or from where the plant will be [ns]."""
+        more = _name_plant(request, settings.systems)
+        start, note, moves = None, '', False
+        if begin is not None:
+            start, note, moves = await self._predict(request, begin, settings)
+            request.start, more['start_names'] = start.x, list(start.names)
+        packet = await self._ask(request, max(until - monotonic(), SHORTEST), more)
+        return PlannedMotion(packet, begin if moves else None, start.frame if start else '',
+                      [note] if note else [])
+
+    async def _conclude(self, request: Any, response: Any, motion: PlannedMotion,
+                        settings: PlanSettings, until: float) -> None:
+        """Complete the response with a solved plan, and have it followed if that is asked for."""
+        header = response.trajectory.header
+        header.frame_id = motion.frame
+        if motion.begin is not None:
+            header.stamp = make_stamp(motion.begin)
+            if (late := (self._now() - motion.begin) * NS) > 0.0:
+                self._reject(response, 'timed_out',
+                             f'too late: the plant moves, and it came {late:.3g} s after its '
+                             f'beginning (plan_lead = {settings.plan_lead:g} s)')
+                return
+        if request.execute:
+            await self._execute(response, motion, settings, until)
+        if response.success:
+            response.message = '; '.join([response.message, *motion.notes])
+
+    async def _predict(self, request: Any, begin: int, settings: PlanSettings
+                       ) -> tuple[PlanStart, str, bool]:
+        """Return the start for a stamp [ns], a note, and whether it holds for that stamp only."""
+        self._state.check(settings.state_timeout)
+        if not self._lqr.is_there:
+            note = f'nobody offers {self._lqr.prediction}'
+        else:
+            answer = await self._lqr.predict(begin, settings.state_timeout)
+            if answer is not None and answer.success:
+                start = PlanStart(answer.x, answer.names, answer.header.frame_id)
+                return start, '', not answer.at_rest
+            note = (f'{self._lqr.prediction} has not answered within {settings.state_timeout:g} s'
+                    if answer is None else
+                    f'lqr_node predicts no state ({quote(answer.message, 500)})')
+        start = self._state.read(request, settings.state_timeout, load_plants(settings.systems))
+        return start, f'{note}: the plan begins at the last state', False
+
+    async def _execute(self, response: Any, motion: PlannedMotion, settings: PlanSettings,
+                       until: float) -> None:
+        """Have lqr_node follow a plan; without one, publish it."""
+        # Without any state the plan has a start of its own, and the plant may come later.
+        if self._state.has_arrived and (
+                missing := self._state.explain_absence(settings.state_timeout)):
+            self._reject(response, 'cancelled', f'not executed: {missing}')
+            return
+        plan: Trajectory = response.trajectory
+        if motion.begin is None:
+            plan.header.stamp = make_stamp(self._now() + self._lead(settings))
+        if not self._lqr.is_there:
+            motion.notes.append(
+                f'nobody offers {self._lqr.following}: the plan is published on '
+                f'{self._reference.topic_name}, and nobody has accepted it')
+            self._publish(plan)
+            return
+        answer = await self._lqr.follow(plan, max(until - monotonic(), settings.state_timeout))
+        if answer is not None and answer.success:
+            motion.notes.append(f'lqr_node: {quote(answer.message, 500)}')
+            self._publish(plan)
+        elif answer is not None:
+            self._reject(response, 'cancelled',
+                         f'not executed: lqr_node rejected it: {quote(answer.message, 2000)}')
+        else:
+            self._reject(response, 'cancelled', f'{self._lqr.following} has not answered: whether '
+                         'lqr_node follows it is not known')
+
+    def _reject(self, response: Any, status: str, reason: str) -> None:
+        """Turn the answer with a solved plan into a refusal."""
+        message = f'the plan is solved, but {reason}'
+        self._log.warning('refused', f'a request to ~/plan was rejected: {quote(message, 500)}')
+        response.success, response.status, response.message = False, status, message
+
+    def _publish(self, plan: Trajectory) -> None:
+        """Publish a plan as a reference."""
+        self._reference.publish(plan)
+        self._log.info('reference', f'a plan of {plan.t[-1]:.4g} s for {plan.system} is published '
+                       f'on {self._reference.topic_name}')
+
+    def _now(self) -> int:
+        """Return the stamp of the last state [ns]; without a valid one, the time of the node."""
+        stamp = self._state.stamp()
+        return self._node.get_clock().now().nanoseconds if stamp is None else stamp
+
+    @staticmethod
+    def _lead(settings: PlanSettings) -> int:
+        return round(settings.plan_lead / NS)
+
+
+def state_plan(request: Any, systems: tuple[str, ...]) -> dict[str, Any]:
+    """
+    Return the problem of a request that was answered, as in a file.
+
+    Parameters
+    ----------
+    request : PlanMotion.Request
+        With its start.
+    systems : tuple of str
+        The parameter of the server.
+
+    """
+    from obc_ros.core.solver.motion_planning import state_motion  # CasADi: 0.3 s
+    from obc_ros.workers.motions import read_motion
+    packet = messages.read_request('plan', request)
+    packet.plain.update(_name_plant(request, systems))
+    return state_motion(read_motion(packet))
+
+
+def _name_plant(request: Any, systems: tuple[str, ...]) -> dict[str, Any]:
+    """Return the plant of a file that a request names, for the worker."""
+    plant = load_plants(systems).get(request.system)
+    return {} if plant is None else {'plant': plant}
