@@ -85,7 +85,8 @@ MPC: dict[str, tuple[Any, Values]] = {
         'stability', 'integral', 'Qi', 'design', 'rate', 'sample_time', 'delay', 'P1',
         'horizon', 'schedule', 'schedule_range', 'start_tolerance')},
     'horizon': (2.0, {}), 'x_bounds': ([-1.0, 1.0] * 6, {}),
-    'path_constraints': (['px - 3'], {}), 'deadline': (0.01, {}), 'plan_rate': (1.0, {})}
+    'path_constraints': (['px - 3'], {}), 'deadline': (0.01, {}), 'plan_rate': (1.0, {}),
+    'on_unplanned': ('hold', {})}
 STATES = ('px', 'py', 'theta', 'vx', 'vy', 'omega')
 OUTPUTS = ('gps_x', 'gps_y', 'attitude', 'gyro')
 MEASURED = ('noise', 'bias', 'dropout', 'delay')
@@ -116,9 +117,9 @@ CASES = [(node, name) for node, table in TABLES.items() for name in table]
 # none (empty where the defaults suffice).
 CONDITIONAL: dict[tuple[str, str], Values] = {
     **{('lqr_node', name): {} for name in (
-        'x_max', 'u_max', 'H', 'rho', 'Qi', 'sample_time', 'schedule_range', 'on_envelope')},
+        'x_max', 'u_max', 'H', 'rho', 'Qi', 'sample_time', 'schedule_range')},
     **{('mpc_node', name): {} for name in (
-        'x_max', 'u_max', 'H', 'rho', 'on_envelope')},
+        'x_max', 'u_max', 'H', 'rho')},
     **{(node, name): {'weights': 'bryson'}
        for node in ('lqr_node', 'mpc_node') for name in ('Qx', 'Qu')},
     **{(node, 'on_stale'): {'state_timeout': 0.0} for node in ('lqr_node', 'mpc_node')},

@@ -95,8 +95,8 @@ class ControllerSettings:
         (), 'maximum absolute error of each state (n numbers), or lower and upper limit of each '
         '(2 n numbers), outside which on_envelope acts; empty: none', finite=False)
     on_envelope: str = declare_field(
-        'stop', 'action outside x_limits: stop until ~/start, or one of those of on_stale',
-        choices=ENVELOPE, used_when=(('x_limits',),))
+        'stop', 'action outside x_limits, and when states are too far apart for the gain: stop '
+        'until ~/start, or one of those of on_stale', choices=ENVELOPE)
     state_source: str = declare_field(
         'state', STATE_SOURCE, choices=tuple(SOURCES), read_only=True)
     command_sink: str = declare_field(

@@ -8,6 +8,7 @@ The rows that mpc_node has too are in `controller_settings`.
 
 from dataclasses import dataclass, replace
 import functools
+import math
 from typing import Any
 
 from obc_ros.core.closed_loop.control import Control, Horizon, Leg, Rules
@@ -149,7 +150,8 @@ def judge_lqr_settings(settings: Settings, courses: tuple[Course, ...] = ()) -> 
         C=convert_rows(found.C),
         prediction=found.prediction,
         horizon=_horizon(found, settings.horizon, settings.P1) if settings.horizon else None,
-        schedule=make_schedule(found, settings)[0]))
+        schedule=make_schedule(found, settings)[0],
+        longest_period=math.inf if settings.schedule else found.longest_period))
 
 
 def describe_ending(course: Course, candidate: LqrCandidate) -> str:

@@ -165,7 +165,8 @@ def judge_mpc_settings(settings: Settings) -> MpcCandidate:
         regulator=replace(found.regulator, region=nowhere), limits=limits,
         rest=found.plant.rest, names=system.state_names,
         rules=replace(make_rules(settings, settings.rate, system.state_names),
-                      on_unplanned=settings.on_unplanned)),
+                      on_unplanned=settings.on_unplanned),
+        longest_period=found.longest_period),
         _state_problem(settings, found, limits))
 
 
