@@ -74,8 +74,9 @@ def _vehicles(context: LaunchContext) -> list[Node]:
     if not Path(text('params_file')).is_file():
         raise ValueError(f'params_file:={text("params_file")}: there is no such file')
     is_robot = not is_true('plant') or text('command_sink') in ROBOTS
-    files = (str(CONFIG / f'{text("scenario")}.yaml'), *((PROTECTED,) if is_robot else ()),
-             text('params_file'))
+    scenario, tuned = str(CONFIG / f'{text("scenario")}.yaml'), text('params_file')
+    files = (scenario, *((PROTECTED,) if is_robot else ()),
+             *(() if tuned == scenario else (tuned,)))
     prefix = '/'.join(filter(None, map(text, ('namespace', 'prefix'))))
     sim_time = {'use_sim_time': ParameterValue(
         LaunchConfiguration('use_sim_time'), value_type=bool)}
@@ -96,9 +97,9 @@ def _vehicles(context: LaunchContext) -> list[Node]:
     started = {**({'plant_simulator': IN_COMPANY} if is_true('plant') else {}),
                'lqr_node': topics}
     vehicles = range(1, int(given) + 1)
-    if not any(has_section(files[-1], full_name(name, vehicle))
+    if not any(has_section(tuned, full_name(name, vehicle))
                for vehicle in vehicles for name in started):
-        raise ValueError(f'params_file:={files[-1]}: it has no section for a node of this fleet, '
+        raise ValueError(f'params_file:={tuned}: it has no section for a node of this fleet, '
                          f'such as {full_name("lqr_node", 1)}')
     return [node(name, vehicle, parameters)
             for vehicle in vehicles for name, parameters in started.items()]

@@ -66,6 +66,24 @@ def test_a_node_gets_the_files_with_a_section_for_it(file: str, tmp_path: Path) 
 
 
 @pytest.mark.parametrize('file', FILES)
+@pytest.mark.parametrize(('arguments', 'is_robot'), [
+    ({}, False), ({'command_sink': 'command'}, False), ({'plant': 'false'}, True),
+    ({'command_sink': 'cmd_vel'}, True), ({'command_sink': 'wrench'}, True)])
+def test_only_a_simulated_plant_declines_the_protections(file: str, arguments: dict[str, str],
+                                                         is_robot: bool) -> None:
+    """The scenario declines them; the last file with a section counts."""
+    for each in nodes(file, scenario='vehicle', **arguments):
+        values: dict[str, Any] = {}
+        for given in each.files:
+            for section in yaml.safe_load(given.read_text(encoding='utf-8')).items():
+                if section[0] == '/**/lqr_node':
+                    values |= section[1]['ros__parameters']
+        if each.name == 'lqr_node':
+            assert (values['unlimited'], values['transition_time']) == (
+                (False, 1.0) if is_robot else (True, 0.0))
+
+
+@pytest.mark.parametrize('file', FILES)
 @pytest.mark.parametrize(('arguments', 'sentence'), [
     ({'scenario': 'nonsense'},
      r'"scenario".* "nonsense".*\[\'aircraft\', \'aircraft_limits\', \'vehicle\', '

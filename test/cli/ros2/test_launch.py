@@ -111,8 +111,11 @@ def test_a_killed_launch_leaves_no_node(domain: int, tmp_path: Path) -> None:
 
 
 def test_a_dead_node_is_reported_and_respawned(domain: int, tmp_path: Path) -> None:
+    limits = tmp_path / 'limits.yaml'   # without the simulated plant they are needed
+    limits.write_text('/**/lqr_node: {ros__parameters: {u_limits: [9.0, 60.0]}}')
     loop = Process([support.find('obc'), 'launch', 'obc_ros', 'loop.launch.py', 'server:=false',
-                    'plant:=false', 'respawn:=true'], tmp_path / 'log', domain)
+                    'plant:=false', 'respawn:=true', f'params_file:={limits}'],
+                   tmp_path / 'log', domain)
     try:
         loop.wait_for_output('revision 1')
         [node] = children(loop.pid)
