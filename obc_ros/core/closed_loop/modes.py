@@ -99,7 +99,7 @@ TABLE: dict[Event, _Row] = {
                      X=Change(_X, _DROP)),
     Event.START: _row(X=Change(_W)),
     Event.STATE: _row(W=Change(_S, _BEGIN)),
-    Event.LOST: _row(S=Change(_Z), R=Change(_Z), P=Change(_Z)),
+    Event.LOST: _row(W=Change(_Z), S=Change(_Z), R=Change(_Z), P=Change(_Z)),
     Event.BACK: _row(Z=Change(_S, _BEGIN | _JUDGE | _CLEAR)),
     Event.OUTAGE: _LOST_TRACK,
     Event.RESTART: _NEW_WORLD,
