@@ -93,7 +93,7 @@ _NEW_WORLD = _row(I=Change(_I, _DROP), W=Change(_W, _DROP), S=Change(_W, _DROP),
 TABLE: dict[Event, _Row] = {
     Event.ACTIVATE: _row(I=Change(_W)),
     Event.DEACTIVATE: _row(W=Change(_I, _DROP), S=Change(_I, _DROP), R=Change(_I, _DROP),
-                           P=Change(_I, _DROP), Z=Change(_I, _DROP)),
+                           P=Change(_I, _DROP), Z=Change(_I, _DROP), X=Change(_X, _DROP)),
     Event.STOP: _row(I=Change(_X, _DROP), W=Change(_X, _DROP), S=Change(_X, _DROP),
                      R=Change(_X, _DROP), P=Change(_X, _DROP), Z=Change(_X, _DROP),
                      X=Change(_X, _DROP)),
@@ -112,7 +112,7 @@ TABLE: dict[Event, _Row] = {
     Event.WITHDRAWN: _row(S=Change(_S, _BEGIN), R=Change(_S, _BEGIN)),
     Event.PLANNED: _row(S=Change(_P, _FADE)),
     Event.UNPLANNED: _row(P=Change(_S, _BEGIN)),
-    Event.SUSPEND: _row(S=Change(_Z), R=Change(_Z), P=Change(_Z)),
+    Event.SUSPEND: _row(S=Change(_Z, _CLEAR), R=Change(_Z, _CLEAR), P=Change(_Z, _CLEAR)),
     Event.RESUME: _row(Z=Change(_S, _BEGIN | _JUDGE)),
 }
 
