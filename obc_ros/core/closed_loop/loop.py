@@ -327,9 +327,9 @@ class ControlLoop:
     def overdue(self, now: float) -> list[float] | None:
         """Return the command that is due without a state; None: none is."""
         with self._lock:
+            self._now, rules = now, self._next.rules
             if now < self.wake():
                 return None
-            self._now, rules = now, self._next.rules
             if self.is_stale and self.mode not in (Mode.RESTING, Mode.STOPPED):
                 self.counts['stale'] += 1
                 words = f'no valid state for {rules.state_timeout:g} s'

@@ -84,8 +84,9 @@ def _row(**changes: Change) -> _Row:
     return {mode: changes.get(letter, Change(mode)) for letter, mode in modes.items()}
 
 
-_LOST_TRACK = _row(S=Change(_S, _MOVED), R=Change(_R, _MOVED | _JUDGE),
-                   P=Change(_S, _MOVED | _CLEAR), Z=Change(_Z, _JUDGE | _CLEAR))
+_LOST_TRACK = _row(W=Change(_W, _CLEAR), S=Change(_S, _MOVED | _CLEAR),
+                   R=Change(_R, _MOVED | _JUDGE | _CLEAR), P=Change(_S, _MOVED | _CLEAR),
+                   Z=Change(_Z, _JUDGE | _CLEAR))
 _NEW_WORLD = _row(I=Change(_I, _DROP), W=Change(_W, _DROP), S=Change(_W, _DROP),
                   R=Change(_W, _DROP), P=Change(_W, _DROP), Z=Change(_W, _DROP),
                   X=Change(_X, _DROP))
