@@ -60,6 +60,11 @@ _SPAWNER = pytest.StashKey[support.Spawner]()
 _PURE = bool(explain_missing_ros())
 
 
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """Add the number of events that test_loop_machine.py runs."""
+    parser.addoption('--steps', type=int, default=20_000, help='random events of a control loop')
+
+
 def pytest_report_header() -> str:
     """Say which tests are left out."""
     return 'without ROS 2: the tests that need it are left out' * _PURE

@@ -34,7 +34,7 @@ class Gate:
     def __init__(self) -> None:
         self.sent: list[float] | None = None
         self.is_entering = False
-        self._jumps: list[tuple[float, list[float]]] = []   # when each began, and its size
+        self._jumps: list[tuple[float, float, list[float]]] = []   # begin, duration, size
         self._time = 0.0
 
     def advance(self, dt: float) -> None:
@@ -55,17 +55,17 @@ class Gate:
     def leave(self, before: Sequence[float], after: Sequence[float], time: float) -> None:
         """Add the jump from `before` to `after`, which decays within a time [s]; 0: it stays."""
         jump = list(map(sub, before, after))
-        if time and any(jump):
-            self._jumps.append((self._time, jump))
+        if time and any(jump) and all(map(math.isfinite, jump)):
+            self._jumps.append((self._time, time, jump))
 
-    def smooth(self, u: Sequence[float], time: float) -> list[float]:
-        """Return a command with the rest of the jumps, which decay within a time [s]."""
-        self._jumps = [each for each in self._jumps if self._time - each[0] < time]
+    def smooth(self, u: Sequence[float]) -> list[float]:
+        """Return a command (m,) with the rest of the jumps."""
+        self._jumps = [each for each in self._jumps if self._time - each[0] < each[1]]
         if not self._jumps:
             self.is_entering = False
             return list(u)
         smooth = list(u)
-        for began, jump in self._jumps:
+        for began, time, jump in self._jumps:
             s = (self._time - began) / time
             left = 1.0 - s * s * (3.0 - 2.0 * s)   # zero slope at both ends
             for j, size in enumerate(jump):

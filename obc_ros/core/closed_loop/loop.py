@@ -356,10 +356,10 @@ class ControlLoop:
     def overdue(self, now: float) -> list[float] | None:
         """Return the command that is due without a state; None: none is."""
         with self._lock:
+            self._now, rules = now, self._next.rules
             if now < self.wake():
                 return None
-            self._now, rules = now, self._next.rules
-            if self.is_stale and self.mode in FOLLOWING:
+            if self.is_stale and self.mode not in (Mode.RESTING, Mode.STOPPED):
                 self.counts['stale'] += 1
                 words = f'no valid state for {rules.state_timeout:g} s'
                 self._step(Event.LOST, f'{words}; on_stale: {rules.on_stale}', words)
@@ -374,7 +374,7 @@ class ControlLoop:
         if rest and self._gate.sent != self._clip_rest():
             return -math.inf   # a stop is not to wait for a state
         timeout = self._next.rules.state_timeout
-        if self.x is None or not timeout or self.mode in (Mode.INACTIVE, Mode.WAITING):
+        if self.x is None or not timeout or self.mode is Mode.INACTIVE:
             return math.inf
         return max(self._seen + timeout, self._spoken + max(timeout, _REPEAT)
                    if self._spoken > self._seen else -math.inf)
@@ -467,7 +467,7 @@ class ControlLoop:
         self.mode = change.mode
         if change.mode is not before or change.mode is Mode.STOPPED and event is Event.STOP:
             self.reason = reason if change.mode in (Mode.RESTING, Mode.STOPPED) else ''
-        if change.mode is not before or change.effect & (Effect.DROP | Effect.JUDGE):
+        if change.mode is not before or change.effect & ~Effect.FADE:
             is_warning = change.mode in (Mode.RESTING, Mode.STOPPED) or event in _WARNED
             self._report(event.name, sentence, self.news if is_warning else self.events)
         if change.effect & (Effect.DROP | Effect.CLEAR):
@@ -492,14 +492,16 @@ class ControlLoop:
             return None
         former = self._control, self._aim_now(stamp)   # what would have gone on
         was_following = self.mode in FOLLOWING
-        self._step(Event.STATE, 'the control law begins')
         if self._next is not self._control:
-            self._take_over(self._next, stamp)
+            self._take_over(self._next, stamp, x)
+        self._step(Event.STATE, 'the control law begins')
         control = self._control
         if self.mode is Mode.RESTING:
             if fault := self._find_fault(control, stamp, x):
                 return self._act(fault.action)
             self._step(Event.RESUME, 'the control law is resumed')
+        if Effect.PLACE in self._effects or control.prediction is None:
+            self._sent.forget()
         if not self._judge_references(control, stamp, x):
             return self._rest()
         self._end_reference(control, stamp)
@@ -516,7 +518,6 @@ class ControlLoop:
             self._integral = Integral(len(control.rest))
         if Effect.PLACE in self._effects:
             self._integral.pause()
-            self._sent.forget()
         if Effect.PLACE in self._effects or (
                 self._gate.is_entering and self._itinerary.followed is None):
             self._setpoint = self._setpoint.place(
@@ -611,15 +612,15 @@ class ControlLoop:
         if control.C:
             self._integral.advance(control.C, here.Ki, error, stamp)
         raw = self._compute(control, aim, stamp, x)
-        time = control.rules.transition_time
         if Effect.FADE in self._effects:
             self._fade(control, raw, stamp, x, former)
-        wanted = self._gate.smooth(raw, time)
+        wanted = self._gate.smooth(raw)
         u = self._gate.let_through(wanted, control.limits)
-        self._effects = Effect.NONE
         if u is None:
+            self._integral = Integral(len(control.rest))
             self.drop('command', f'a command that is not finite ({wanted}) was dropped', self._now)
             return None
+        self._effects = Effect.NONE
         self.counts['saturated'] += u != wanted
         self._integral.note(wanted, u)
         if control.prediction is not None:
@@ -637,9 +638,9 @@ class ControlLoop:
                 gate.enter(before, raw, time)
             return
         old, aim = former
-        before = gate.smooth(self._compute(old, aim, stamp, x), time)
+        before = gate.smooth(self._compute(old, aim, stamp, x))
         old.limits.clip(before)
-        gate.leave(before, gate.smooth(raw, time), time)
+        gate.leave(before, gate.smooth(raw), time)
 
     def _act(self, action: str) -> list[float] | None:
         """Return the command that replaces the control law."""
@@ -749,7 +750,7 @@ class ControlLoop:
         e, point = control.limits.error(x, here.x), here
         z: Sequence[float] = ()
         if control.prediction is not None:
-            e, z = self._sent.predict(control.prediction, e, here.u, len(control.C))
+            e, z = self._sent.predict(control.prediction, e, here.u, len(control.C), stamp)
             later = self._acts(control, stamp)
             point, on = self._point(control, aim.ahead, later), self._point(
                 control, aim.now, later).x
@@ -777,7 +778,7 @@ class ControlLoop:
         law, later = self._aim(control, self._setpoint, stamp).now, self._acts(control, stamp)
         here = self._point(control, law, stamp)
         e, _ = self._sent.predict(control.prediction, control.limits.error(x, here.x), here.u,
-                                  len(control.C))
+                                  len(control.C), stamp)
         return list(map(add, self._point(control, law, later).x, e))
 
     # Changes of the control
@@ -794,16 +795,19 @@ class ControlLoop:
         if held is not None:
             return self._setpoint.carry(held.after, stamp, restarts=False)
         law, old = _design_law(new), self._control
-        if is_withdrawn or not self._setpoint.is_designed:
+        if is_withdrawn or self.mode is Mode.WAITING or not self._setpoint.is_designed:
             return SetPoint(law, law.x, stamp)
         restarts = new.horizon is None or (
             old.horizon is None or old.horizon.time != new.horizon.time
             or (old.regulator.x, old.regulator.u) != (new.regulator.x, new.regulator.u))
         return self._setpoint.carry(law, stamp, restarts)
 
-    def _take_over(self, new: Control, stamp: int) -> None:
+    def _take_over(self, new: Control, stamp: int, x: Sequence[float]) -> None:
         """Replace the control."""
         is_withdrawn = self._itinerary.keep(new.legs)
+        if self.mode is Mode.RESTING or Effect.PLACE in self._effects:
+            self._setpoint = self._setpoint.place(
+                x, stamp, self._control.limits.error, self._setpoint.origin)
         self._setpoint = self._carry_set_point(new, stamp, is_withdrawn)
         if not (new.C and self._control.C):
             self._integral = Integral(len(new.rest))
@@ -815,7 +819,8 @@ class ControlLoop:
             self._step(Event.WITHDRAWN, 'the reference is given up: the set point is held')
 
     def _report(self, kind: str, sentence: str, queue: deque[str] | None = None) -> None:
-        if sentence and self._now - self._reports.get(kind, -math.inf) >= _AGAIN:
+        last = self._reports.get(kind)
+        if sentence and (last is None or self._now - last >= _AGAIN):
             self._reports[kind] = self._now
             (self.news if queue is None else queue).append(sentence)
 

@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The memory of a control law: its integral, and the commands that have not acted yet."""
 
-from collections import deque
 from collections.abc import Sequence
 from operator import mul, sub
 
@@ -15,36 +14,53 @@ class SentCommands:
     """The commands that have not acted yet, and the prediction over the delay with them."""
 
     def __init__(self) -> None:
-        self._past: deque[list[float]] = deque()
+        self._past: list[list[float]] = []   # the last one first, one more than act
         self._stamp: int | None = None
 
     def forget(self) -> None:
         """Forget the commands."""
-        self._past.clear()
+        self._past, self._stamp = [], None
 
-    def predict(self, prediction: Prediction, e: Sequence[float], ur: Sequence[float], p: int
-                ) -> tuple[list[float], Sequence[float]]:
-        """Return the error after the delay, and the growth of the p integrals until then."""
+    def predict(self, prediction: Prediction, e: Sequence[float], ur: Sequence[float], p: int,
+                stamp: int) -> tuple[list[float], Sequence[float]]:
+        """
+        Return the error after the delay, and the growth of the p integrals until then.
+
+        Parameters
+        ----------
+        prediction : Prediction
+        e : sequence of float
+            x - xr (n,) at the stamp.
+        ur : sequence of float
+            (m,)
+        p : int
+            Number of the integrals.
+        stamp : int
+            [ns]
+
+        """
         whole = [*e, *[0.0] * p]
         ahead = [sum(map(mul, row, whole)) for row in prediction.Phi]
-        for Gamma, u in zip(prediction.Gammas, tuple(self._past), strict=False):
+        for Gamma, u in zip(prediction.Gammas, self._recall(prediction, stamp), strict=False):
             du = list(map(sub, u, ur))
             for i, row in enumerate(Gamma):
                 ahead[i] += sum(map(mul, row, du))
         return ahead[:len(e)], ahead[len(e):]
 
     def remember(self, prediction: Prediction, u: list[float], stamp: int) -> None:
-        """Keep the command for a stamp [ns]; in a missed period the last one still acts."""
-        periods = 1 if self._stamp is None else round((stamp - self._stamp) / prediction.period)
-        if periods == 0 and self._past:
-            self._past[0] = u  # another command for the same state
-            return
-        for _ in range(min(periods, len(prediction.Gammas)) - 1):
-            self._past.appendleft(self._past[0] if self._past else u)
-        self._past.appendleft(u)
-        self._stamp = stamp
-        while len(self._past) > len(prediction.Gammas) + 1:   # the one that acts now stays
-            self._past.pop()
+        """Keep the command for a stamp [ns], in place of another one for the same state."""
+        self._past = [u, *self._recall(prediction, stamp)][:len(prediction.Gammas) + 1]
+        if self._stamp is None or _count_periods(prediction, self._stamp, stamp):
+            self._stamp = stamp
+
+    def _recall(self, prediction: Prediction, stamp: int) -> list[list[float]]:
+        """Return the commands before a stamp [ns]; in a missed period the last one still acts."""
+        if self._stamp is None:
+            return []
+        periods = _count_periods(prediction, self._stamp, stamp)
+        if periods == 0:
+            return self._past[1:]
+        return self._past[:1] * min(periods - 1, len(prediction.Gammas)) + self._past
 
     def list_earlier(self, prediction: Prediction) -> list[tuple[int, list[float]]]:
         """Return the commands before the last one, oldest first, with their stamps [ns]."""
@@ -98,3 +114,7 @@ class Integral:
                 dz = 0.5 * dt * (now + sum(map(mul, row, last[1])))
                 for j, gains in enumerate(Ki):
                     self.w[j] += gains[k] * dz
+
+
+def _count_periods(prediction: Prediction, last: int, stamp: int) -> int:
+    return round((stamp - last) / prediction.period)

@@ -84,8 +84,9 @@ def _row(**changes: Change) -> _Row:
     return {mode: changes.get(letter, Change(mode)) for letter, mode in modes.items()}
 
 
-_LOST_TRACK = _row(S=Change(_S, _MOVED), R=Change(_R, _MOVED | _JUDGE),
-                   P=Change(_S, _MOVED | _CLEAR), Z=Change(_Z, _JUDGE | _CLEAR))
+_LOST_TRACK = _row(W=Change(_W, _CLEAR), S=Change(_S, _MOVED | _CLEAR),
+                   R=Change(_R, _MOVED | _JUDGE | _CLEAR), P=Change(_S, _MOVED | _CLEAR),
+                   Z=Change(_Z, _JUDGE | _CLEAR))
 _NEW_WORLD = _row(I=Change(_I, _DROP), W=Change(_W, _DROP), S=Change(_W, _DROP),
                   R=Change(_W, _DROP), P=Change(_W, _DROP), Z=Change(_W, _DROP),
                   X=Change(_X, _DROP))
@@ -93,13 +94,13 @@ _NEW_WORLD = _row(I=Change(_I, _DROP), W=Change(_W, _DROP), S=Change(_W, _DROP),
 TABLE: dict[Event, _Row] = {
     Event.ACTIVATE: _row(I=Change(_W)),
     Event.DEACTIVATE: _row(W=Change(_I, _DROP), S=Change(_I, _DROP), R=Change(_I, _DROP),
-                           P=Change(_I, _DROP), Z=Change(_I, _DROP)),
+                           P=Change(_I, _DROP), Z=Change(_I, _DROP), X=Change(_X, _DROP)),
     Event.STOP: _row(I=Change(_X, _DROP), W=Change(_X, _DROP), S=Change(_X, _DROP),
                      R=Change(_X, _DROP), P=Change(_X, _DROP), Z=Change(_X, _DROP),
                      X=Change(_X, _DROP)),
     Event.START: _row(X=Change(_W)),
     Event.STATE: _row(W=Change(_S, _BEGIN)),
-    Event.LOST: _row(S=Change(_Z), R=Change(_Z), P=Change(_Z)),
+    Event.LOST: _row(W=Change(_Z), S=Change(_Z), R=Change(_Z), P=Change(_Z)),
     Event.BACK: _row(Z=Change(_S, _BEGIN | _JUDGE | _CLEAR)),
     Event.OUTAGE: _LOST_TRACK,
     Event.RESTART: _NEW_WORLD,
@@ -112,7 +113,7 @@ TABLE: dict[Event, _Row] = {
     Event.WITHDRAWN: _row(S=Change(_S, _BEGIN), R=Change(_S, _BEGIN)),
     Event.PLANNED: _row(S=Change(_P, _FADE)),
     Event.UNPLANNED: _row(P=Change(_S, _BEGIN)),
-    Event.SUSPEND: _row(S=Change(_Z), R=Change(_Z), P=Change(_Z)),
+    Event.SUSPEND: _row(S=Change(_Z, _CLEAR), R=Change(_Z, _CLEAR), P=Change(_Z, _CLEAR)),
     Event.RESUME: _row(Z=Change(_S, _BEGIN | _JUDGE)),
 }
 

@@ -3,6 +3,7 @@
 """Which references are still to come, are followed or are over, and how near a state is to one."""
 
 from collections.abc import Iterator, Sequence
+from weakref import WeakKeyDictionary, WeakSet
 
 from obc_ros.core.closed_loop.clock import NS
 from obc_ros.core.closed_loop.control import Control, Leg, Reference
@@ -29,17 +30,15 @@ class Itinerary:
     def __init__(self) -> None:
         self.followed: Reference | None = None
         self.held: Reference | None = None
-        self._begins: dict[Reference, int] = {}   # also those without a stamp
-        self._over: set[Reference] = set()
+        self._begins = WeakKeyDictionary[Reference, int]()   # also of those without a stamp
+        self._over = WeakSet[Reference]()
 
     def keep(self, legs: Sequence[Leg]) -> bool:
-        """Forget all references but some; return whether one that matters was withdrawn."""
-        known = {leg.reference for leg in legs}
-        self._begins = {each: begin for each, begin in self._begins.items() if each in known}
-        self._over &= known
-        lost = {self.followed, self.held} - known - {None}
-        self.followed = self.followed if self.followed in known else None
-        self.held = self.held if self.held in known else None
+        """Give up all references but some; return whether one that matters was withdrawn."""
+        lost = {self.followed, self.held} - {leg.reference for leg in legs} - {None}
+        self._over.update(lost)
+        self.followed = None if self.followed in lost else self.followed
+        self.held = None if self.held in lost else self.held
         return bool(lost)
 
     def is_pending(self, leg: Leg) -> bool:
@@ -82,7 +81,7 @@ class Itinerary:
     def drop(self, legs: Sequence[Leg]) -> list[Reference]:
         """Give up all references; return those that were followed or were still to come."""
         dropped = [leg.reference for leg in legs if leg.reference not in self._over]
-        self._over.update(leg.reference for leg in legs)
+        self._over.update({self.followed, *(leg.reference for leg in legs)} - {None})
         self.followed = self.held = None
         return dropped
 

@@ -252,7 +252,7 @@ def test_on_envelope_acts_outside_x_limits(
     """Outside x_limits on_envelope acts; only its stop is latched."""
     rules = Rules(x_limits=((-1.0, 2.0), (-math.inf, math.inf)), on_envelope=action)
     loop = ControlLoop(control(u=7.0, rules=rules))
-    assert answers(loop, (0, [0.8, 0.0]), (1, [2.1, 0.0]), (2, [0.5, 0.0])) == [
+    assert answers(loop, (0.0, [0.8, 0.0]), (0.1, [2.1, 0.0]), (0.2, [0.5, 0.0])) == [
         [6.2], outside, back]
     assert loop.counts['outside'] == 1
     assert 'the error of px is 2.1, outside [-1, 2]' in loop.news[0]

@@ -38,6 +38,26 @@ def test_a_moving_set_point_starts_at_the_plant() -> None:
     assert answers(loop, (103.0, [540.0, 0.0])) == [[80.0]]  # a new set point
 
 
+@pytest.mark.parametrize('begin', [lambda loop: None, lambda loop: (
+    answers(loop, (0.0, [0.0, 0.0])), loop.stop('by test'), loop.start())])
+def test_a_set_point_changed_before_the_law_begins_is_where_it_was_given(begin) -> None:
+    """Until the law begins, the set point has not moved: a new lane is not ahead of the plant."""
+    rules = Rules(state_timeout=0.0)
+    loop = ControlLoop(control(u=1.0, drift=(1.0, 0.0), gain=((1.0, 1.0),), rules=rules))
+    begin(loop)
+    loop.adopt(control(u=1.0, drift=(0.0, 1.0), gain=((1.0, 1.0),), rules=rules))
+    assert answers(loop, (1e9, [0.25, 7.0])) == [[0.75]]   # 0.25 beside the lane px = 0
+
+
+def test_a_set_point_changed_while_the_law_rests_begins_at_the_plant() -> None:
+    """The set point does not move along its lane while a rule suspends the law."""
+    loop = ControlLoop(control(u=1.0, drift=(1.0, 0.0), gain=((1.0, 1.0),)))
+    answers(loop, (0.0, [0.0, 0.0]))
+    loop.overdue(0.5)
+    loop.adopt(control(u=1.0, drift=(0.0, 1.0), gain=((1.0, 1.0),)))
+    assert answers(loop, (60.0, [0.25, 7.0])) == [[1.0]]
+
+
 def test_a_moving_set_point_restarts_at_the_plant_after_a_stop() -> None:
     """The set point does not move while the loop is stopped."""
     loop = ControlLoop(control(u=10.0, drift=(10.0, 0.0), rest=(0.0,)))
@@ -91,6 +111,19 @@ def test_a_reference_is_followed_until_the_next_begins() -> None:
     assert answers(loop, (10.5, [0.5, 1.0]), (11.0, [0.0, 1.0])) == [[0.0], [0.0]]
 
 
+def test_a_withdrawn_reference_never_begins_again() -> None:
+    """A reference that has ended or was withdrawn stays over, also if it is given once more."""
+    still, once = control(), leg(0)
+    following = replace(still, legs=(once,))
+    loop = ControlLoop(following)
+    answers(loop, (0.0, [0.0, 1.0]), (0.4, [0.4, 1.0]))
+    loop.adopt(still)
+    answers(loop, (0.5, [0.5, 1.0]))
+    loop.adopt(following)
+    assert answers(loop, (0.6, [0.6, 1.0])) == [[-2.6]]
+    assert loop.reference is None
+
+
 # Transitions without a jump
 
 
@@ -130,6 +163,28 @@ def test_a_transition_after_a_stop_begins_at_the_rest_input() -> None:
     answers(loop, (1.0, [1.0, 0.0]))
     loop.start()
     assert answers(loop, (2.0, [1.0, 0.0]), (3.0, [1.0, 0.0])) == [[pytest.approx(0.3)], [-1.0]]
+
+
+@pytest.mark.parametrize('time', [0.0, 0.5, 9.0])
+def test_a_transition_keeps_its_own_time(time: float) -> None:
+    """A change of transition_time during a transition does not let the command jump."""
+    loop = ControlLoop(control(rules=Rules(transition_time=1.0)))
+    answers(loop, (0.0, [1.0, 0.0]))
+    loop.adopt(control(gain=((5.0, 0.0),), rules=Rules(transition_time=1.0)))
+    half = answers(loop, (0.0, [1.0, 0.0]), (0.4, [1.0, 0.0]))[-1]
+    loop.adopt(control(gain=((5.0, 0.0),), rules=Rules(transition_time=time)))
+    assert answers(loop, (0.4, [1.0, 0.0]), (0.8, [1.0, 0.0]), (1.0, [1.0, 0.0])) == [
+        half, [pytest.approx(-5.0 + 4.0 * (1.0 - 0.64 * 1.4))], [-5.0]]
+
+
+def test_a_command_that_is_not_finite_leaves_nothing_behind() -> None:
+    """The next state begins the law: with a transition from the input at rest, integral at 0."""
+    loop = ControlLoop(control(
+        gain=((10.0, 10.0),), rest=(0.5,), C=((1.0, 0.0),), Ki=((1e9,),),
+        rules=Rules(transition_time=1.0, from_rest=True, state_timeout=5.0)))
+    assert answers(loop, (0.0, [1e308, 1e308]), (0.1, [0.0, 0.0])) == [None, [0.5]]
+    assert answers(loop, (0.2, [1e307, 0.0]), (1.1, [0.0, 0.0])) == [None, [0.0]]
+    assert loop.counts['command'] == 2
 
 
 def test_preview_returns_the_jump_without_changing_the_loop() -> None:
@@ -340,3 +395,43 @@ def test_the_predicted_state_equals_the_simulated_one() -> None:
             assert u[0] == pytest.approx(0.04 - (ahead - 0.2), abs=1e-12)
         sent.append(u[0])
         x.append(a * x[-1] + b * sent[-3])
+
+
+def delayed(x: float = 0.0) -> Control:
+    """Return a control with a delay of two periods of 100 ms: e+ = e + 0.1 v, v+ = v + 0.1 u."""
+    return control(x=(x, 0.0), prediction=Prediction(
+        ((1.0, 0.2), (0.0, 1.0)), (((0.005,), (0.1,)), ((0.015,), (0.1,))), 100 * MS, 200 * MS))
+
+
+def test_a_repeated_state_gets_the_same_command_over_a_delay() -> None:
+    """The command for a state is none of those before it."""
+    states = [(k / 10, [1.0, 0.1 * k]) for k in range(6)]
+    once = answers(ControlLoop(delayed()), *states)
+    twice = answers(ControlLoop(delayed()), *(each for each in states for _ in range(2)))
+    assert twice == [u for u in once for _ in range(2)]
+
+
+@pytest.mark.parametrize('event', ['outage', 'restart', 'jump', 'stop'])
+def test_after_a_discontinuity_the_prediction_begins_anew(event: str) -> None:
+    """What was sent before acts no longer: the loop answers like one that begins."""
+    states = [(5.0 + k / 10, [1.0, 0.0]) for k in range(4)]
+    loop = ControlLoop(delayed())
+    before = {'outage': 1.0, 'restart': 9.0}.get(event, 4.5)
+    answers(loop, *((before + k / 10, [3.0, 0.0]) for k in range(4)))
+    if event == 'stop':
+        loop.stop('by test')
+        loop.start()
+    given = [loop.answer(round(t * S), x, t, restarts=event == 'jump') for t, x in states]
+    assert given == answers(ControlLoop(delayed()), *states)
+
+
+def test_a_command_still_acts_in_a_missed_period() -> None:
+    """A state that is missing is predicted with the command before it, also at the next state."""
+    a, b = answers(ControlLoop(delayed()), *((k / 10, [1.0, 0.0]) for k in (0, 1, 2)))[:2]
+    assert a is not None
+    loop = ControlLoop(delayed())
+    sent = [a[0], a[0]]   # without the second state the first command acts in both periods
+    ahead = 1.0 + 0.005 * sent[0] + 0.015 * sent[1], 0.1 * sum(sent)
+    given = answers(loop, (0.0, [1.0, 0.0]), (0.2, [1.0, 0.0]))[-1]
+    assert given == [pytest.approx(-ahead[0] - 2.0 * ahead[1])]
+    assert b != given
