@@ -29,6 +29,7 @@ class SentCommands:
         Parameters
         ----------
         prediction : Prediction
+            Of the error over the delay.
         e : sequence of float
             x - xr (n,) at the stamp.
         ur : sequence of float

@@ -81,7 +81,9 @@ class Itinerary:
     def drop(self, legs: Sequence[Leg]) -> list[Reference]:
         """Give up all references; return those that were followed or were still to come."""
         dropped = [leg.reference for leg in legs if leg.reference not in self._over]
-        self._over.update({self.followed, *(leg.reference for leg in legs)} - {None})
+        self._over.update(leg.reference for leg in legs)
+        if self.followed is not None:
+            self._over.add(self.followed)
         self.followed = self.held = None
         return dropped
 
