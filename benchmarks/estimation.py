@@ -16,7 +16,6 @@ import math
 
 import control
 import numpy as np
-from obc_ros.core.closed_loop.sensors import OutputConditions, Sensors
 from obc_ros.core.estimation.consistency import compute_band, compute_normalized_error
 from obc_ros.core.estimation.delayed_filter import DelayedFilter
 from obc_ros.core.estimation.filter import Belief, KalmanFilter
@@ -24,6 +23,7 @@ from obc_ros.core.estimation.kalman_gain import discretize_noise, dlqe, lqe
 from obc_ros.core.lqr.sampled import sampled_lqr
 from obc_ros.core.lqr.weights import Weights
 from obc_ros.core.numerics.arrays import Array
+from obc_ros.core.simulation.sensors import OutputConditions, Sensors
 from obc_ros.core.systems.equilibrium import find_equilibrium
 from obc_ros.core.systems.registry import get_system
 from obc_ros.core.systems.system import System

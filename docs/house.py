@@ -20,7 +20,8 @@ PACKAGE = 'obc_ros'
 # From the top. A room imports from the rows below it and from the other rooms of its row.
 ROWS = (('cli', 'nodes'), ('ros',), ('sweep',), ('workers',),
         ('core.library', 'core.receding'), ('core.solver',),
-        ('core.closed_loop', 'core.estimation', 'core.lqr', 'core.riccati', 'core.ocp'),
+        ('core.closed_loop', 'core.simulation', 'core.estimation', 'core.lqr', 'core.riccati',
+         'core.ocp'),
         ('core.systems',), ('core.numerics',), ('core.text',))
 ROOMS = tuple(room for row in ROWS for room in row)
 CERTIFICATE = 'core.ocp.certificate'

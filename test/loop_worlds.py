@@ -12,6 +12,7 @@ import math
 from typing import NamedTuple
 
 from loop_bench import MS
+import numpy as np
 from obc_ros.core.closed_loop.control import Control, Leg, Prediction, Reference, Rules
 from obc_ros.core.closed_loop.feedback import (
     InputLimits,
@@ -20,11 +21,10 @@ from obc_ros.core.closed_loop.feedback import (
     StateFeedback,
     Vector,
 )
-from obc_ros.core.closed_loop.laws import Plan
+from obc_ros.core.closed_loop.laws import PlanLaw
 from obc_ros.core.closed_loop.loop import ControlLoop
 from obc_ros.core.closed_loop.modes import Mode
 from obc_ros.core.closed_loop.sampled_plan import SampledPlan
-import numpy as np
 
 NAMES = 'px', 'py', 'vx', 'vy'
 PERIOD = 100 * MS            # of plans and predictions
@@ -138,14 +138,14 @@ class World:
             Line(start, self.rotate(route.velocity) + (0.0, 0.0), u, K), end,
             ALLOWED if route.is_judged else (), ('m', 'm', 'm/s', 'm/s'))
 
-    def make_plan(self, stamp: int, x: Sequence[float], samples: int) -> Plan:
+    def make_plan(self, stamp: int, x: Sequence[float], samples: int) -> PlanLaw:
         """Return a plan of constant velocity whose first sample is at a stamp [ns]."""
         states = [[x[0] + x[2] * 0.1 * k, x[1] + x[3] * 0.1 * k, *x[2:]]
                   for k in range(samples + 1)]
         law = SampledPlan(PERIOD, tuple(map(self.rotate, states)),
                           tuple(self.rotate((0.2 * k, 0.5)) for k in range(samples)),
                           self.rotate_gain(1.0))
-        return Plan(law, stamp + self.shift - PERIOD // 2)
+        return PlanLaw(law, stamp + self.shift - PERIOD // 2)
 
     def find_number(self) -> int | None:
         """Return the number of the reference that is followed or whose end is held."""

@@ -7,7 +7,7 @@ from pathlib import Path
 import sys
 
 from obc_ros.nodes.mpc_node import MpcNode
-from obc_ros.ros.executor import run
+from obc_ros.ros.execution.executor import run
 
 
 class StandInNode(MpcNode):

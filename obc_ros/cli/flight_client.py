@@ -16,7 +16,7 @@ from obc_ros.cli.recording import CLOCK, LATCHED, read_stamp, Recorder
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.text.errors import ObcError
 from obc_ros.msg import Command, Estimate, LqrDesign, Measurement, State, Trajectory
-from obc_ros.ros.executor import limit_leaving
+from obc_ros.ros.execution.executor import limit_leaving
 from rcl_interfaces.msg import Log, Parameter, ParameterEvent
 from rcl_interfaces.srv import SetParametersAtomically
 import rclpy

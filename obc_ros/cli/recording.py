@@ -18,7 +18,7 @@ from typing import Any
 
 from mcap.writer import Writer
 from obc_ros.cli.share_folders import share_directory
-from obc_ros.ros.subscription_thread import Apart
+from obc_ros.ros.execution.subscription_thread import Apart
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 import yaml

@@ -15,7 +15,7 @@ from typing import Any
 
 from obc_ros.cli.processes import find_log_folder
 from obc_ros.core.text.errors import ObcError
-from obc_ros.ros.executor import limit_leaving, summarize_error
+from obc_ros.ros.execution.executor import limit_leaving, summarize_error
 from obc_ros.ros.middleware import choose_profile
 from obc_ros.ros.service_qos import BURST
 import rclpy

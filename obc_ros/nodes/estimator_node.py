@@ -38,9 +38,9 @@ from obc_ros.nodes.estimator_settings import (
     Settings,
 )
 from obc_ros.nodes.noise_suggestions import fill_noise, suggest_noise
-from obc_ros.ros.callback_guards import guard_callbacks
 from obc_ros.ros.conversions import OdometryMap, read_nanoseconds
-from obc_ros.ros.executor import run
+from obc_ros.ros.execution.callback_guards import guard_callbacks
+from obc_ros.ros.execution.executor import run
 from obc_ros.ros.hardware_id import identify
 from obc_ros.ros.parameters.node_parameters import Parameters
 from obc_ros.ros.throttled_log import ThrottledLog

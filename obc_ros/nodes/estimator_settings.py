@@ -7,12 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 from obc_ros.core.closed_loop.feedback import Vector
-from obc_ros.core.closed_loop.simulator import compute_resting_input
 from obc_ros.core.estimation.delayed_filter import spread_deviations
 from obc_ros.core.estimation.filter import KalmanFilter
 from obc_ros.core.estimation.kalman_gain import KalmanDesign, sampled_lqe
 from obc_ros.core.lqr.weights import square
 from obc_ros.core.numerics.arrays import Array
+from obc_ros.core.simulation.simulator import compute_resting_input
 from obc_ros.core.systems.equilibrium import check_numbers
 from obc_ros.core.systems.system import System
 from obc_ros.core.text.errors import quote, StatementError

@@ -34,7 +34,7 @@ from obc_ros.nodes.lqr.settings import (
 )
 from obc_ros.nodes.lqr.weight_suggestions import fill_suggestion, suggest_weights
 from obc_ros.ros.conversions import read_nanoseconds, set_stamp
-from obc_ros.ros.executor import run
+from obc_ros.ros.execution.executor import run
 from obc_ros.srv import FollowReference, PredictState, SuggestWeights, TryDesign
 from rclpy.qos_overriding_options import QoSOverridingOptions
 

@@ -43,7 +43,7 @@ from obc_ros.nodes.mpc.settings import (
     Settings,
 )
 from obc_ros.ros.conversions import read_nanoseconds
-from obc_ros.ros.executor import run
+from obc_ros.ros.execution.executor import run
 from obc_ros.workers.steps.step_link import StepLink
 from obc_ros.workers.steps.step_supervisor import STEP_PATIENCE, StepSupervisor
 from obc_ros.workers.wire import pack, Packet

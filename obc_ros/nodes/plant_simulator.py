@@ -30,15 +30,15 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from nav_msgs.msg import Odometry
-from obc_ros.core.closed_loop.paced_plant import choose_step, PacedPlant, Pacing
-from obc_ros.core.closed_loop.sensors import OutputConditions, Sensors
-from obc_ros.core.closed_loop.simulation_settings import (
+from obc_ros.core.simulation.paced_plant import choose_step, PacedPlant, Pacing
+from obc_ros.core.simulation.sensors import OutputConditions, Sensors
+from obc_ros.core.simulation.simulation_settings import (
     Conditions,
     Gust,
     INTEGRATORS,
     SMALLEST_TOLERANCE,
 )
-from obc_ros.core.closed_loop.simulator import Simulator
+from obc_ros.core.simulation.simulator import Simulator
 from obc_ros.core.systems.system import System
 from obc_ros.core.text.errors import StatementError
 from obc_ros.msg import Command, Measurement, State
@@ -52,7 +52,8 @@ from obc_ros.nodes.views.plant_view import (
 )
 from obc_ros.ros import conversions
 from obc_ros.ros.clock_watch import ClockWatch
-from obc_ros.ros.executor import run
+from obc_ros.ros.execution.executor import run
+from obc_ros.ros.execution.subscription_thread import Apart, OwnThread, PRIORITY
 from obc_ros.ros.hardware_id import HARDWARE, identify
 from obc_ros.ros.messages import flatten_doubles
 from obc_ros.ros.parameters.node_parameters import (
@@ -63,7 +64,6 @@ from obc_ros.ros.parameters.node_parameters import (
     StartValues,
 )
 from obc_ros.ros.state_sources import Components, NamesError
-from obc_ros.ros.subscription_thread import Apart, OwnThread, PRIORITY
 from obc_ros.ros.throttled_log import ThrottledLog
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType

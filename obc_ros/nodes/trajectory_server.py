@@ -36,8 +36,8 @@ from obc_ros.nodes.motions.plant_files import load_plants
 from obc_ros.nodes.motions.present_state import PresentState
 from obc_ros.nodes.views.plan_view import PlanView
 from obc_ros.ros import messages
-from obc_ros.ros.callback_guards import guard_callbacks
-from obc_ros.ros.executor import run
+from obc_ros.ros.execution.callback_guards import guard_callbacks
+from obc_ros.ros.execution.executor import run
 from obc_ros.ros.hardware_id import identify
 from obc_ros.ros.parameters.node_parameters import declare_field, Parameters
 from obc_ros.ros.service_qos import be_patient, BURST

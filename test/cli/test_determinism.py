@@ -9,7 +9,7 @@ import sys
 from typing import Any
 
 from obc_ros.cli.demo import vehicle
-from obc_ros.cli.demo.flight import Event, Flight, fly, set_parameters
+from obc_ros.cli.demo.flight import Flight, FlightEvent, fly, set_parameters
 from obc_ros.cli.flight_client import Pilot
 from obc_ros.cli.processes import isolate, reserve_domain
 from obc_ros.core.text.errors import ObcError
@@ -47,11 +47,11 @@ def plan(pilot: Pilot) -> str:
 
 FLIGHTS = {
     'aircraft': Flight('flight', 'aircraft.yaml', 3.0, (
-        Event(0.5, 'a step', change(setpoint=[1.0, 1.0, 0.0, 0.0, 0.0, 0.0])),
-        Event(1.8, 'other weights', change(
+        FlightEvent(0.5, 'a step', change(setpoint=[1.0, 1.0, 0.0, 0.0, 0.0, 0.0])),
+        FlightEvent(1.8, 'other weights', change(
             Qx=[100.0, 1.0, 0.698, 0.0, 0.0, 0.0], Qu=[0.1, 0.1])),
-        Event(2.0, 'a step', change(setpoint=[2.0, 1.0, 0.0, 0.0, 0.0, 0.0])))),
-    'vehicle': Flight('flight', 'vehicle.yaml', 4.0, (Event(1.0, 'a plan', plan),))}
+        FlightEvent(2.0, 'a step', change(setpoint=[2.0, 1.0, 0.0, 0.0, 0.0, 0.0])))),
+    'vehicle': Flight('flight', 'vehicle.yaml', 4.0, (FlightEvent(1.0, 'a plan', plan),))}
 
 
 @pytest.mark.parametrize('flight', FLIGHTS.values(), ids=FLIGHTS)

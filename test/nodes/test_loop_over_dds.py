@@ -6,7 +6,7 @@ import signal
 
 from lqr_bench import Heard
 import numpy as np
-from obc_ros.core.closed_loop.simulator import Simulator
+from obc_ros.core.simulation.simulator import Simulator
 from obc_ros.core.systems import registry
 from obc_ros.msg import Command, LqrDesign, State
 from obc_ros.ros.conversions import read_nanoseconds

@@ -7,7 +7,7 @@ import time
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
 from mpc_bench import LONG, Loop
-from obc_ros.ros.desk import CancelledError, Desk
+from obc_ros.ros.execution.worker_thread import CancelledError, WorkerThread
 import pytest
 from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
@@ -18,7 +18,7 @@ HOVER = pytest.approx([0.0, 39.2])
 
 
 def test_the_desk_computes_what_is_asked_and_cancels_changes(probe):
-    desk, told = Desk(probe.node), []
+    desk, told = WorkerThread(probe.node), []
 
     async def ask(number, is_change):
         try:

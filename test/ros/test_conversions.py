@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from nav_msgs.msg import Odometry
 import numpy as np
 from numpy.testing import assert_allclose
-from obc_ros.core.closed_loop.simulator import Simulator
+from obc_ros.core.simulation.simulator import Simulator
 from obc_ros.core.systems import registry
 from obc_ros.core.text.errors import DynamicsError, StatementError
 from obc_ros.ros import conversions

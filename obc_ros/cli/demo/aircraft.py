@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 import numpy as np
 from obc_ros.cli.console.tables import print_table
-from obc_ros.cli.demo.flight import Event, Flight, fly, make_gust, set_parameters
+from obc_ros.cli.demo.flight import Flight, FlightEvent, fly, make_gust, set_parameters
 from obc_ros.cli.demo.report import measure_step, report_loop
 from obc_ros.cli.flight_client import Pilot
 from obc_ros.cli.gallery.bodies import ARM, draw_aircraft, PLUME
@@ -51,13 +51,13 @@ def run(out: Path, real_time: bool, formats: Sequence[str]) -> int:
     """Run the flight, print its figures of merit and plot it; return the exit status."""
     steps: list[UnitStep] = []
     flight = Flight('aircraft', 'aircraft.yaml', END, (
-        Event(FIRST_STEP, 'step to (1, 1) with Qx = I',
+        FlightEvent(FIRST_STEP, 'step to (1, 1) with Qx = I',
               lambda pilot: _step(pilot, steps, 0.0, 10.0, 'Qx = I')),
-        Event(CHANGE, 'weights of Example 2.5, in flight', _take_weights),
-        Event(SECOND_STEP, 'step to (2, 2) with the weights of Example 2.5',
+        FlightEvent(CHANGE, 'weights of Example 2.5, in flight', _take_weights),
+        FlightEvent(SECOND_STEP, 'step to (2, 2) with the weights of Example 2.5',
               lambda pilot: _step(pilot, steps, 1.0, 15.0, 'Example 2.5')),
-        Event(GUST, 'a gust from the side, 4 N for 1 s', lambda pilot: ''),
-        Event(REFUSAL, 'Qu = [-0.1, 0.1]', _refused_weights)), plant=make_gust(GUST))
+        FlightEvent(GUST, 'a gust from the side, 4 N for 1 s', lambda pilot: ''),
+        FlightEvent(REFUSAL, 'Qu = [-0.1, 0.1]', _refused_weights)), plant=make_gust(GUST))
     return fly(flight, out, real_time, lambda pilot, wall: _conclude(
         pilot, wall, steps, out, formats))
 

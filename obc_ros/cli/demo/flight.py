@@ -20,7 +20,7 @@ BACKLOG = 1000  # depth of the queue of commands (default 1): the recorder may f
 
 
 @dataclass(frozen=True)
-class Event:
+class FlightEvent:
     """An action at a simulated time [s]."""
 
     at: float
@@ -41,7 +41,7 @@ class Flight:
         File of config/ with the parameters of the nodes.
     duration : float
         [s]
-    events : sequence of Event
+    events : sequence of FlightEvent
     controller : str
         Name of its node.
     plant : tuple of str
@@ -56,7 +56,7 @@ class Flight:
     name: str
     config: str
     duration: float
-    events: Sequence[Event]
+    events: Sequence[FlightEvent]
     controller: str = 'lqr_node'
     plant: tuple[str, ...] = ()
     sensors: str = ''

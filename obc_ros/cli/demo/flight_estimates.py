@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 import numpy as np
 from obc_ros.cli.console.tables import print_table
-from obc_ros.cli.demo.flight import Event, Flight, fly, make_gust
+from obc_ros.cli.demo.flight import Flight, FlightEvent, fly, make_gust
 from obc_ros.cli.demo.report import report_loop
 from obc_ros.cli.flight_client import Pilot, Samples
 from obc_ros.core.estimation.consistency import Consistency
@@ -90,9 +90,9 @@ def run(out: Path, real_time: bool, formats: Sequence[str]) -> int:
             (ESTIMATED, CONFIG, partial(_conclude, known, out, formats))):
         what = 'estimator_node' if sensors else 'the whole state'
         flight = Flight(name, CONFIG, DURATION, (
-            Event(0.0, f'fly 1 m back and 0.5 m down to the origin, with {what}',
+            FlightEvent(0.0, f'fly 1 m back and 0.5 m down to the origin, with {what}',
                   lambda pilot: ''),
-            Event(GUST, 'a gust from the side, 4 N for 1 s', lambda pilot: '')),
+            FlightEvent(GUST, 'a gust from the side, 4 N for 1 s', lambda pilot: '')),
             plant=PLANT, sensors=sensors, rest=rest if sensors else ())
         if status := fly(flight, out, real_time, conclude):
             return status

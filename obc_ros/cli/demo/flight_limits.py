@@ -11,7 +11,7 @@ import matplotlib as mpl
 from matplotlib.figure import Figure
 import numpy as np
 from obc_ros.cli.console.tables import print_table
-from obc_ros.cli.demo.flight import Event, Flight, fly
+from obc_ros.cli.demo.flight import Flight, FlightEvent, fly
 from obc_ros.cli.demo.report import report_loop
 from obc_ros.cli.flight_client import Pilot
 from obc_ros.core.library.figures.files import save_figure
@@ -46,7 +46,7 @@ def run(out: Path, real_time: bool, formats: Sequence[str]) -> int:
     flown: dict[str, Flown] = {}
     for controller in CONTROLLERS:
         flight = Flight(f'limits_{controller}', CONFIG, DURATION, (
-            Event(0.0, 'fly 1 m back and 0.5 m down to the origin', lambda pilot: ''),),
+            FlightEvent(0.0, 'fly 1 m back and 0.5 m down to the origin', lambda pilot: ''),),
             controller)
         if status := fly(flight, out, real_time, partial(_conclude, flown, controller)):
             return status

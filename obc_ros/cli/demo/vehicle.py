@@ -10,7 +10,7 @@ import matplotlib as mpl
 from matplotlib.figure import Figure
 import numpy as np
 from obc_ros.cli.console.tables import print_table
-from obc_ros.cli.demo.flight import Event, Flight, fly
+from obc_ros.cli.demo.flight import Flight, FlightEvent, fly
 from obc_ros.cli.demo.report import report_loop
 from obc_ros.cli.flight_client import Pilot
 from obc_ros.core.library.figures.files import save_figure
@@ -31,10 +31,11 @@ def run(out: Path, real_time: bool, formats: Sequence[str]) -> int:
     planned: list[Trajectory] = []
     course: list[Trajectory] = []
     change = Flight('lane_change', 'vehicle.yaml', 14.0, (
-        Event(1.0, 'plan a lane change of 4 m within 100 m', lambda pilot: _plan(pilot, planned)),
+        FlightEvent(1.0, 'plan a lane change of 4 m within 100 m',
+                    lambda pilot: _plan(pilot, planned)),
     ))
     weaving = Flight('slalom', 'vehicle_lateral.yaml', 2.0 + COURSE, (
-        Event(1.0, f'slalom of {AMPLITUDE:g} m and {FREQUENCY:g} Hz at {SPEED:g} m/s',
+        FlightEvent(1.0, f'slalom of {AMPLITUDE:g} m and {FREQUENCY:g} Hz at {SPEED:g} m/s',
               lambda pilot: _slalom(pilot, course)),))
     status = fly(change, out, real_time, lambda pilot, wall: _conclude(
         pilot, wall, planned[0], 1, 'lane change', out, formats))

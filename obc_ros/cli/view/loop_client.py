@@ -43,9 +43,9 @@ from obc_ros.msg import (
     State,
     Trajectory,
 )
-from obc_ros.ros.executor import limit_leaving
+from obc_ros.ros.execution.executor import limit_leaving
+from obc_ros.ros.execution.subscription_thread import Apart
 from obc_ros.ros.service_qos import BURST
-from obc_ros.ros.subscription_thread import Apart
 from rcl_interfaces.msg import Log, Parameter
 from rcl_interfaces.srv import GetParameters, ListParameters, SetParametersAtomically
 import rclpy

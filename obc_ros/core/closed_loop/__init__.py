@@ -1,3 +1,3 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""Control loop and simulated plant over time."""
+"""The control loop: clock, modes, laws and gate, from a state to its command."""

@@ -13,7 +13,7 @@ from operator import sub
 from obc_ros.core.closed_loop.feedback import InputLimits
 
 
-class Gate:
+class CommandGate:
     """
     What was sent last, and the jumps of changes that have not decayed yet.
 

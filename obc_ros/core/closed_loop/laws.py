@@ -30,7 +30,7 @@ class SetPointLaw(ReferenceLaw, Protocol):
         """Return its rate (n,)."""
 
 
-class Law(Protocol):
+class FollowedLaw(Protocol):
     """What a loop follows."""
 
     def at(self, stamp: int) -> ReferencePoint:
@@ -38,7 +38,7 @@ class Law(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
-class SetPoint:
+class HeldSetPoint:
     """
     A set point, where it is now.
 
@@ -67,7 +67,7 @@ class SetPoint:
         return point._replace(x=move(self.x, self.law.drift, t))
 
     def place(self, x: Sequence[float], stamp: int, error: MeasureError, origin: int
-              ) -> 'SetPoint':
+              ) -> 'HeldSetPoint':
         """
         Return the set point beside a state, with another t = 0.
 
@@ -88,7 +88,7 @@ class SetPoint:
         here = free_drift(x, move(self.x, drift, t), drift, error)
         return replace(self, x=move(here, drift, (origin - stamp) * NS), origin=origin)
 
-    def carry(self, law: SetPointLaw, stamp: int, restarts: bool) -> 'SetPoint':
+    def carry(self, law: SetPointLaw, stamp: int, restarts: bool) -> 'HeldSetPoint':
         """
         Return another law at the present place of this one.
 
@@ -124,7 +124,7 @@ class Along:
 
 
 @dataclass(frozen=True, eq=False)
-class Plan:
+class PlanLaw:
     """
     A plan, from half a period before its first sample on.
 
@@ -148,7 +148,7 @@ class Plan:
         return 0 <= stamp - self.begin < len(self.law.u) * self.law.period
 
 
-def select_plan(plans: Sequence[Plan], stamp: int) -> Plan | None:
+def select_plan(plans: Sequence[PlanLaw], stamp: int) -> PlanLaw | None:
     """Return the last of some plans that covers a stamp [ns], or None."""
     return next((each for each in reversed(plans) if each.covers(stamp)), None)
 

@@ -26,18 +26,18 @@ from obc_ros.core.closed_loop.feedback import (
     compute_feedback,
     ReferencePoint,
 )
-from obc_ros.core.closed_loop.gate import Gate
+from obc_ros.core.closed_loop.gate import CommandGate
 from obc_ros.core.closed_loop.laws import (
     Along,
+    FollowedLaw,
     free_drift,
-    Law,
-    Plan,
+    HeldSetPoint,
+    PlanLaw,
     select_plan,
-    SetPoint,
     SetPointLaw,
 )
 from obc_ros.core.closed_loop.memory import Integral, SentCommands
-from obc_ros.core.closed_loop.modes import Effect, Event, FOLLOWING, Mode, step
+from obc_ros.core.closed_loop.modes import Effect, Event, FOLLOWING, Mode, switch_mode
 from obc_ros.core.closed_loop.references import explain_distance, find_leg, Itinerary
 
 _AGAIN = 1.0        # [s] until the same kind of event is reported again
@@ -55,8 +55,8 @@ class Followed(NamedTuple):
 class Aim(NamedTuple):
     """The laws at a state, and at the time when its command acts."""
 
-    now: Law
-    ahead: Law
+    now: FollowedLaw
+    ahead: FollowedLaw
 
 
 class Fault(NamedTuple):
@@ -122,13 +122,13 @@ class ControlLoop:
         self.samples: tuple[Sample, ...] = ()
         self.is_outside = self.is_unplanned = False
         self._lock = RLock()
-        self._clock, self._pace, self._gate = StampClock(), Pace(), Gate()
+        self._clock, self._pace, self._gate = StampClock(), Pace(), CommandGate()
         self._control = self._next = control
         self._effects, self._cause = Effect.NONE, ''
         self._itinerary = Itinerary()
-        self._plans: tuple[Plan, ...] = ()
+        self._plans: tuple[PlanLaw, ...] = ()
         self._sent, self._integral = SentCommands(), Integral(len(control.rest))
-        self._setpoint: SetPoint
+        self._setpoint: HeldSetPoint
         self._course: deque[Followed]
         self._begin_set_point(0)
         self._seen = self._spoken = self._now = -math.inf
@@ -187,7 +187,7 @@ class ControlLoop:
             self._clock, self._intervals = StampClock(), deque(maxlen=_TOO_SLOW)
             self.due = None
             self._pace.forget()
-            self._gate = Gate()
+            self._gate = CommandGate()
             self.x = self.error = self._restarts = None
             self._seen = self._spoken = -math.inf
             self._step(Event.ACTIVATE, 'the loop waits for a state')
@@ -240,13 +240,13 @@ class ControlLoop:
             self._next = control
             return ''
 
-    def add_plan(self, plan: Plan, run: int) -> bool:
+    def add_plan(self, plan: PlanLaw, run: int) -> bool:
         """
         Use a plan for the states that it covers; the one that covers the last state is kept.
 
         Parameters
         ----------
-        plan : Plan
+        plan : PlanLaw
             The plan.
         run : int
             `run` at the state from which it was made.
@@ -461,8 +461,8 @@ class ControlLoop:
         self._step(Event.RESTART, f'time went back by {by:g} s: the loop was restarted')
 
     def _step(self, event: Event, sentence: str, reason: str = '') -> None:
-        """Change the mode by the table; collect the effects, and say what has happened."""
-        before, change = self.mode, step(self.mode, event)
+        """Switch the mode by the table; collect the effects, and say what has happened."""
+        before, change = self.mode, switch_mode(self.mode, event)
         self._effects |= change.effect
         self.mode = change.mode
         if change.mode is not before or change.mode is Mode.STOPPED and event is Event.STOP:
@@ -566,7 +566,7 @@ class ControlLoop:
         if followed is None or leg is None or acts < (end := self._itinerary.get_end(followed)):
             return
         self._itinerary.end()
-        self._setpoint = SetPoint(leg.after, leg.after.x, end, is_designed=False)
+        self._setpoint = HeldSetPoint(leg.after, leg.after.x, end, is_designed=False)
         self._course.append(Followed(acts, None))
         self._step(Event.END, f'the reference of {followed.duration:g} s has ended')
 
@@ -709,7 +709,7 @@ class ControlLoop:
             self._course.popleft()
         return self._aim(self._control, self._setpoint, stamp)
 
-    def _aim(self, control: Control, setpoint: SetPoint, stamp: int) -> Aim:
+    def _aim(self, control: Control, setpoint: HeldSetPoint, stamp: int) -> Aim:
         """Return the laws at a stamp [ns] and at the time when its command acts."""
         if self.mode is Mode.PLAN and control is self._control:
             plan = select_plan(self._plans, stamp)
@@ -721,17 +721,18 @@ class ControlLoop:
         return Aim(self._resolve(control, setpoint, now),
                    self._resolve(control, setpoint, ahead))
 
-    def _resolve(self, control: Control, setpoint: SetPoint, followed: Followed) -> Law:
+    def _resolve(self, control: Control, setpoint: HeldSetPoint, followed: Followed
+                 ) -> FollowedLaw:
         leg = find_leg(control.legs, followed.reference)
         if leg is None or followed.reference is None:
             return setpoint
         return Along(leg.along, self._itinerary.get_begin(followed.reference))
 
-    def _point(self, control: Control, law: Law, stamp: int) -> ReferencePoint:
+    def _point(self, control: Control, law: FollowedLaw, stamp: int) -> ReferencePoint:
         """Return the target and the gain of a law at a stamp [ns]."""
         point, schedule = law.at(stamp), control.schedule
-        if schedule is None or isinstance(law, Plan) or not (
-                schedule.input < 0 or isinstance(law, SetPoint) and law.is_designed):
+        if schedule is None or isinstance(law, PlanLaw) or not (
+                schedule.input < 0 or isinstance(law, HeldSetPoint) and law.is_designed):
             return point
         K, Ki = schedule.gains.at(self._variable(schedule, point))
         return point._replace(K=K, Ki=Ki)
@@ -786,17 +787,17 @@ class ControlLoop:
     def _begin_set_point(self, origin: int) -> None:
         """Let the set point of the parameters begin at a stamp [ns]."""
         law = _design_law(self._control)
-        self._setpoint = SetPoint(law, law.x, origin)
+        self._setpoint = HeldSetPoint(law, law.x, origin)
         self._course = deque([Followed(origin, None)])
 
-    def _carry_set_point(self, new: Control, stamp: int, is_withdrawn: bool) -> SetPoint:
+    def _carry_set_point(self, new: Control, stamp: int, is_withdrawn: bool) -> HeldSetPoint:
         """Return the present set point by another design."""
         held = find_leg(new.legs, self._itinerary.held)
         if held is not None:
             return self._setpoint.carry(held.after, stamp, restarts=False)
         law, old = _design_law(new), self._control
         if is_withdrawn or self.mode is Mode.WAITING or not self._setpoint.is_designed:
-            return SetPoint(law, law.x, stamp)
+            return HeldSetPoint(law, law.x, stamp)
         restarts = new.horizon is None or (
             old.horizon is None or old.horizon.time != new.horizon.time
             or (old.regulator.x, old.regulator.u) != (new.regulator.x, new.regulator.u))

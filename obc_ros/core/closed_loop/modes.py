@@ -63,7 +63,7 @@ class Effect(Flag):
     FADE = auto()    # the command leaves the one that was sent in `transition_time`
 
 
-class Change(NamedTuple):
+class Switch(NamedTuple):
     """The mode after an event, and the effects."""
 
     mode: Mode
@@ -75,49 +75,49 @@ _DROP, _CLEAR, _JUDGE, _FADE = Effect.DROP, Effect.CLEAR, Effect.JUDGE, Effect.F
 _MOVED = Effect.PLACE | _FADE      # a law that goes on at a state that may be another
 _BEGIN = _MOVED | Effect.ANEW      # a law that begins
 
-_Row = dict[Mode, Change]
+_Row = dict[Mode, Switch]
 
 
-def _row(**changes: Change) -> _Row:
+def _row(**changes: Switch) -> _Row:
     """Return the changes of an event by the first letters of the modes; others change nothing."""
     modes = dict(zip('IWSRPZX', Mode, strict=True))
-    return {mode: changes.get(letter, Change(mode)) for letter, mode in modes.items()}
+    return {mode: changes.get(letter, Switch(mode)) for letter, mode in modes.items()}
 
 
-_LOST_TRACK = _row(W=Change(_W, _CLEAR), S=Change(_S, _MOVED | _CLEAR),
-                   R=Change(_R, _MOVED | _JUDGE | _CLEAR), P=Change(_S, _MOVED | _CLEAR),
-                   Z=Change(_Z, _JUDGE | _CLEAR))
-_NEW_WORLD = _row(I=Change(_I, _DROP), W=Change(_W, _DROP), S=Change(_W, _DROP),
-                  R=Change(_W, _DROP), P=Change(_W, _DROP), Z=Change(_W, _DROP),
-                  X=Change(_X, _DROP))
+_LOST_TRACK = _row(W=Switch(_W, _CLEAR), S=Switch(_S, _MOVED | _CLEAR),
+                   R=Switch(_R, _MOVED | _JUDGE | _CLEAR), P=Switch(_S, _MOVED | _CLEAR),
+                   Z=Switch(_Z, _JUDGE | _CLEAR))
+_NEW_WORLD = _row(I=Switch(_I, _DROP), W=Switch(_W, _DROP), S=Switch(_W, _DROP),
+                  R=Switch(_W, _DROP), P=Switch(_W, _DROP), Z=Switch(_W, _DROP),
+                  X=Switch(_X, _DROP))
 
 TABLE: dict[Event, _Row] = {
-    Event.ACTIVATE: _row(I=Change(_W)),
-    Event.DEACTIVATE: _row(W=Change(_I, _DROP), S=Change(_I, _DROP), R=Change(_I, _DROP),
-                           P=Change(_I, _DROP), Z=Change(_I, _DROP), X=Change(_X, _DROP)),
-    Event.STOP: _row(I=Change(_X, _DROP), W=Change(_X, _DROP), S=Change(_X, _DROP),
-                     R=Change(_X, _DROP), P=Change(_X, _DROP), Z=Change(_X, _DROP),
-                     X=Change(_X, _DROP)),
-    Event.START: _row(X=Change(_W)),
-    Event.STATE: _row(W=Change(_S, _BEGIN)),
-    Event.LOST: _row(W=Change(_Z), S=Change(_Z), R=Change(_Z), P=Change(_Z)),
-    Event.BACK: _row(Z=Change(_S, _BEGIN | _JUDGE | _CLEAR)),
+    Event.ACTIVATE: _row(I=Switch(_W)),
+    Event.DEACTIVATE: _row(W=Switch(_I, _DROP), S=Switch(_I, _DROP), R=Switch(_I, _DROP),
+                           P=Switch(_I, _DROP), Z=Switch(_I, _DROP), X=Switch(_X, _DROP)),
+    Event.STOP: _row(I=Switch(_X, _DROP), W=Switch(_X, _DROP), S=Switch(_X, _DROP),
+                     R=Switch(_X, _DROP), P=Switch(_X, _DROP), Z=Switch(_X, _DROP),
+                     X=Switch(_X, _DROP)),
+    Event.START: _row(X=Switch(_W)),
+    Event.STATE: _row(W=Switch(_S, _BEGIN)),
+    Event.LOST: _row(W=Switch(_Z), S=Switch(_Z), R=Switch(_Z), P=Switch(_Z)),
+    Event.BACK: _row(Z=Switch(_S, _BEGIN | _JUDGE | _CLEAR)),
     Event.OUTAGE: _LOST_TRACK,
     Event.RESTART: _NEW_WORLD,
     Event.JUMP: _LOST_TRACK,
     Event.REPLACED: _LOST_TRACK,
     Event.FRAME: _NEW_WORLD,
-    Event.ADOPT: _row(S=Change(_S, _FADE), R=Change(_R, _FADE), P=Change(_P, _FADE)),
-    Event.BEGIN: _row(S=Change(_R, _FADE), R=Change(_R, _FADE), P=Change(_R, _FADE)),
-    Event.END: _row(R=Change(_S, _FADE)),
-    Event.WITHDRAWN: _row(S=Change(_S, _BEGIN), R=Change(_S, _BEGIN)),
-    Event.PLANNED: _row(S=Change(_P, _FADE)),
-    Event.UNPLANNED: _row(P=Change(_S, _BEGIN)),
-    Event.SUSPEND: _row(S=Change(_Z, _CLEAR), R=Change(_Z, _CLEAR), P=Change(_Z, _CLEAR)),
-    Event.RESUME: _row(Z=Change(_S, _BEGIN | _JUDGE)),
+    Event.ADOPT: _row(S=Switch(_S, _FADE), R=Switch(_R, _FADE), P=Switch(_P, _FADE)),
+    Event.BEGIN: _row(S=Switch(_R, _FADE), R=Switch(_R, _FADE), P=Switch(_R, _FADE)),
+    Event.END: _row(R=Switch(_S, _FADE)),
+    Event.WITHDRAWN: _row(S=Switch(_S, _BEGIN), R=Switch(_S, _BEGIN)),
+    Event.PLANNED: _row(S=Switch(_P, _FADE)),
+    Event.UNPLANNED: _row(P=Switch(_S, _BEGIN)),
+    Event.SUSPEND: _row(S=Switch(_Z, _CLEAR), R=Switch(_Z, _CLEAR), P=Switch(_Z, _CLEAR)),
+    Event.RESUME: _row(Z=Switch(_S, _BEGIN | _JUDGE)),
 }
 
 
-def step(mode: Mode, event: Event) -> Change:
+def switch_mode(mode: Mode, event: Event) -> Switch:
     """Return the mode after an event, and the effects."""
     return TABLE[event][mode]

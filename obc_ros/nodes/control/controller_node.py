@@ -39,10 +39,10 @@ from obc_ros.nodes.control.loop_monitor import LoopMonitor, predict_error
 from obc_ros.nodes.control.source_watch import Source, SourceWatch
 from obc_ros.ros import state_sources
 from obc_ros.ros.conversions import make_body_reader, read_nanoseconds
-from obc_ros.ros.desk import Desk
+from obc_ros.ros.execution.subscription_thread import Apart, OwnThread
+from obc_ros.ros.execution.worker_thread import WorkerThread
 from obc_ros.ros.hardware_id import identify
 from obc_ros.ros.parameters.node_parameters import Parameters
-from obc_ros.ros.subscription_thread import Apart, OwnThread
 from obc_ros.ros.throttled_log import ThrottledLog
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
@@ -81,7 +81,7 @@ class ControllerNode(LifecycleNode):  # type: ignore[misc] # rclpy's classes are
         super().__init__(name, allow_undeclared_parameters=True, **options)
         self._is_active = False  # first: rclpy 9 also destroys a node with rejected parameters
         self._monitor, self._log = LoopMonitor(), ThrottledLog(self)
-        self._desk, self._source = Desk(self), SourceWatch()
+        self._desk, self._source = WorkerThread(self), SourceWatch()
         self._adopted: Any = None
         self._idle_reason = ''   # why the node is not active although it should be
         self._prepare()

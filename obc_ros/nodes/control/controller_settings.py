@@ -31,10 +31,10 @@ from obc_ros.ros.conversions import (
     list_system_parameters,
     make_state_reader,
 )
+from obc_ros.ros.execution.subscription_thread import PRIORITY
 from obc_ros.ros.hardware_id import HARDWARE
 from obc_ros.ros.parameters.node_parameters import declare_field, group, Value
 from obc_ros.ros.state_sources import SOURCES, STATE_SOURCE
-from obc_ros.ros.subscription_thread import PRIORITY
 
 LEAST_TIMEOUT = 1e-3   # [s] no source of states is faster
 

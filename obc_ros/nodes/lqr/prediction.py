@@ -7,12 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 from obc_ros.core.closed_loop.clock import NS
-from obc_ros.core.closed_loop.flow import PlantFlow
 from obc_ros.core.closed_loop.loop import ControlLoop
 from obc_ros.core.closed_loop.modes import FOLLOWING, Mode
 from obc_ros.core.closed_loop.references import explain_distance, is_within
 from obc_ros.core.closed_loop.state_prediction import make_model, predict_state
 from obc_ros.core.lqr.design.reference_checks import compute_allowed_distance
+from obc_ros.core.simulation.flow import PlantFlow
 from obc_ros.core.systems.system import System
 from obc_ros.core.text.errors import StatementError
 from obc_ros.nodes.lqr.settings import LqrCandidate

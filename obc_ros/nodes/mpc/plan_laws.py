@@ -3,12 +3,12 @@
 """Plans of the solver process as laws of the loop."""
 
 from obc_ros.core.closed_loop.control import Control
-from obc_ros.core.closed_loop.laws import Plan
+from obc_ros.core.closed_loop.laws import PlanLaw
 from obc_ros.core.closed_loop.sampled_plan import make_sampled_plan
 from obc_ros.workers.wire import Packet
 
 
-def make_plan(reply: Packet, period: int, control: Control) -> Plan:
+def make_plan(reply: Packet, period: int, control: Control) -> PlanLaw:
     """
     Return a plan as a law, with the feedback of the set point along it.
 
@@ -23,9 +23,9 @@ def make_plan(reply: Packet, period: int, control: Control) -> Plan:
 
     Returns
     -------
-    Plan
+    PlanLaw
 
     """
     along = make_sampled_plan(period, reply.arrays['x'], reply.arrays['u'], control.regulator.K)
     # It begins half a period before its first sample, see `SampledPlan`.
-    return Plan(along, int(reply.plain['stamp']) - period // 2)
+    return PlanLaw(along, int(reply.plain['stamp']) - period // 2)

@@ -14,7 +14,7 @@ from typing import Any
 from nav_msgs.msg import Path
 from obc_ros.msg import Trajectory
 from obc_ros.nodes.views.scene import Scene
-from obc_ros.ros.callback_guards import guard_callbacks
+from obc_ros.ros.execution.callback_guards import guard_callbacks
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.node import Node

@@ -25,8 +25,8 @@ from obc_ros.nodes.views.frames import check_frames, FrameBroadcaster
 from obc_ros.nodes.views.plane import PlaneMap
 from obc_ros.nodes.views.scene import Scene
 from obc_ros.nodes.views.set_point import SetPointMarkers
-from obc_ros.ros.callback_guards import guard_callbacks
 from obc_ros.ros.conversions import ODOM, set_stamp
+from obc_ros.ros.execution.callback_guards import guard_callbacks
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.node import Node

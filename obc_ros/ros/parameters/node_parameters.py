@@ -32,8 +32,8 @@ import sys
 from typing import Any, cast, Generic, TypeVar
 
 from obc_ros.core.text.errors import ObcError, quote, StatementError
-from obc_ros.ros.callback_guards import guard
-from obc_ros.ros.desk import Desk
+from obc_ros.ros.execution.callback_guards import guard
+from obc_ros.ros.execution.worker_thread import WorkerThread
 from obc_ros.ros.parameters.conditions import (
     count_depth,
     explain_idle,
@@ -108,7 +108,7 @@ class Parameters(Generic[Settings, Judged]):
         refused: Callable[[str], None] | None = None,
         opening: Callable[[Judged], str] | None = None,
         former: Callable[[Mapping[str, Any], Mapping[str, Value]], str] = lambda *_: '',
-        desk: Desk | None = None,
+        desk: WorkerThread | None = None,
     ) -> None:
         self._node, self._table, self._former = node, table, former
         self._judge, self._adopt, self._refused = judge, adopt, refused

@@ -27,7 +27,7 @@ TYPES = {each.value for each in Parameter.Type}
 IsKept = Callable[[Parameter], bool]
 SetTogether = Callable[[list[Parameter]], SetParametersResult]
 Prepare = Callable[[list[Parameter]], Awaitable[None]]
-Answer = Callable[[Any, Any], Awaitable[Any]]
+Reply = Callable[[Any, Any], Awaitable[Any]]
 
 
 def serve_parameters(node: Node, is_kept: IsKept, attempt: SetTogether, prepare: Prepare,
@@ -59,7 +59,7 @@ def serve_parameters(node: Node, is_kept: IsKept, attempt: SetTogether, prepare:
 
 
 def _one_by_one(callback: Callable[[Any, Any], Any], is_kept: IsKept, attempt: SetTogether,
-                prepare: Prepare, depth: Callable[[str], int]) -> Answer:
+                prepare: Prepare, depth: Callable[[str], int]) -> Reply:
     async def answer(request: SetParameters.Request, response: SetParameters.Response) -> Any:
         given = list(request.parameters)
         if refusal := _unknown_type(given):
@@ -84,7 +84,7 @@ def _one_by_one(callback: Callable[[Any, Any], Any], is_kept: IsKept, attempt: S
     return answer
 
 
-def _together(callback: Callable[[Any, Any], Any], is_kept: IsKept, prepare: Prepare) -> Answer:
+def _together(callback: Callable[[Any, Any], Any], is_kept: IsKept, prepare: Prepare) -> Reply:
     async def answer(request: SetParametersAtomically.Request,
                      response: SetParametersAtomically.Response) -> Any:
         given = list(request.parameters)
@@ -102,7 +102,7 @@ def _together(callback: Callable[[Any, Any], Any], is_kept: IsKept, prepare: Pre
     return answer
 
 
-def _logged(callback: Answer, log: ThrottledLog) -> Answer:
+def _logged(callback: Reply, log: ThrottledLog) -> Reply:
     async def answer(request: Any, response: Any) -> Any:
         names = [each.name for each in request.parameters]
         answered = await callback(request, response)

@@ -19,7 +19,7 @@ from obc_ros.workers.pool import ENVIRONMENT
 from obc_ros.workers.wire import Channel, Packet
 
 SEND = 0.005   # [s] that a request may take to be sent: the process reads at once, or is stopped
-LOOK = 0.05    # [s] between two looks whether a reply is still wanted
+LOOK_AGAIN = 0.05    # [s] between two looks whether a reply is still wanted
 END = 0.2      # [s] until a process has ended after its channel was closed
 
 
@@ -102,7 +102,7 @@ class StepLink:
             if is_cancelled():
                 raise ObcError('cancelled')
             try:
-                self.look(self._channel.receive(min(left, LOOK)))
+                self.look(self._channel.receive(min(left, LOOK_AGAIN)))
             except EOFError:
                 raise ObcError(f'the solver process has ended: {self.find_end()}') from None
         if self.ready is None:
@@ -149,7 +149,7 @@ class StepLink:
             if is_cancelled():
                 raise ObcError('cancelled')
             try:
-                packet = self._channel.receive(min(left, LOOK))
+                packet = self._channel.receive(min(left, LOOK_AGAIN))
             except EOFError:
                 raise ObcError(f'the solver process has ended: {self.find_end()}') from None
             if packet is not None and packet.plain.get('id') == number:

@@ -8,7 +8,7 @@ from hypothesis import given, strategies
 import numpy as np
 from obc_ros.core.closed_loop.control import Control, Rules
 from obc_ros.core.closed_loop.feedback import InputLimits, Region, StateFeedback
-from obc_ros.core.closed_loop.laws import Plan
+from obc_ros.core.closed_loop.laws import PlanLaw
 from obc_ros.core.closed_loop.loop import ControlLoop
 from obc_ros.core.closed_loop.sampled_plan import make_sampled_plan
 import pytest
@@ -45,7 +45,7 @@ def make_control(level):
 def test_a_plan_then_the_feedback_in_its_region_then_the_rule(action, outside):
     control = make_control(4.0)
     loop = ControlLoop(replace(control, rules=Rules(on_unplanned=action)))
-    assert loop.add_plan(Plan(PLAN, -PERIOD // 2), 0)
+    assert loop.add_plan(PlanLaw(PLAN, -PERIOD // 2), 0)
     given = [0.1, 1.0, 3.5, 1.5, 3.0, 1.0]
     sent = [loop.answer(k * PERIOD, (x,), 0.02 * k)[0] for k, x in enumerate(given)]
     along = [U[k, 0] - 2.0 * (given[k] - X[k, 0]) for k in range(3)]

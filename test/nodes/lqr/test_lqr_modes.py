@@ -109,7 +109,7 @@ def test_the_gain_is_scheduled_by_the_speed_of_odometry(spawn: Any, probe: Any) 
 
 def closed_loop(system: str, x: Any) -> Callable[[Any], Any]:
     """Return a function that applies a command for 10 ms and returns the state."""
-    from obc_ros.core.closed_loop.simulator import Simulator
+    from obc_ros.core.simulation.simulator import Simulator
     plant = Simulator(registry.get_system(system), x)
 
     def move(u: Any) -> Any:

@@ -11,7 +11,7 @@ from typing import Any
 
 from lqr_bench import Bench, BEST_EFFORT, HOVER, LATCHED, matrix, nanoseconds, riccati_gain
 import numpy as np
-from obc_ros.core.closed_loop.simulator import Simulator
+from obc_ros.core.simulation.simulator import Simulator
 from obc_ros.core.systems import registry
 from obc_ros.msg import LqrDesign, State
 from probes import Probe

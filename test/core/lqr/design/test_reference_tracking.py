@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from obc_ros.core.closed_loop.control import Control, Rules
 from obc_ros.core.closed_loop.feedback import convert_rows, InputLimits
 from obc_ros.core.closed_loop.loop import ControlLoop
-from obc_ros.core.closed_loop.simulator import Simulator
 from obc_ros.core.lqr.design.design import Design, design, linearize_plant, Sampling
 from obc_ros.core.lqr.design.reference_tracking import (
     compute_horizon_law,
@@ -20,6 +19,7 @@ from obc_ros.core.lqr.design.reference_tracking import (
 )
 from obc_ros.core.lqr.sampled import discretize_cost
 from obc_ros.core.riccati.fixed_horizon import solve_finite_horizon
+from obc_ros.core.simulation.simulator import Simulator
 from obc_ros.core.systems import registry
 from obc_ros.core.text.errors import StatementError
 import pytest

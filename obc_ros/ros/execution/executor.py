@@ -21,7 +21,7 @@ import threading
 from time import monotonic, sleep
 
 from obc_ros.core.text.errors import ObcError, quote, StatementError
-from obc_ros.ros.callback_guards import guard_callbacks
+from obc_ros.ros.execution.callback_guards import guard_callbacks
 from obc_ros.ros.middleware import choose_profile
 from obc_ros.ros.service_qos import be_patient
 import rclpy

@@ -15,9 +15,9 @@ from collections.abc import Callable, Sequence
 import math
 
 import casadi as ca
-from obc_ros.core.closed_loop.simulation_settings import Conditions
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.numerics.runge_kutta import DORMAND_PRINCE, RK4, Slope, take_step
+from obc_ros.core.simulation.simulation_settings import Conditions
 from obc_ros.core.systems.system import System
 from obc_ros.core.text.errors import DynamicsError
 

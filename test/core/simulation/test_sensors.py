@@ -3,7 +3,7 @@
 """Simulated sensors: rates, delay, drop-outs, noise and bias."""
 
 import numpy as np
-from obc_ros.core.closed_loop.sensors import OutputConditions, Sensors
+from obc_ros.core.simulation.sensors import OutputConditions, Sensors
 from obc_ros.core.systems.registry import get_system
 from obc_ros.core.text.errors import StatementError
 import pytest

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 import numpy as np
 from numpy.testing import assert_allclose, assert_array_equal
-from obc_ros.core.closed_loop.paced_plant import (
+from obc_ros.core.simulation.paced_plant import (
     BEFORE,
     choose_step,
     HELD_UP,
@@ -19,8 +19,8 @@ from obc_ros.core.closed_loop.paced_plant import (
     REGAIN,
     RESEND,
 )
-from obc_ros.core.closed_loop.simulation_settings import Conditions, Gust
-from obc_ros.core.closed_loop.simulator import Simulator
+from obc_ros.core.simulation.simulation_settings import Conditions, Gust
+from obc_ros.core.simulation.simulator import Simulator
 from obc_ros.core.systems import registry
 from obc_ros.core.text.errors import StatementError
 import pytest

@@ -19,8 +19,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 import math
 
-from obc_ros.core.closed_loop.simulator import Simulator
 from obc_ros.core.numerics.arrays import Array
+from obc_ros.core.simulation.simulator import Simulator
 from obc_ros.core.text.errors import DynamicsError, StatementError
 
 LATE = 0.5      # of a period: after a later state the controller has too little time for the next

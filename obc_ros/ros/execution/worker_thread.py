@@ -3,8 +3,8 @@
 """
 A thread for what takes time, so that no service of a node waits for it.
 
-An async callback of the executor awaits `Desk.run`. Meanwhile the executor serves other callbacks,
-such as `~/stop`, if they are of another callback group.
+An async callback of the executor awaits `WorkerThread.run`. Meanwhile the executor serves other
+callbacks, such as `~/stop`, if they are of another callback group.
 """
 
 from collections import deque
@@ -35,7 +35,7 @@ class _Job:
     cancelled: Event = field(default_factory=Event)
 
 
-class Desk:
+class WorkerThread:
     """
     One thread that computes in the order of the requests.
 

@@ -12,9 +12,9 @@ from collections.abc import Sequence
 import math
 
 import numpy as np
-from obc_ros.core.closed_loop.flow import PlantFlow, snap_to_grid
-from obc_ros.core.closed_loop.simulation_settings import Conditions
 from obc_ros.core.numerics.arrays import Array
+from obc_ros.core.simulation.flow import PlantFlow, snap_to_grid
+from obc_ros.core.simulation.simulation_settings import Conditions
 from obc_ros.core.systems.equilibrium import check_numbers, find_equilibrium
 from obc_ros.core.systems.system import System
 from obc_ros.core.text.errors import DynamicsError, StatementError
