@@ -74,11 +74,13 @@ def test_the_vehicle_is_found_wherever_it_has_driven(spawn: Any, probe: Probe) -
     estimates = probe.listen(Estimate, '/estimator_node/estimate')
     files = [word for file in ('vehicle.yaml', 'sensors/vehicle.yaml')
              for word in ('--params-file', str(ROOT / 'config' / file))]
-    given = ['--ros-args', *files, '-p', 'lockstep:=false', '-p', 'publish_clock:=false',
-             '-p', 'speed:=1.0', '--']
-    spawn('plant_simulator', arguments=given, remappings={'state': 'true_state'})
+    given = ['--ros-args', *files]
+    driving = ['lockstep:=false', 'publish_clock:=false', 'speed:=1.0',
+               'hold_until_command:=false']
+    spawn('plant_simulator', remappings={'state': 'true_state'}, arguments=[
+        *given, *(word for each in driving for word in ('-p', each)), '--'])
     probe.wait_for(lambda: truth and truth[-1].x[0] > 30.0)
-    spawn('estimator_node', arguments=given)
+    spawn('estimator_node', arguments=['--ros-args', *files[2:], '--'])
     probe.wait_for(lambda: estimates and (np.abs(np.subtract(
         estimates[-1].x, truth[-1].x)) < (5.0, 0.5, 0.2)).all(), LAUNCHED, 'the vehicle')
 
