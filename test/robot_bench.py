@@ -20,6 +20,10 @@ Array = NDArray[np.float64]
 SINKS = {'command': Command, 'cmd_vel': TwistStamped, 'wrench': WrenchStamped}
 SILENT = 0.2   # [s] until a state is sent again
 PLANNED = 2.0  # [s] that a plan for the next state is waited for
+# Points (px, py) and headings. A set point that moves is carried on by each change that leaves it
+# the same: here a change leaves nothing the same.
+LANES = ((0.0, 0.0, 0.0), (1.0, -1.0, math.radians(1.0)), (2.0, -2.0, math.pi / 2),
+         (3.0, -3.0, math.pi))
 # The stamps are simulated, and a loaded machine answers late.
 LOCKSTEP = {'stamp_timeout': 0.0, 'state_timeout': support.DEADLINE, 'transition_time': 0.0}
 
@@ -122,15 +126,17 @@ class RobotBench:
         return message
 
 
-def see_from_lane(x: Array, heading: float) -> Array:
-    """Return states (k, 3) of a car (px, py, theta) in the frame of a lane through the origin."""
-    c, s = math.cos(heading), math.sin(heading)
-    turn = x[:, 2] - heading
-    return np.column_stack([c * x[:, 0] + s * x[:, 1], c * x[:, 1] - s * x[:, 0],
+def see_from_lane(x: Array, lane: Sequence[float]) -> Array:
+    """Return states (k, 3) of a car (px, py, theta) in the frame of a lane: a point, a heading."""
+    px, py, heading = lane
+    c, s, turn = math.cos(heading), math.sin(heading), x[:, 2] - heading
+    dx, dy = x[:, 0] - px, x[:, 1] - py
+    return np.column_stack([c * dx + s * dy, c * dy - s * dx,
                             np.arctan2(np.sin(turn), np.cos(turn))])
 
 
-def place_beside_lane(along: float, across: float, turn: float, heading: float) -> list[float]:
+def place_beside_lane(seen: Sequence[float], lane: Sequence[float]) -> list[float]:
     """Return the state (3,) of a car that is seen from a lane at (along, across, turn)."""
+    (along, across, turn), (px, py, heading) = seen, lane
     c, s = math.cos(heading), math.sin(heading)
-    return [c * along - s * across, s * along + c * across, turn + heading]
+    return [px + c * along - s * across, py + s * along + c * across, turn + heading]

@@ -16,10 +16,9 @@ from obc_ros.core.closed_loop.simulator import Simulator
 from obc_ros.core.systems.registry import get_system
 from obc_ros.nodes.lqr.settings import judge_lqr_settings, Settings
 import pytest
-from robot_bench import LOCKSTEP, place_beside_lane, RobotBench, see_from_lane
+from robot_bench import LANES, LOCKSTEP, place_beside_lane, RobotBench, see_from_lane
 
 pytestmark = [pytest.mark.slow, pytest.mark.nodes]
-HEADINGS = (0.0, math.radians(1.0), math.pi / 2, math.pi)
 BESIDE = 0.3, 0.4, 0.1            # of a car, from its lane
 ROUNDING = 1e-9                   # of states of order 1 to 100, over 150 steps
 LANE = 1e-3                       # [m]
@@ -32,7 +31,7 @@ states: [px, py, theta]
 inputs: [speed, turn]
 plane: horizontal
 dynamics: {px: speed*cos(theta), py: speed*sin(theta), theta: turn}
-setpoint_input: [2.0, 0.0]
+setpoint_input: {speed: 2.0, turn: 0.0}
 input_bounds: {speed: [-4.0, 4.0], turn: [-2.0, 2.0]}
 """
 
@@ -113,18 +112,17 @@ def test_lqr_node_moves_a_car_at_each_heading_as_the_loop_in_one_process(
     bench = RobotBench(spawn, probe, 'lqr_node', source, sink, 0.02, system=system,
                        u_limits=list(limits), setpoint_input=[speed, 0.0])
     loop = None
-    for heading in HEADINGS:
-        setpoint = (0.0, 0.0, heading)
-        bench.set(setpoint=list(setpoint))
-        control = judge_lqr_settings(make_settings(bench, **given, setpoint=setpoint)).control
+    for lane in LANES:
+        bench.set(setpoint=list(lane))
+        control = judge_lqr_settings(make_settings(bench, **given, setpoint=lane)).control
         loop = loop or ControlLoop(control)
         loop.adopt(control)
         bench.begin_anew()   # the set point begins beside the car
-        x0 = place_beside_lane(*BESIDE, heading)
+        x0 = place_beside_lane(BESIDE, lane)
         x = fly(bench, plant, x0, 3.0)
         wanted = fly_in_one_process(loop, plant, x0, bench, len(x))
         assert np.abs(x - wanted).max() < ROUNDING
-        seen.append(see_from_lane(x, heading))
+        seen.append(see_from_lane(x, lane))
     assert max(np.abs(each - seen[0]).max() for each in seen) < ROUNDING
     assert np.abs(seen[0][-1, 1:]).max() < 0.5 * BESIDE[1]
 
@@ -151,11 +149,11 @@ def test_mpc_node_brings_a_car_to_its_lane_at_each_heading(
     plant, seen = get_system(system), []
     bench = RobotBench(spawn, probe, 'mpc_node', source, sink, 0.1, system=system,
                        u_limits=list(limits), setpoint_input=[speed, 0.0], horizon=1.0)
-    for heading in HEADINGS:
-        x0 = place_beside_lane(*BESIDE, heading)
-        bench.set(setpoint=[0.0, 0.0, heading])
+    for lane in LANES:
+        x0 = place_beside_lane(BESIDE, lane)
+        bench.set(setpoint=list(lane))
         bench.begin_anew()
-        seen.append(see_from_lane(fly(bench, plant, x0, 9.0), heading))
+        seen.append(see_from_lane(fly(bench, plant, x0, 9.0), lane))
         assert np.abs(seen[-1][-10:, 1]).max() < LANE
         assert np.abs(seen[-1][-10:, 2]).max() < LANE
     # To the tolerance of the solver.
