@@ -135,7 +135,7 @@ def test_mpc_node_brings_a_plant_to_its_set_point(
         spawn, probe, system, source, sink, limits, x0):
     bench = RobotBench(spawn, probe, 'mpc_node', source, sink, 0.1, system=system,
                        u_limits=list(limits), horizon=1.0)
-    x = fly(bench, get_system(system), x0, 12.0)
+    x = fly(bench, get_system(system), x0, 24.0)   # 9 times 1 / 0.375 s
     assert np.abs(x[-1]).max() < LANE
 
 
