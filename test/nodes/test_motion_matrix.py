@@ -12,7 +12,7 @@ import math
 
 import numpy as np
 from obc_ros.core.closed_loop.loop import ControlLoop
-from obc_ros.core.closed_loop.simulator import Simulator
+from obc_ros.core.simulation.simulator import Simulator
 from obc_ros.core.systems.registry import get_system
 from obc_ros.nodes.lqr.settings import judge_lqr_settings, Settings
 import pytest
