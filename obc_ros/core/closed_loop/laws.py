@@ -88,11 +88,15 @@ class HeldSetPoint:
         here = free_drift(x, move(self.x, drift, t), drift, error)
         return replace(self, x=move(here, drift, (origin - stamp) * NS), origin=origin)
 
+    def is_of(self, law: SetPointLaw) -> bool:
+        """Return whether a law has the set point and the rate of this one, whatever its gains."""
+        return (law.x, law.drift) == (self.law.x, self.law.drift)
+
     def carry(self, law: SetPointLaw, stamp: int, restarts: bool) -> 'HeldSetPoint':
         """
         Return another law at the present place of this one.
 
-        A state that the new design moves to another value is there; the others go on.
+        If the design has another set point, it is there; otherwise it goes on where it is.
 
         Parameters
         ----------
@@ -105,8 +109,7 @@ class HeldSetPoint:
 
         """
         moved = move(self.x, self.law.drift, (stamp - self.origin) * NS)
-        x = tuple([now if wanted == before else wanted for wanted, before, now in zip(
-            law.x, self.law.x, moved, strict=True)])
+        x = moved if self.is_of(law) else law.x
         origin = stamp if restarts else self.origin
         return replace(self, law=law, x=move(x, law.drift, (origin - stamp) * NS), origin=origin)
 

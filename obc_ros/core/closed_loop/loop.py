@@ -389,7 +389,7 @@ class ControlLoop:
             stamp, sent = self._clock.last, self._gate.sent
             if self.x is None or stamp is None or sent is None:
                 return None
-            at = self._carry_set_point(control, stamp, is_withdrawn=False)
+            at = self._carry_set_point(control, stamp, self.x, is_withdrawn=False)
             u = self._compute(control, self._aim(control, at, stamp), stamp, self.x)
             control.limits.clip(u)
             return list(map(sub, u, sent))
@@ -790,8 +790,9 @@ class ControlLoop:
         self._setpoint = HeldSetPoint(law, law.x, origin)
         self._course = deque([Followed(origin, None)])
 
-    def _carry_set_point(self, new: Control, stamp: int, is_withdrawn: bool) -> HeldSetPoint:
-        """Return the present set point by another design."""
+    def _carry_set_point(self, new: Control, stamp: int, x: Sequence[float], is_withdrawn: bool
+                         ) -> HeldSetPoint:
+        """Return the present set point by another design; another one begins beside the state."""
         held = find_leg(new.legs, self._itinerary.held)
         if held is not None:
             return self._setpoint.carry(held.after, stamp, restarts=False)
@@ -801,7 +802,10 @@ class ControlLoop:
         restarts = new.horizon is None or (
             old.horizon is None or old.horizon.time != new.horizon.time
             or (old.regulator.x, old.regulator.u) != (new.regulator.x, new.regulator.u))
-        return self._setpoint.carry(law, stamp, restarts)
+        carried = self._setpoint.carry(law, stamp, restarts)
+        if self._setpoint.is_of(law):
+            return carried
+        return carried.place(x, stamp, new.limits.error, carried.origin)
 
     def _take_over(self, new: Control, stamp: int, x: Sequence[float]) -> None:
         """Replace the control."""
@@ -809,7 +813,7 @@ class ControlLoop:
         if self.mode is Mode.RESTING or Effect.PLACE in self._effects:
             self._setpoint = self._setpoint.place(
                 x, stamp, self._control.limits.error, self._setpoint.origin)
-        self._setpoint = self._carry_set_point(new, stamp, is_withdrawn)
+        self._setpoint = self._carry_set_point(new, stamp, x, is_withdrawn)
         if not (new.C and self._control.C):
             self._integral = Integral(len(new.rest))
         self._integral.clear_excess()

@@ -35,7 +35,7 @@ def test_a_moving_set_point_starts_at_the_plant() -> None:
     loop.adopt(replace(moving, regulator=faster))
     assert answers(loop, (102.0, [520.0, 0.0]), (103.0, [540.0, 0.0])) == [[20.0], [20.0]]
     loop.adopt(replace(moving, regulator=replace(faster, x=(600.0, 0.0))))
-    assert answers(loop, (103.0, [540.0, 0.0])) == [[80.0]]  # a new set point
+    assert answers(loop, (103.0, [540.0, 0.0])) == [[20.0]]  # another one begins at the plant
 
 
 @pytest.mark.parametrize('begin', [lambda loop: None, lambda loop: (
@@ -435,3 +435,21 @@ def test_a_command_still_acts_in_a_missed_period() -> None:
     given = answers(loop, (0.0, [1.0, 0.0]), (0.2, [1.0, 0.0]))[-1]
     assert given == [pytest.approx(-ahead[0] - 2.0 * ahead[1])]
     assert b != given
+
+
+def test_a_lane_of_another_heading_is_the_one_that_was_given() -> None:
+    """However far the vehicle is, the lane runs through the point of the parameters."""
+    c, s = math.cos(0.3), math.sin(0.3)
+    gain = ((1.0, 0.0), (0.0, 1.0))
+
+    def lane(drift: tuple[float, float]) -> Control:
+        return Control(StateFeedback((0.0, 0.0), (0.0, 0.0), gain, drift),
+                       InputLimits((-math.inf,) * 2, (math.inf,) * 2), (0.0, 0.0), ('px', 'py'))
+
+    loop = ControlLoop(lane((10.0, 0.0)))
+    for k in range(1000):
+        loop.answer(k * 100 * MS, [k, 0.0], 0.1 * k)
+    loop.adopt(lane((10.0 * c, 10.0 * s)))
+    x = [999.0 * c - 0.4 * s, 999.0 * s + 0.4 * c]   # 0.4 m beside the lane through (0, 0)
+    u = loop.answer(1000 * 100 * MS, x, 100.0)
+    assert u == pytest.approx([0.4 * s, -0.4 * c])
