@@ -110,7 +110,8 @@ def fly(case: Case, seconds: float, lockstep: bool, priority: int, folder: Path
             _wait(node, case, lambda: bool(states))   # else the first ones may be missed
             children.start('mpc_node', '-p', f'system:={case.system}', '-p',
                            f'horizon:={case.horizon}', '-p', 'unlimited:=true', '-p',
-                           'transition_time:=0.0', *case.options(), *raised)
+                           'transition_time:=0.0', '-p', 'stamp_timeout:=0.0',
+                           *case.options(), *raised)
             _wait(node, case, lambda: np.abs(states[-1] - case.x0).max() > 0.0)
             end = time.monotonic() + seconds
             while time.monotonic() < end:

@@ -43,7 +43,8 @@ def run_receding(desk: Desk, plant: Mapping[str, Any], controller: Mapping[str, 
         If messages are lost or a plan is late in each of `ATTEMPTS` runs.
 
     """
-    plant, controller = {**plant, 'lockstep': True}, {**controller, **SIMULATED}
+    plant = {**plant, 'lockstep': True}   # whose stamps are simulated
+    controller = {**controller, **SIMULATED, 'stamp_timeout': 0.0}
     desk.note(run_node('plant_simulator', plant))
     desk.note(run_node('mpc_node', controller))
     desk.note(PLAN)
