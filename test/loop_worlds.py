@@ -12,6 +12,7 @@ import math
 from typing import NamedTuple
 
 from loop_bench import MS
+import numpy as np
 from obc_ros.core.closed_loop.control import Control, Leg, Prediction, Reference, Rules
 from obc_ros.core.closed_loop.feedback import (
     InputLimits,
@@ -24,7 +25,6 @@ from obc_ros.core.closed_loop.laws import Plan
 from obc_ros.core.closed_loop.loop import ControlLoop
 from obc_ros.core.closed_loop.modes import Mode
 from obc_ros.core.closed_loop.sampled_plan import SampledPlan
-import numpy as np
 
 NAMES = 'px', 'py', 'vx', 'vy'
 PERIOD = 100 * MS            # of plans and predictions
