@@ -92,7 +92,8 @@ _NEW_WORLD = _row(I=Change(_I, _DROP), W=Change(_W, _DROP), S=Change(_W, _DROP),
                   X=Change(_X, _DROP))
 
 TABLE: dict[Event, _Row] = {
-    Event.ACTIVATE: _row(I=Change(_W)),
+    Event.ACTIVATE: _row(I=Change(_W), S=Change(_W, _DROP), R=Change(_W, _DROP),
+                         P=Change(_W, _DROP), Z=Change(_W, _DROP)),
     Event.DEACTIVATE: _row(W=Change(_I, _DROP), S=Change(_I, _DROP), R=Change(_I, _DROP),
                            P=Change(_I, _DROP), Z=Change(_I, _DROP), X=Change(_X, _DROP)),
     Event.STOP: _row(I=Change(_X, _DROP), W=Change(_X, _DROP), S=Change(_X, _DROP),
