@@ -25,8 +25,8 @@ DESIGN = 'ros2 topic echo --once /lqr_node/design obc_ros/msg/LqrDesign'
 ATTEMPTS = 4
 PACE = {'lockstep': True, 'speed': 1e6, 'dt': 0.005}  # speed 0 would publish a /clock
 # A subscriber may fall behind for a moment: commands are queued. No state comes while the time is
-# paused: this is no outage, after which a horizon would begin anew. Stamps in lockstep are those of
-# the simulation.
+# paused: this is no outage, after which a horizon would begin anew. In lockstep the stamps are
+# those of the simulation.
 PATIENT = {'qos_overrides./command.publisher.depth': 1000, 'state_timeout': 0.0,
            'stamp_timeout': 0.0}
 

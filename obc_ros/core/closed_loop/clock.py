@@ -49,6 +49,11 @@ class StampClock:
 
     def __init__(self) -> None:
         self.last: int | None = None
+        self._is_new = False
+
+    def renew(self) -> None:
+        """Expect stamps of another source: one that seems to be late is the first."""
+        self._is_new = True
 
     def order(self, stamp: int, timeout: float) -> Order:
         """
@@ -67,13 +72,13 @@ class StampClock:
 
         """
         last, far = self.last, timeout or FAR
-        if last is None:
-            self.last = stamp
-            return Order(Tick.FIRST, 0.0)
-        by = (stamp - last) * NS
-        if -far <= by < 0.0:
+        by = 0.0 if last is None else (stamp - last) * NS
+        is_behind, is_new, self._is_new = -far <= by < 0.0, self._is_new, False
+        if is_behind and not is_new:
             return Order(Tick.LATE, -by)
         self.last = stamp
+        if last is None or is_behind:
+            return Order(Tick.FIRST, 0.0)
         if by < 0.0:
             return Order(Tick.RESTART, -by)
         if 0.0 < timeout < by:

@@ -274,7 +274,7 @@ class ControlLoop:
     def replace_source(self) -> None:
         """Tell that another node publishes the next states."""
         with self._lock:
-            self._clock = StampClock()   # its stamps may be of another time
+            self._clock.renew()
             self._cause = 'with another publisher of the states'
             self._step(Event.REPLACED, f'{self._cause} the control law begins anew')
 
@@ -334,7 +334,7 @@ class ControlLoop:
             if not (self._is_usable(x, measured) and self._is_timely(stamp, clock)):
                 return None
             if self._restarts is not None and restarts != self._restarts:
-                self._clock = StampClock()   # its stamps may have begun anew, too
+                self._clock.renew()
             order = self._clock.order(stamp, self._next.rules.state_timeout)
             if order.tick is Tick.LATE:
                 self.counts['late'] += 1
@@ -435,7 +435,9 @@ class ControlLoop:
     def _note_order(self, order: Order, restarts: int) -> None:
         """Report the events that the stamps and the source of a state tell of."""
         gap = self._now - self._seen
-        if order.tick is Tick.SAME:
+        if order.tick is Tick.FIRST:
+            self._pace.forget()
+        elif order.tick is Tick.SAME:
             self.counts['repeated'] += 1
         elif order.tick is Tick.NEXT:
             self._gate.advance(order.by)

@@ -92,7 +92,8 @@ _NEW_WORLD = _row(I=Switch(_I, _DROP), W=Switch(_W, _DROP), S=Switch(_W, _DROP),
                   X=Switch(_X, _DROP))
 
 TABLE: dict[Event, _Row] = {
-    Event.ACTIVATE: _row(I=Switch(_W)),
+    Event.ACTIVATE: _row(I=Switch(_W), S=Switch(_W, _DROP), R=Switch(_W, _DROP),
+                         P=Switch(_W, _DROP), Z=Switch(_W, _DROP)),
     Event.DEACTIVATE: _row(W=Switch(_I, _DROP), S=Switch(_I, _DROP), R=Switch(_I, _DROP),
                            P=Switch(_I, _DROP), Z=Switch(_I, _DROP), X=Switch(_X, _DROP)),
     Event.STOP: _row(I=Switch(_X, _DROP), W=Switch(_X, _DROP), S=Switch(_X, _DROP),

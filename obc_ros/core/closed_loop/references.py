@@ -35,9 +35,8 @@ class Itinerary:
 
     def keep(self, legs: Sequence[Leg]) -> bool:
         """Give up all references but some; return whether one that matters was withdrawn."""
-        known = [leg.reference for leg in legs]
-        lost = [each for each in (self.followed, self.held)
-                if each is not None and each not in known]
+        lost = {each for each in (self.followed, self.held)
+                if each is not None and find_leg(legs, each) is None}
         self._over.update(lost)
         self.followed = None if self.followed in lost else self.followed
         self.held = None if self.held in lost else self.held

@@ -71,10 +71,12 @@ class LoopMachine(RuleBasedStateMachine):
             world.begin(self.setup)
         self.loop = self.worlds[0].loop
         self.stamp, self.now, self.restarts = 1000 * S, 50.0, 0
+        self.known, self.is_replaced = 0, False
         self.last: int | None = None       # stamp in order
         self.x = [0.0] * 4
         self.routes: dict[int, Route] = {}
         self.begins: dict[int, int] = {}   # [ns] of those that have begun
+        self.offered: dict[int, int] = {}  # [ns] of those without a stamp
         self.followed: int | None = None
         self.over: set[int] = set()
         self.runs = [0]
@@ -92,7 +94,9 @@ class LoopMachine(RuleBasedStateMachine):
     @rule()
     def activate(self) -> None:
         """Begin a run."""
-        self.is_active, self.last = True, None
+        self.is_active, self.last, self.is_replaced = True, None, False
+        if self.loop.mode in (Mode.RESTING, *FOLLOWING):   # after a stop and a start
+            self.lose()
         self.tell('activate')
         self.check_modes()
 
@@ -141,6 +145,7 @@ class LoopMachine(RuleBasedStateMachine):
     def replace_source(self) -> None:
         """Let another node publish the states."""
         self.doubt()
+        self.is_replaced = True
         self.tell('replace_source')
         self.check_modes()
 
@@ -225,6 +230,8 @@ class LoopMachine(RuleBasedStateMachine):
         assert len(set(map(bool, reasons))) == 1
         if not reasons[0]:
             self.setup = wanted
+        if begin is None:
+            self.note_begin(number)
 
     @precondition(lambda self: self.setup.legs)
     @rule()
@@ -263,7 +270,9 @@ class LoopMachine(RuleBasedStateMachine):
         before, timeout = self.loop.mode, self.setup.rules.state_timeout
         far = timeout or 1.0
         by = 0.0 if self.last is None else (stamp - self.last) * 1e-9
-        is_late, is_back = -far <= by < 0.0, by < -far
+        has_jumped = self.last is not None and self.known != self.restarts
+        is_new = has_jumped or self.is_replaced
+        is_late, is_back = -far <= by < 0.0 and not is_new, by < -far
         self.x = self.find_target(stamp)
         self.x = [a + size * b for a, b in zip(self.x, offsets, strict=True)]
         if is_back:
@@ -271,10 +280,9 @@ class LoopMachine(RuleBasedStateMachine):
         elif before is Mode.RESTING and self.loop.age(self.now) >= timeout > 0.0 or (
                 0.0 < timeout < by):
             self.doubt()
-        if not is_late and self.restarts != getattr(self, 'known', None):
-            if self.last is not None:
-                self.doubt()
-            self.known = self.restarts
+        if has_jumped:
+            self.doubt()
+        self.known, self.is_replaced = self.restarts, False
         given = []
         for world in self.worlds:
             state = stamp + world.shift, world.rotate(self.x), self.now, None, None, self.restarts
@@ -300,6 +308,11 @@ class LoopMachine(RuleBasedStateMachine):
         t = max(stamp - self.stamp, 0) * 1e-9
         v = self.setup.drift
         return [*(a + b * t for a, b in zip(self.x[:2], v, strict=True)), *v]
+
+    def note_begin(self, number: int) -> None:
+        """Note that a reference without a stamp begins now, if the law is at work."""
+        is_begun = self.loop.mode in FOLLOWING and not self.loop.is_stale
+        self.offered[number] = self.stamp + self.setup.delay * PERIOD if is_begun else 10**30
 
     # What always holds
 
@@ -362,9 +375,10 @@ class LoopMachine(RuleBasedStateMachine):
             route = self.routes[number]
             acts = stamp + self.setup.delay * PERIOD
             is_new = number not in self.begins
-            if is_new:
-                self.begins[number] = acts if route.begin is None else route.begin
-            assert acts >= self.begins[number]
+            if is_new:   # one without a stamp may begin when it is offered
+                self.begins[number] = min(acts, self.offered[number]) if (
+                    route.begin is None) else route.begin
+                assert acts >= self.begins[number]
             if (is_new or self.is_unjudged) and route.is_judged and not self.setup.delay:
                 wanted = route.place((acts - self.begins[number]) * 1e-9)
                 assert all(low - 1e-6 <= a - b <= high + 1e-6 for a, b, (low, high) in zip(

@@ -54,6 +54,15 @@ def test_an_inactive_loop_begins_by_activation_only(event: Event) -> None:
 
 
 @pytest.mark.parametrize('mode', list(Mode))
+def test_an_activation_begins_a_run(mode: Mode) -> None:
+    """Whatever was followed before is over; only a stop goes on."""
+    wanted = Mode.STOPPED if mode is Mode.STOPPED else Mode.WAITING
+    assert switch_mode(mode, Event.ACTIVATE).mode is wanted
+    assert mode not in (Mode.RESTING, *FOLLOWING) or (
+        switch_mode(mode, Event.ACTIVATE).effect == Effect.DROP)
+
+
+@pytest.mark.parametrize('mode', list(Mode))
 def test_deactivation_ends_a_run_but_no_stop(mode: Mode) -> None:
     """A node that was stopped is stopped after the next activation, too."""
     wanted = Mode.STOPPED if mode is Mode.STOPPED else Mode.INACTIVE
