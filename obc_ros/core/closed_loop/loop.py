@@ -812,9 +812,6 @@ class ControlLoop:
     def _take_over(self, new: Control, stamp: int, x: Sequence[float]) -> None:
         """Replace the control."""
         is_withdrawn = self._itinerary.keep(new.legs)
-        if self.mode is Mode.RESTING or Effect.PLACE in self._effects:
-            self._setpoint = self._setpoint.place(
-                x, stamp, self._control.limits.error, self._setpoint.origin)
         self._setpoint = self._carry_set_point(new, stamp, x, is_withdrawn)
         if not (new.C and self._control.C):
             self._integral = Integral(len(new.rest))

@@ -49,13 +49,13 @@ def test_a_set_point_changed_before_the_law_begins_is_where_it_was_given(begin) 
     assert answers(loop, (1e9, [0.25, 7.0])) == [[0.75]]   # 0.25 beside the lane px = 0
 
 
-def test_a_set_point_changed_while_the_law_rests_begins_at_the_plant() -> None:
-    """The set point does not move along its lane while a rule suspends the law."""
+def test_a_set_point_changed_while_the_law_rests_is_where_it_was_given() -> None:
+    """The new lane runs through the point of the parameters."""
     loop = ControlLoop(control(u=1.0, drift=(1.0, 0.0), gain=((1.0, 1.0),)))
     answers(loop, (0.0, [0.0, 0.0]))
     loop.overdue(0.5)
     loop.adopt(control(u=1.0, drift=(0.0, 1.0), gain=((1.0, 1.0),)))
-    assert answers(loop, (60.0, [0.25, 7.0])) == [[1.0]]
+    assert answers(loop, (60.0, [0.25, 7.0])) == [[0.75]]
 
 
 def test_a_moving_set_point_restarts_at_the_plant_after_a_stop() -> None:
