@@ -158,8 +158,8 @@ def test_a_plan_starts_at_the_state_of_odometry(spawn: Any, probe: Any) -> None:
     repeat(probe, publisher, odometry(*x))
     answer = plan_integrator(probe)
     assert not answer.success
-    assert answer.message == ('state_source = odom: a pose and a twist do not determine the '
-                              'state of double_integrator (x1, x2)')
+    assert answer.message.startswith('state_source = odom: a pose and a twist do not determine '
+                                     'the state of double_integrator (x1, x2)')
     repeat(probe, publisher, odometry(math.nan, *x[1:]))
     assert 'not finite' in plan_aircraft(probe).message
     answer = probe.call(PlanMotion, '/trajectory_server/plan', PlanMotion.Request(system='boat'))

@@ -221,7 +221,8 @@ def test_without_lqr_node_nobody_has_accepted_a_plan(spawn: Any, probe: Any) -> 
 def test_a_robot_in_motion_is_planned_for_again_at_the_first_call(spawn: Any, probe: Any) -> None:
     """The second plan begins on the path of the first one, at its speed, and ends at its goal."""
     spawn('plant_simulator', {'system': 'double_integrator', 'x0': [0.0, 0.0], 'speed': 0.5})
-    spawn('lqr_node', {'system': 'double_integrator', 'state_timeout': 5.0, 'stamp_timeout': 0.0})
+    spawn('lqr_node', {'system': 'double_integrator', 'u_limits': [-4.0, 4.0],
+                       'state_timeout': 5.0, 'stamp_timeout': 0.0})
     spawn('trajectory_server', {'workers': 1, 'state_timeout': 5.0, 'plan_lead': 3.0})
     log = probe.listen(Log, '/rosout', ROSOUT)
     states = probe.listen(State, 'state', 100)
