@@ -29,7 +29,6 @@ PACE = {'lockstep': True, 'speed': 1e6, 'dt': 0.005}  # speed 0 would publish a 
 # those of the simulation.
 PATIENT = {'qos_overrides./command.publisher.depth': 1000, 'state_timeout': 0.0,
            'stamp_timeout': 0.0}
-
 SIMULATED = {'unlimited': True, 'transition_time': 0.0}   # no protections of a robot
 
 

@@ -78,8 +78,8 @@ class ControllerSettings:
         lower=0.0)
     stamp_timeout: float = declare_field(
         0.5, "maximum difference of a state's stamp and the node's clock; other states are "
-        'dropped, at any age. 0: no check, for clocks that are not synchronised. There is no check '
-        'with use_sim_time', 's', lower=0.0)
+        'dropped, at any age. 0: no check, for clocks that are not synchronised. With '
+        'use_sim_time there is no check', 's', lower=0.0)
     on_stale: str = declare_field(
         'equilibrium', 'command while no state arrives: the input at rest (equilibrium), the last '
         'command (hold) or none (silent)', choices=STALE,
