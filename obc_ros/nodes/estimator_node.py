@@ -38,6 +38,7 @@ from obc_ros.nodes.estimator_settings import (
     Settings,
 )
 from obc_ros.nodes.noise_suggestions import fill_noise, suggest_noise
+from obc_ros.ros.clock_watch import ClockWatch
 from obc_ros.ros.conversions import OdometryMap, read_nanoseconds
 from obc_ros.ros.execution.callback_guards import guard_callbacks
 from obc_ros.ros.execution.executor import run
@@ -76,7 +77,7 @@ class EstimatorNode(Node):  # type: ignore[misc] # rclpy's classes are untyped
 
     def __init__(self, **options: Any) -> None:
         super().__init__('estimator_node', allow_undeclared_parameters=True, **options)
-        self._log = ThrottledLog(self)
+        self._log, self._clock_watch = ThrottledLog(self), ClockWatch(self)
         self._adopted: EstimatorCandidate | None = None
         self._table = Parameters(self, Settings, self._judge, self._adopt, opening=str)
         self._adopted = candidate = self._table.candidate
@@ -243,6 +244,7 @@ class EstimatorNode(Node):  # type: ignore[misc] # rclpy's classes are untyped
         array.header.stamp = now.to_msg()
         array.status = [estimator_status(self.get_fully_qualified_name()[1:], self._adopted,
                                          self._filter, traffic, self._reported)]
+        self._clock_watch.judge(array.status[0])
         self._reported = traffic
         identify(array.status, self, self._adopted.settings.hardware_id,
                  self._adopted.system.name)

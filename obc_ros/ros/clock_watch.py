@@ -8,6 +8,7 @@ Such a node answers services and looks alive, but its timers do not run and its 
 
 from time import monotonic
 
+from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.node import Node
 
 CLOCK_APPEARS = 2.0  # [s] in which the publisher of /clock may be discovered
@@ -53,3 +54,8 @@ class ClockWatch:
             self._is_reported = True
             node.get_logger().warning(sentence)
         return sentence
+
+    def judge(self, status: DiagnosticStatus) -> None:
+        """Make a status an error, and add what is wrong, if there is a fault."""
+        if fault := self.find_fault():
+            status.level, status.message = DiagnosticStatus.ERROR, f'{status.message}; {fault}'

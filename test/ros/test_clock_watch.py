@@ -11,7 +11,7 @@ from rosgraph_msgs.msg import Clock
 SENTENCE = 'use_sim_time is true, but no node publishes /clock: time stands still'
 
 
-@pytest.mark.parametrize('executable', ['plant_simulator'])
+@pytest.mark.parametrize('executable', ['plant_simulator', 'lqr_node', 'estimator_node'])
 def test_a_missing_clock_is_reported_once_and_until_it_is_there(spawn: Any, probe: Any,
                                                                 executable: str) -> None:
     arrays = probe.listen(DiagnosticArray, '/diagnostics')

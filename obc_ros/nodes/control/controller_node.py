@@ -38,6 +38,7 @@ from obc_ros.nodes.control.design_message import design_message
 from obc_ros.nodes.control.loop_monitor import LoopMonitor, predict_error
 from obc_ros.nodes.control.source_watch import Source, SourceWatch
 from obc_ros.ros import state_sources
+from obc_ros.ros.clock_watch import ClockWatch
 from obc_ros.ros.conversions import make_body_reader, read_nanoseconds
 from obc_ros.ros.execution.subscription_thread import Apart, OwnThread
 from obc_ros.ros.execution.worker_thread import WorkerThread
@@ -62,6 +63,7 @@ OVERRIDES = (QoSPolicyKind.DEADLINE, QoSPolicyKind.DEPTH, QoSPolicyKind.DURABILI
 INFINITE = 2**63 - 1  # [ns] as a QoS duration
 FAREWELL = Duration(seconds=0.5)
 CHECK_PERIOD = 0.5  # [s] between two checks in the thread of the states
+_KINDS = {state_sources.FrameError: 'frame', state_sources.NamesError: 'names'}   # of drops
 
 
 class ControllerNode(LifecycleNode):  # type: ignore[misc] # rclpy's classes are untyped
@@ -83,6 +85,7 @@ class ControllerNode(LifecycleNode):  # type: ignore[misc] # rclpy's classes are
         self._monitor, self._log = LoopMonitor(), ThrottledLog(self)
         self._desk, self._source = WorkerThread(self), SourceWatch()
         self._adopted: Any = None
+        self._clock_watch = ClockWatch(self)
         self._idle_reason = ''   # why the node is not active although it should be
         self._prepare()
         self._table: Parameters[Any, Any] = Parameters(
@@ -183,7 +186,7 @@ class ControllerNode(LifecycleNode):  # type: ignore[misc] # rclpy's classes are
         try:
             x = self._read(message)
         except StatementError as error:
-            kind = 'frame' if isinstance(error, state_sources.FrameError) else 'finite'
+            kind = next((kind for of, kind in _KINDS.items() if isinstance(error, of)), 'finite')
             loop.drop(kind, f'a state was dropped: {error}', begun)
         else:
             clock = None if self._is_simulated else time_ns()
@@ -391,6 +394,7 @@ class ControllerNode(LifecycleNode):  # type: ignore[misc] # rclpy's classes are
             self.get_fully_qualified_name()[1:], self._loop, self._revision, self._is_active,
             None if error is None else self._adopted.design.cost_to_go(error),
             self._idle_reason, predict_error(self._adopted.design.plant.system, self._loop))
+        self._clock_watch.judge(array.status[0])
         array.status += self._statuses()
         identify(array.status, self, self._table.settings.hardware_id,
                  self._adopted.design.plant.system.name)

@@ -20,8 +20,8 @@ from obc_ros.core.closed_loop.modes import Mode
 from obc_ros.core.systems.system import System
 
 DROPPED = {'size': 'of wrong size', 'finite': 'not finite', 'frame': 'in another frame',
-           'source': 'of a second publisher', 'late': 'out of order',
-           'old': 'stamped too long ago',
+           'names': 'of other names', 'source': 'of a second publisher',
+           'late': 'out of order', 'old': 'stamped too long ago',
            'ahead': 'stamped in the future', 'command': 'without a finite command'}
 LOOKS, GROWTH = 5, 4.0  # successive increases of the cost-to-go, and their total factor
 COUNTED = ('answered', 'skipped', 'repeated', 'restarted', 'stale', 'deadline')
