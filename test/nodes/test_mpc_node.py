@@ -146,8 +146,9 @@ def test_states_that_stay_away_are_answered_by_rest_and_the_loop_recovers(spawn,
     loop.wait_until_planned()
 
 
-def test_stop_holds_the_input_at_rest_until_start(spawn, probe):
-    loop = Loop(spawn, probe)
+@pytest.mark.parametrize('on_stale', ['equilibrium', 'silent'])
+def test_stop_holds_the_input_at_rest_until_start(spawn, probe, on_stale):
+    loop = Loop(spawn, probe, on_stale=on_stale)
     loop.wait_until_planned()
     assert probe.call(Trigger, 'mpc_node/stop').success
     del loop.commands[:]

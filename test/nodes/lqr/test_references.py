@@ -139,6 +139,22 @@ def test_an_early_reference_is_checked_at_the_first_state(spawn: Any, probe: Any
         "px is 58.7 m from the plan's start 0 m, allowed 2 m")
 
 
+def test_a_latched_reference_is_not_flown_again_by_a_restarted_node(spawn: Any, probe: Any
+                                                                    ) -> None:
+    """It has no stamp, and was published before the node started."""
+    publisher = probe.node.create_publisher(Trajectory, 'reference', LATCHED)
+    publisher.publish(reference(*straight(0.0, 20.0)))
+    bench = Bench(spawn, probe, **DRIVE)
+    log = listen(probe)
+    assert 'before this node started, and has no stamp: publish it again' in wait_for_warning(
+        probe, log, 'a reference was rejected: it was published')
+    assert np.abs(drive(bench, np.zeros(3), 0.0, 0.5)[1] - [10.0, 0.0]).max() < 1e-9
+    publisher.publish(reference(*straight(5.0, 20.0)))
+    bench.process.wait_for_output('a reference of 2 s')
+    drive(bench, np.array([5.0, 0.0, 0.0]), 0.5, 1.0)
+    bench.process.wait_for_output('the reference of 2 s begins')
+
+
 # After an outage
 
 
