@@ -28,6 +28,7 @@ TURNED = math.cos(0.7), math.sin(0.7)
 STILL = (0.0,) * 4
 
 jitter = st.tuples(*[st.integers(-9, 9)] * 4)
+rarely = st.sampled_from([False] * 4 + [True])
 steps = st.sampled_from([0, 1, 20, 50, 100, 100, 100, 250])   # [ms]
 
 
@@ -61,6 +62,8 @@ class LoopMachine(RuleBasedStateMachine):
               transition: float, timeout: float, from_rest: bool) -> None:
         """Begin with any rules; limits of single inputs and states need a plane on the axes."""
         self.is_boxed = is_boxed
+        # Anti-windup is not continuous: an input at its limit exceeds it by rounding, or does not.
+        has_integral &= not is_boxed
         rules = Rules(period, timeout, stale, BOX if is_boxed else (), envelope, unplanned,
                       transition, from_rest)
         self.setup = Setup(rules, drift=moves, limit=5.0 if is_boxed else math.inf, delay=delay,
@@ -79,6 +82,7 @@ class LoopMachine(RuleBasedStateMachine):
         self.offered: dict[int, int] = {}  # [ns] of those without a stamp
         self.followed: int | None = None
         self.over: set[int] = set()
+        self.dropped: set[int] = set()
         self.runs = [0]
         self.is_active = self.is_unjudged = self.has_plan = False
         self.told = (-math.inf, self.loop.mode)
@@ -101,10 +105,10 @@ class LoopMachine(RuleBasedStateMachine):
         self.check_modes()
 
     @precondition(lambda self: self.is_active)
-    @rule(often=st.integers(0, 7))
-    def deactivate(self, often: int) -> None:
-        """End a run, now and then; the last command is the input at rest."""
-        if often:
+    @rule(is_now=rarely)
+    def deactivate(self, is_now: bool) -> None:
+        """End a run; the last command is the input at rest."""
+        if not is_now:
             return
         self.is_active = False
         self.lose()
@@ -112,9 +116,11 @@ class LoopMachine(RuleBasedStateMachine):
         assert self.loop.mode in (Mode.INACTIVE, Mode.STOPPED)
         self.check_modes()
 
-    @rule()
-    def stop(self) -> None:
+    @rule(is_now=rarely)
+    def stop(self, is_now: bool) -> None:
         """Stop; the input at rest is due at once if there was a command."""
+        if not is_now:
+            return
         self.lose()
         self.tell('stop', 'by test')
         assert self.loop.mode is Mode.STOPPED
@@ -133,26 +139,30 @@ class LoopMachine(RuleBasedStateMachine):
         assert self.loop.mode is (Mode.WAITING if before is Mode.STOPPED else before)
         self.check_modes()
 
-    @rule()
-    def reframe(self) -> None:
+    @rule(is_now=rarely)
+    def reframe(self, is_now: bool) -> None:
         """Change the frame."""
+        if not is_now:
+            return
         self.lose()
         self.tell('reframe')
         assert self.loop.mode not in FOLLOWING
         self.check_modes()
 
-    @rule()
-    def replace_source(self) -> None:
+    @rule(is_now=rarely)
+    def replace_source(self, is_now: bool) -> None:
         """Let another node publish the states."""
+        if not is_now:
+            return
         self.doubt()
         self.is_replaced = True
         self.tell('replace_source')
         self.check_modes()
 
-    @rule()
-    def restart_source(self) -> None:
+    @rule(is_now=rarely)
+    def restart_source(self, is_now: bool) -> None:
         """Let the source begin anew; the next state tells it."""
-        self.restarts += 1
+        self.restarts += is_now
 
     @rule(wait=st.sampled_from([0.0, 0.1, 0.6, 3.0]))
     def be_silent(self, wait: float) -> None:
@@ -166,21 +176,23 @@ class LoopMachine(RuleBasedStateMachine):
         """Send a state near to what is followed."""
         self.send(self.stamp + ms * MS, near, 0.03, ms * 1e-3)
 
-    @rule(ms=steps, near=jitter)
-    def send_more(self, ms: int, near: Any) -> None:
-        """Send a state near to what is followed; this is what happens most of the time."""
-        self.send_next(ms, near)
+    @rule(near=jitter, count=st.integers(1, 4))
+    def send_more(self, near: Any, count: int) -> None:
+        """Send states near to what is followed, which is what happens most of the time."""
+        for _ in range(count):
+            self.send_next(100, near)
 
-    @rule(ms=steps, far=jitter)
-    def send_far(self, ms: int, far: Any) -> None:
+    @rule(ms=steps, far=jitter, is_now=rarely)
+    def send_far(self, ms: int, far: Any, is_now: bool) -> None:
         """Send a state elsewhere."""
-        self.send(self.stamp + ms * MS, far, 1.73, ms * 1e-3)
+        if is_now:
+            self.send(self.stamp + ms * MS, far, 1.73, ms * 1e-3)
 
-    @rule(ms=st.sampled_from([-1, -20, -300, 700, 20_000, -700, -5_000]), near=jitter,
-          wait=st.sampled_from([0.0, 0.1, 2.0]))
-    def jump(self, ms: int, near: Any, wait: float) -> None:
+    @rule(ms=st.sampled_from([-1, -20, -300, 700, 700, 20_000, -700, -5_000]), offsets=jitter,
+          size=st.sampled_from([0.03, 0.03, 0.9]), wait=st.sampled_from([0.0, 0.1, 2.0]))
+    def jump(self, ms: int, offsets: Any, size: float, wait: float) -> None:
         """Send a state whose stamp is late or jumps."""
-        self.send(self.stamp + ms * MS, near, 0.03, wait)
+        self.send(self.stamp + ms * MS, offsets, size, wait)
 
     @rule(x=st.sampled_from([(math.nan, *STILL[1:]), (*STILL[1:], -math.inf), (), STILL * 2]))
     def send_nonsense(self, x: Any) -> None:
@@ -205,7 +217,8 @@ class LoopMachine(RuleBasedStateMachine):
             'stale': {'rules': replace(rules, on_stale=STALE[pick])},
             'timeout': {'rules': replace(rules, state_timeout=(0.0, 0.3, 0.5)[pick])},
             'transition': {'rules': replace(rules, transition_time=(0.0, 0.4, 1.0)[pick])},
-            'delay': {'delay': pick}, 'integral': {'has_integral': bool(pick)}}[what]
+            'delay': {'delay': pick},
+            'integral': {'has_integral': bool(pick) and not self.is_boxed}}[what]
         self.setup = setup._replace(**changed)
         for world in self.worlds:
             world.loop.adopt(world.make(self.setup))
@@ -242,10 +255,10 @@ class LoopMachine(RuleBasedStateMachine):
             world.loop.adopt(world.make(self.setup))
 
     @precondition(lambda self: self.routes)
-    @rule(pick=st.integers(0, 99))
+    @rule(pick=st.integers(0, 2))
     def give_again(self, pick: int) -> None:
         """Adopt a reference of before once more."""
-        self.setup = self.setup._replace(legs=(pick % len(self.routes),))
+        self.setup = self.setup._replace(legs=(max(len(self.routes) - 1 - pick, 0),))
         for world in self.worlds:
             world.loop.adopt(world.make(self.setup))
 
@@ -319,6 +332,7 @@ class LoopMachine(RuleBasedStateMachine):
     def lose(self) -> None:
         """Note that all references and plans are given up."""
         self.over.update(self.setup.legs)
+        self.dropped.update(self.setup.legs)
         self.doubt()
 
     def doubt(self) -> None:
@@ -348,6 +362,7 @@ class LoopMachine(RuleBasedStateMachine):
         for world in self.worlds[1:]:
             assert world.loop.mode is self.loop.mode
             assert world.find_number() == self.worlds[0].find_number()
+        assert self.worlds[0].find_number() not in self.dropped
         sentences = [*self.loop.news, *self.loop.events, *self.loop.refused]
         assert all(sentences)
         told, before = self.told
@@ -383,8 +398,12 @@ class LoopMachine(RuleBasedStateMachine):
                 wanted = route.place((acts - self.begins[number]) * 1e-9)
                 assert all(low - 1e-6 <= a - b <= high + 1e-6 for a, b, (low, high) in zip(
                     self.x, wanted, ALLOWED, strict=True))
-        elif mode is Mode.PLAN:
-            assert self.has_plan
+        elif mode in FOLLOWING and number is not None:   # its end is held
+            assert number in {*self.over, self.followed} or number not in self.begins
+            begin = self.begins.get(number, self.routes[number].begin)
+            assert begin is None or stamp + self.setup.delay * PERIOD >= begin + round(
+                self.routes[number].duration * S)
+        assert mode is not Mode.PLAN or self.has_plan
         now = number if mode is Mode.REFERENCE else None
         if self.followed not in (None, now) and mode is not Mode.RESTING:
             self.over.add(self.followed)
