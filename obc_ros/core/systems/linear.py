@@ -10,14 +10,14 @@ import casadi as ca
 import numpy as np
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.systems.system import define, Signal, System
-from obc_ros.core.text.errors import DynamicsError
+from obc_ros.core.text.errors import DynamicsError, quote
 
 Matrix = Array | Sequence[float] | Sequence[Sequence[float]]
 
 MAX_STATES = 200
 
 
-def system(A: Matrix = (), B: Matrix = ()) -> System:
+def system(A: Matrix = (), B: Matrix = (), states: str = '', inputs: str = '') -> System:
     """
     Return x' = A x + B u.
 
@@ -25,11 +25,13 @@ def system(A: Matrix = (), B: Matrix = ()) -> System:
     ----------
     A, B : array_like, shape (n, n) and (n, m)
         Or n * n and n * m numbers, row by row.
+    states, inputs : str
+        Names with commas between them; empty: x1, x2, ... and u1, u2, ...
 
     Raises
     ------
     DynamicsError
-        If the shapes do not fit, or an entry is not finite.
+        If the shapes or the number of names do not fit, or an entry is not finite.
 
     """
     given = _numbers('A', A), _numbers('B', B)
@@ -51,11 +53,21 @@ def system(A: Matrix = (), B: Matrix = ()) -> System:
 
     return define(
         'linear',
-        states=tuple(Signal(f'x{i + 1}') for i in range(n)),
-        inputs=tuple(Signal(f'u{j + 1}') for j in range(m)),
+        states=_name('states', states, n, 'x'),
+        inputs=_name('inputs', inputs, m, 'u'),
         parameters=(),
         dynamics=dynamics,
         description=f'linear system with {n} states and {m} inputs')
+
+
+def _name(what: str, given: str, count: int, letter: str) -> tuple[Signal, ...]:
+    """Return signals with the given names, or with a letter and a number each."""
+    names = [each.strip() for each in given.split(',')] if given else [
+        f'{letter}{k + 1}' for k in range(count)]
+    if len({each for each in names if each.isidentifier()}) != count or len(names) != count:
+        raise DynamicsError(f'linear.{what}: wanted {count} different names with commas between '
+                            f"them, found '{quote(given)}'")
+    return tuple(map(Signal, names))
 
 
 def _numbers(name: str, given: Matrix) -> Array:

@@ -397,3 +397,13 @@ def test_errors_name_the_file_and_the_key_at_fault(tmp_path, old, new, words):
 def test_errors_name_a_missing_file():
     with pytest.raises(StatementError, match='nowhere.yaml: cannot be read'):
         registry.get_system('nowhere.yaml')
+
+
+def test_a_linear_system_takes_names_of_another_plant():
+    """Its states are then those of the messages of that plant."""
+    named = registry.get_system('linear', A=[[0, 1], [0, 0]], B=[0, 1], states='py, theta',
+                                inputs='phi')
+    assert (named.state_names, named.input_names) == (('py', 'theta'), ('phi',))
+    for states in ('py', 'py, py', 'py, 2', 'a, b, c'):
+        with pytest.raises(DynamicsError, match='linear.states: wanted 2 different names'):
+            registry.get_system('linear', A=[[0, 1], [0, 0]], B=[0, 1], states=states)

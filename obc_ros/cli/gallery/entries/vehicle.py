@@ -63,6 +63,7 @@ def exercise_2_10(desk: Desk) -> EntryResult:
     with desk.loop('lateral', {
             'system': 'vehicle_lateral', 'x0': [0.0, 0.0], 'publish_rate': 1 / STEP}, {
             'system': 'linear', 'system_parameters.A': A, 'system_parameters.B': B,
+            'system_parameters.states': 'py, theta', 'system_parameters.inputs': 'phi',
             'setpoint': [1.0, 0.0], 'Qx': [1.0, 0.0], 'Qu': [RHO],
             'start_tolerance': TOLERANCE}) as loop:
         step = loop.run(DURATION)
