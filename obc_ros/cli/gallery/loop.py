@@ -159,8 +159,8 @@ class NodeLoop:
         if reference:
             said = len(pilot.said)
             pilot.publisher.publish(reference)
-            # Not the end of an earlier one, whose line may come late.
-            pilot.wait(lambda: any(each.msg.startswith('a reference')
+            # Not the end of an earlier one, or that it is given up: such a line may come late.
+            pilot.wait(lambda: any(each.msg.startswith('a reference of ')
                                    for each in pilot.said[said:]), 'the reference to be taken')
         pilot.pause(False)
         pilot.wait(lambda: pilot.states.stamp[-1] >= end and pilot.commands.stamp[-1] >= end,
