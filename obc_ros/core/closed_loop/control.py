@@ -134,7 +134,8 @@ class Rules:
     period : int
         Time between two commands on average [ns], by the stamps; 0: a command for every state.
     state_timeout : float
-        Age of the last valid state [s] at which `on_stale` acts; 0: never.
+        Age of the last valid state [s] at which `on_stale` acts; 0: never, and states may be any
+        time apart.
     on_stale : str
         'equilibrium' (the input at rest), 'hold' (the last command) or 'silent'.
     x_limits : tuple of (float, float)

@@ -684,7 +684,7 @@ class ControlLoop:
 
     def _explain_slowness(self, control: Control) -> str:
         """Return by how much states are too far apart for the gain; empty: they are not."""
-        longest = control.longest_period
+        longest = control.longest_period if control.rules.state_timeout else math.inf
         if len(self._intervals) < _TOO_SLOW or min(self._intervals) <= longest:
             return ''
         self.counts['slow'] += 1

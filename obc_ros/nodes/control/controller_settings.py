@@ -74,8 +74,8 @@ class ControllerSettings:
     cross: Vector = declare_field((),
                                   "cross weight N of 2 x'N u: n*m numbers row by row; empty: none")
     state_timeout: float = declare_field(
-        0.5, 'age of the last valid state at which on_stale acts, at least 0.001; 0: never', 's',
-        lower=0.0)
+        0.5, 'age of the last valid state at which on_stale acts, at least 0.001; 0: never, and '
+        'states may be any time apart', 's', lower=0.0)
     stamp_timeout: float = declare_field(
         0.5, "maximum difference of a state's stamp and the node's clock; other states are "
         'dropped, at any age. 0: no check, for clocks that are not synchronised. With '
