@@ -162,11 +162,12 @@ def test_the_loop_over_odometry_equals_that_over_states(spawn: Any, probe: Any) 
 def test_start_after_stop_is_smooth_with_transition_time(spawn: Any, probe: Any) -> None:
     """After ~/start the command blends from the equilibrium input into the law."""
     bench = Bench(spawn, probe, transition_time=1.0)
-    law = bench.answer(X, 1.0)
+    assert (bench.answer(X, 0.5) == HOVER).all()   # the first command, too
+    law = bench.answer(X, 2.0)
     assert probe.call(Trigger, '/lqr_node/stop').success
-    assert (bench.answer(X, 1.1) == HOVER).all()
+    assert (bench.answer(X, 2.1) == HOVER).all()
     assert probe.call(Trigger, '/lqr_node/start').success
-    np.testing.assert_allclose(bench.answer(X, 1.2), HOVER, atol=1e-9)
-    half = bench.answer(X, 1.7)
+    np.testing.assert_allclose(bench.answer(X, 2.2), HOVER, atol=1e-9)
+    half = bench.answer(X, 2.7)
     np.testing.assert_allclose(half, 0.5 * (HOVER + law), atol=1e-9)
-    np.testing.assert_allclose(bench.answer(X, 2.2), law, atol=1e-9)
+    np.testing.assert_allclose(bench.answer(X, 3.2), law, atol=1e-9)

@@ -67,15 +67,16 @@ def test_outside_x_limits_the_loop_stops_or_holds(spawn: Any, probe: Any) -> Non
 def test_transition_time_removes_the_predicted_jump(spawn: Any, probe: Any) -> None:
     """A dry run predicts the jump; with transition_time the command is continuous."""
     bench = Bench(spawn, probe, transition_time=1.0)
-    before = bench.answer(X, 1.0)
+    assert (bench.answer(X, 0.5) == HOVER).all()   # from rest
+    before = bench.answer(X, 2.0)
     tried = probe.call(TryDesign, '/lqr_node/try_design', TryDesign.Request(
         weights=LqrWeights(qx=[100.0] * 6)))
     assert tried.success
     assert tried.design.revision == 0
     assert bench.set(Qx=[100.0] * 6).successful
-    start = bench.answer(X, 1.01)
+    start = bench.answer(X, 2.01)
     assert np.abs(start - before).max() < 1e-9
-    end = bench.answer(X, 3.0)
+    end = bench.answer(X, 4.0)
     assert np.abs(end - before).max() == pytest.approx(tried.design.input_jump, rel=1e-9)
     assert bench.design(2).input_jump == pytest.approx(tried.design.input_jump, rel=1e-9)
 
@@ -108,7 +109,7 @@ def test_a_dry_run_reports_the_design_and_changes_nothing(spawn: Any, probe: Any
     assert attempt(stability=0.5).design.poles_real[-1] < -0.5
     for refused, sentence in (
             ({'qu': [1.0, -1.0]}, 'Qu[1] = -1'), ({'qx': [math.nan] * 6}, 'Qx[0] = nan'),
-            ({'weights': 'best'}, 'best'), ({'rho': math.nan, 'weights': 'output'}, 'rho = nan'),
+            ({'weights': 'best'}, 'best'), ({'rho': math.nan, 'weights': 'output'}, 'rho[0] = nan'),
             ({'cross': [1e9] * 12}, 'cross'), ({'stability': -1.0}, 'stability = -1')):
         answer = attempt(**refused)
         assert not answer.success, (refused, answer.message)
