@@ -45,7 +45,7 @@ class SourceWatch:
         if number is None:
             return Source.SAME
         last, heard = self._last, self._heard
-        is_next = last is None or last < number <= last + FAR
+        is_next = last is None or last <= number <= last + FAR   # the same: delivered twice
         if not is_next and now - heard < patience:
             return Source.OTHER
         self._last, self._heard = number, now
