@@ -153,6 +153,10 @@ class World:
         return next((number for number, leg in self.legs.items()
                      if leg.reference is reference), None)
 
+    def get_begin(self, number: int) -> int:
+        """Return the stamp [ns] at which a reference has begun."""
+        return self.loop._itinerary.get_begin(self.legs[number].reference)
+
 
 def predict(delay: int, has_integral: bool, turn: tuple[float, float]) -> Prediction:
     """Return the exact prediction of a mass over some periods; the outputs are px and py."""

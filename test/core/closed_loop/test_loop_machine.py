@@ -75,11 +75,11 @@ class LoopMachine(RuleBasedStateMachine):
         self.loop = self.worlds[0].loop
         self.stamp, self.now, self.restarts = 1000 * S, 50.0, 0
         self.known, self.is_replaced = 0, False
+        self.is_behind = False             # whether a source was behind the one before
         self.last: int | None = None       # stamp in order
         self.x = [0.0] * 4
         self.routes: dict[int, Route] = {}
         self.begins: dict[int, int] = {}   # [ns] of those that have begun
-        self.offered: dict[int, int] = {}  # [ns] of those without a stamp
         self.followed: int | None = None
         self.over: set[int] = set()
         self.dropped: set[int] = set()
@@ -176,11 +176,29 @@ class LoopMachine(RuleBasedStateMachine):
         """Send a state near to what is followed."""
         self.send(self.stamp + ms * MS, near, 0.03, ms * 1e-3)
 
-    @rule(near=jitter, count=st.integers(1, 4))
+    @rule(near=jitter, count=st.integers(1, 3))
     def send_more(self, near: Any, count: int) -> None:
-        """Send states near to what is followed, which is what happens most of the time."""
+        """Run the loop, if it does not, with states near to what is followed."""
+        if not self.is_active:
+            self.activate()
+        if self.loop.mode is Mode.STOPPED:
+            self.start()
         for _ in range(count):
             self.send_next(100, near)
+
+    @rule(near=jitter, count=st.integers(1, 3), duration=st.sampled_from([0.2, 4.0, 4.0]))
+    def follow(self, near: Any, count: int, duration: float) -> None:
+        """Follow a new reference, or try to."""
+        self.send_more(near, 1)
+        self.offer(None, near, duration, True, False)
+        self.send_more(near, count)
+
+    @rule(near=jitter, count=st.integers(1, 3), samples=st.sampled_from([1, 2, 20]))
+    def follow_plans(self, near: Any, count: int, samples: int) -> None:
+        """Follow a plan that each state renews."""
+        for _ in range(count):
+            self.send_more(near, 1)
+            self.plan(1, samples, near, False)
 
     @rule(ms=steps, far=jitter, is_now=rarely)
     def send_far(self, ms: int, far: Any, is_now: bool) -> None:
@@ -243,8 +261,6 @@ class LoopMachine(RuleBasedStateMachine):
         assert len(set(map(bool, reasons))) == 1
         if not reasons[0]:
             self.setup = wanted
-        if begin is None:
-            self.note_begin(number)
 
     @precondition(lambda self: self.setup.legs)
     @rule()
@@ -286,6 +302,7 @@ class LoopMachine(RuleBasedStateMachine):
         has_jumped = self.last is not None and self.known != self.restarts
         is_new = has_jumped or self.is_replaced
         is_late, is_back = -far <= by < 0.0 and not is_new, by < -far
+        self.is_behind |= by < 0.0 and is_new
         self.x = self.find_target(stamp)
         self.x = [a + size * b for a, b in zip(self.x, offsets, strict=True)]
         if is_back:
@@ -321,11 +338,6 @@ class LoopMachine(RuleBasedStateMachine):
         t = max(stamp - self.stamp, 0) * 1e-9
         v = self.setup.drift
         return [*(a + b * t for a, b in zip(self.x[:2], v, strict=True)), *v]
-
-    def note_begin(self, number: int) -> None:
-        """Note that a reference without a stamp begins now, if the law is at work."""
-        is_begun = self.loop.mode in FOLLOWING and not self.loop.is_stale
-        self.offered[number] = self.stamp + self.setup.delay * PERIOD if is_begun else 10**30
 
     # What always holds
 
@@ -390,19 +402,19 @@ class LoopMachine(RuleBasedStateMachine):
             route = self.routes[number]
             acts = stamp + self.setup.delay * PERIOD
             is_new = number not in self.begins
-            if is_new:   # one without a stamp may begin when it is offered
-                self.begins[number] = min(acts, self.offered[number]) if (
-                    route.begin is None) else route.begin
-                assert acts >= self.begins[number]
+            if is_new:
+                begin = self.begins[number] = self.worlds[0].get_begin(number)
+                assert begin == route.begin or route.begin is None
+                assert begin <= acts or self.is_behind
             if (is_new or self.is_unjudged) and route.is_judged and not self.setup.delay:
                 wanted = route.place((acts - self.begins[number]) * 1e-9)
                 assert all(low - 1e-6 <= a - b <= high + 1e-6 for a, b, (low, high) in zip(
                     self.x, wanted, ALLOWED, strict=True))
         elif mode in FOLLOWING and number is not None:   # its end is held
             assert number in {*self.over, self.followed} or number not in self.begins
-            begin = self.begins.get(number, self.routes[number].begin)
-            assert begin is None or stamp + self.setup.delay * PERIOD >= begin + round(
-                self.routes[number].duration * S)
+            begin, duration = self.worlds[0].get_begin(number), self.routes[number].duration
+            assert stamp + self.setup.delay * PERIOD >= begin + round(duration * S) or (
+                self.is_behind)
         assert mode is not Mode.PLAN or self.has_plan
         now = number if mode is Mode.REFERENCE else None
         if self.followed not in (None, now) and mode is not Mode.RESTING:
