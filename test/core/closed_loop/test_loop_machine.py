@@ -186,12 +186,15 @@ class LoopMachine(RuleBasedStateMachine):
         for _ in range(count):
             self.send_next(100, near)
 
-    @rule(near=jitter, count=st.integers(1, 3), duration=st.sampled_from([0.2, 4.0, 4.0]))
-    def follow(self, near: Any, count: int, duration: float) -> None:
-        """Follow a new reference, or try to."""
+    @rule(near=jitter, count=st.integers(1, 3), duration=st.sampled_from([0.2, 4.0, 4.0]),
+          gap=st.sampled_from([0, 0, 700]))
+    def follow(self, near: Any, count: int, duration: float, gap: int) -> None:
+        """Follow a new reference, or try to; then let the plant be elsewhere, after a gap."""
         self.send_more(near, 1)
         self.offer(None, near, duration, True, False)
         self.send_more(near, count)
+        if gap:
+            self.send(self.stamp + gap * MS, near, 0.9, 0.1)
 
     @rule(near=jitter, count=st.integers(1, 3), samples=st.sampled_from([1, 2, 20]))
     def follow_plans(self, near: Any, count: int, samples: int) -> None:
