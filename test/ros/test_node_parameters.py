@@ -370,7 +370,7 @@ def test_options_of_a_system_are_parameters(probe: Any) -> None:
     target = Target(probe.context, {
         'system': 'linear', 'system_parameters.A': [0, 1, 0, 0], 'system_parameters.B': [0, 1]})
     assert target.parameters.settings.system_parameters == {
-        'A': (0.0, 1.0, 0.0, 0.0), 'B': (0.0, 1.0)}
+        'A': (0.0, 1.0, 0.0, 0.0), 'B': (0.0, 1.0), 'states': '', 'inputs': ''}
     target.node.destroy_node()
 
 

@@ -109,7 +109,8 @@ def test_a_dry_run_reports_the_design_and_changes_nothing(spawn: Any, probe: Any
     assert attempt(stability=0.5).design.poles_real[-1] < -0.5
     for refused, sentence in (
             ({'qu': [1.0, -1.0]}, 'Qu[1] = -1'), ({'qx': [math.nan] * 6}, 'Qx[0] = nan'),
-            ({'weights': 'best'}, 'best'), ({'rho': math.nan, 'weights': 'output'}, 'rho[0] = nan'),
+            ({'weights': 'best'}, 'best'),
+            ({'rho': math.nan, 'weights': 'output'}, 'rho[0] = nan'),
             ({'cross': [1e9] * 12}, 'cross'), ({'stability': -1.0}, 'stability = -1')):
         answer = attempt(**refused)
         assert not answer.success, (refused, answer.message)
