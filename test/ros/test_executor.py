@@ -42,7 +42,7 @@ def test_sigterm_ends_a_node_with_status_0(spawn: Any, probe: Any, node: str) ->
 
 STUCK = """
 import ctypes
-from obc_ros.ros import executor
+from obc_ros.ros.execution import executor
 from rclpy.node import Node
 class Stuck(Node):
     def destroy_node(self):
@@ -70,7 +70,7 @@ STUCK_CLIENT = """
 import ctypes
 from obc_ros.cli.client import Client
 from obc_ros.cli.ros_graph import join_graph
-from obc_ros.ros import executor
+from obc_ros.ros.execution import executor
 executor.PATIENCE = 0.5
 with join_graph(lambda: None, Client) as client:
     client.node.destroy_node = lambda: ctypes.PyDLL(None).sleep(60)
