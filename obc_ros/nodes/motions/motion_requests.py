@@ -193,7 +193,14 @@ class MotionRequests:
                 f'{self._reference.topic_name}, and nobody has accepted it')
             self._publish(plan)
             return
+        begun, begin = self._now(), self._now() + self._lead(settings)
         answer = await self._lqr.follow(plan, max(until - monotonic(), settings.state_timeout))
+        if (motion.begin is None and answer is not None and not answer.success
+                and self._now() > begin):
+            # Its gains took longer than `plan_lead`. The plant rests: the plan may begin later.
+            took = self._now() - begun
+            plan.header.stamp = make_stamp(self._now() + took + self._lead(settings))
+            answer = await self._lqr.follow(plan, max(until - monotonic(), settings.state_timeout))
         if answer is not None and answer.success:
             motion.notes.append(f'lqr_node: {quote(answer.message, 500)}')
             self._publish(plan)
