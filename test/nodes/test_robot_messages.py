@@ -106,6 +106,7 @@ def test_inputs_named_v_and_omega_with_their_units_are_a_twist() -> None:
             Sink('cmd_vel', build_system({**BASE, 'units': units}))
 
 
+@pytest.mark.slow
 @given(number, number)
 def test_registered_systems_state_their_messages(a: float, b: float) -> None:
     """The twist moves the body as the dynamics do; the wrench has the forces of figure 2.3."""

@@ -188,7 +188,7 @@ def test_a_system_lists_its_parameters_and_options():
     assert aircraft['m'].default == 4.0
     assert aircraft['m'].unit == 'kg'
     assert declared('brockett')['m'].default == 3
-    assert set(declared('linear')) == {'A', 'B'}
+    assert set(declared('linear')) == {'A', 'B', 'states', 'inputs'}
     with pytest.raises(DynamicsError, match='unknown system'):
         declared('aeroplane')
 

@@ -326,6 +326,7 @@ def send(delayed, kind, stamp, *given):
             delayed.measure(stamp + 50 * k * MS, NAMES, [given[0], 0.0])
 
 
+@pytest.mark.slow
 @settings(max_examples=30)
 @given(CALLS)
 def test_any_numbers_leave_a_filter_that_finds_the_plant(calls):

@@ -127,6 +127,7 @@ def test_the_tighter_bounds_apply():
 DISC = '0.25 - (px - 1)**2 - (py - 0.05)**2'
 
 
+@pytest.mark.slow
 def test_a_plan_keeps_off_an_obstacle_and_within_state_bounds():
     """The constraint and the bounds are evaluated along the answer; the plan touches both."""
     motion = Motion('two_wheeled', [0.0, 0.0, 0.0], [2.0, 0.0, 0.0], 'time',

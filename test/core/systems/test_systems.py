@@ -177,7 +177,7 @@ def test_brockett_rejects_invalid_dimensions(m):
 
 def test_options_of_systems_are_listed():
     assert registry.get_options('brockett') == {'m': 3}
-    assert set(registry.get_options('linear')) == {'A', 'B'}
+    assert set(registry.get_options('linear')) == {'A', 'B', 'states', 'inputs'}
     assert registry.get_options('aircraft') == {}
     with pytest.raises(DynamicsError, match="no option 'A'"):
         registry.get_system('aircraft', A=1)
