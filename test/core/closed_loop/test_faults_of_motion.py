@@ -348,6 +348,21 @@ def test_a_held_command_keeps_the_limits_in_force() -> None:
 # Without a plan
 
 
+@pytest.mark.parametrize('timeout', [0.0, 0.5, 9.0])
+def test_a_plan_of_before_an_outage_is_not_followed(timeout: float) -> None:
+    """Whatever state_timeout becomes meanwhile, the plant is no longer where the plan begins."""
+    loop = ControlLoop(control())
+    answers(loop, (0.0, [0.0, 0.0]))
+    run = loop.run
+    assert loop.add_plan(push(20 * MS, (0.0, 0.0)), run)
+    assert answers(loop, (0.02, [0.0, 0.0])) == [[1.0]]
+    loop.overdue(0.6)
+    loop.adopt(control(rules=Rules(state_timeout=timeout)))
+    assert not loop.add_plan(push(40 * MS, (0.0, 0.0)), run)
+    assert loop.answer(100 * MS, [0.5, 0.0], 0.7) == [-0.5]
+    assert loop.mode is Mode.SET_POINT
+
+
 @pytest.mark.parametrize(('action', 'wanted'), [
     ('regulator', [-2.0]), ('equilibrium', [0.25]), ('hold', [0.5]), ('silent', None)])
 def test_without_a_plan_the_regulator_acts(action: str, wanted: list[float] | None) -> None:

@@ -105,6 +105,8 @@ def test_plans_are_given_up_after_a_discontinuity(mode: Mode) -> None:
     assert switch_mode(mode, Event.SUSPEND).effect == (
         Effect.CLEAR if mode in FOLLOWING else Effect.NONE)
     assert Effect.CLEAR in switch_mode(Mode.RESTING, Event.BACK).effect
+    if mode is not Mode.RESTING:
+        assert switch_mode(mode, Event.LOST).effect == Effect.CLEAR
 
 
 @pytest.mark.parametrize('mode', FOLLOWING)
