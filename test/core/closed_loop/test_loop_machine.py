@@ -415,8 +415,8 @@ class LoopMachine(RuleBasedStateMachine):
         elif mode in FOLLOWING and number is not None:   # its end is held
             assert number in {*self.over, self.followed} or number not in self.begins
             begin, duration = self.worlds[0].get_begin(number), self.routes[number].duration
-            assert stamp + self.setup.delay * PERIOD >= begin + round(duration * S) or (
-                self.is_behind)
+            longest = 2 * PERIOD   # the delay may have been reduced since then
+            assert stamp + longest >= begin + round(duration * S) or self.is_behind
         assert mode is not Mode.PLAN or self.has_plan
         now = number if mode is Mode.REFERENCE else None
         if self.followed not in (None, now) and mode is not Mode.RESTING:
