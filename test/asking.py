@@ -100,7 +100,7 @@ class Command:
 
     def wait_until_busy(self, process: support.Process) -> int:
         """Return a worker of a command, or of the server, that works on a problem."""
-        return int(support.wait_for(lambda: self._busy(self.workers(process))))
+        return int(support.wait_for(lambda: self._busy(self.workers(process)), 60.0))
 
     def end(self) -> None:
         """End the processes that were started here."""

@@ -13,7 +13,8 @@ anew; ``~/pause`` (SetBool); ``~/step`` (Trigger), to the next state of a paused
 see `Settings`.
 
 Until its first command the plant is held at x0 while time passes (``hold_until_command``). A
-``~/reset`` holds it again, and increments ``restarts`` of the states.
+``~/reset`` holds it again, and increments ``restarts`` of the states if the plant has moved or time
+has passed.
 
 A separate thread receives commands and paces the plant. All access to the plant holds its lock.
 
@@ -387,10 +388,13 @@ class PlantSimulator(Node):
 
     def _on_reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         with self._lock:
+            simulator = self._plant.simulator
+            before = simulator.time, list(simulator.x)
             self._plant.reset(*self._now(), self._x0)
             self._sensors.reset()
             self._warned.clear()
-            self._message.restarts += 1
+            # A reset at the start changes nothing, and nobody has to begin anew.
+            self._message.restarts += (simulator.time, list(simulator.x)) != before
             self._publish()
         self._thread.wake()
         response.success, response.message = True, f'at {_listed(self._x0)}'
