@@ -25,6 +25,7 @@ from obc_ros.srv import SuggestWeights, TryDesign
 from rcl_interfaces.srv import SetParameters
 import rclpy
 from rclpy.parameter import Parameter
+from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.signals import SignalHandlerOptions
 from std_srvs.srv import Trigger
 
@@ -46,7 +47,8 @@ class Bench:
         self.is_active = True
         self.commands: list[tuple[float, np.ndarray]] = []
         self._states = self.node.create_publisher(State, 'state', 1)
-        self._references = self.node.create_publisher(Trajectory, 'reference', 1)
+        self._references = self.node.create_publisher(Trajectory, 'reference', QoSProfile(
+            depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL))
         self.node.create_subscription(Command, 'command', self._take, 10)
         self.node.create_timer(1.0 / RATE, self._send)
         self._clients: dict[str, Any] = {}

@@ -21,6 +21,7 @@ threads. Where the system does not allow it, the log says so.
 """
 
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import replace
 import sys
 from time import monotonic
@@ -74,7 +75,7 @@ class MpcNode(ControllerNode):
         self._first: Future | None = None       # of the answer to the request of a first plan
         self._late = 0.0                        # when that is given up
         self._answers: deque[Packet] = deque()  # to it, from the thread of the supervisor
-        self._heard: tuple[list[float], float] | None = None
+        self._heard: tuple[Sequence[float], float] | None = None
         self._published, self._is_listening = 0.0, False
         self._beginning: Packet | None = None   # the first plan, before it is followed
         self._attempted, self._pause = 0.0, ATTEMPT
@@ -175,6 +176,9 @@ class MpcNode(ControllerNode):
     def _answer(self, message: Any, info: Any) -> None:
         if self._is_active and self._beginning is None:
             super()._answer(message, info)
+            x = self._loop.x
+            if x is not None and (self._heard is None or x is not self._heard[0]):
+                self._heard = x, monotonic()   # for a plan after a deactivation
             return
         now = monotonic()
         if not self._is_own_source(info, now) or (
@@ -276,10 +280,12 @@ class MpcNode(ControllerNode):
         if reason := self._find_obstacle():
             return reason
         if self._first is None:
-            if not self._steps.ask({'kind': 'first'}, {'x': np.array(self._heard[0])}, FIRST):
-                return 'the solver process takes no request'
+            # All before the request: its answer may come at once.
             self._answers.clear()
             self._first, self._late = Future(), monotonic() + FIRST
+            if not self._steps.ask({'kind': 'first'}, {'x': np.array(self._heard[0])}, FIRST):
+                self._first = None
+                return 'the solver process takes no request'
         reply = await self._first   # also of a request made before
         if reply is None:
             return f'the first plan was not made within {FIRST:g} s'
