@@ -13,8 +13,8 @@ anew; ``~/pause`` (SetBool); ``~/step`` (Trigger), to the next state of a paused
 see `Settings`.
 
 Until its first command the plant is held at x0 while time passes (``hold_until_command``). A
-``~/reset`` holds it again, and increments ``restarts`` of the states if the plant has moved or time
-has passed.
+``~/reset`` holds it again, and increments ``restarts`` of the states if the plant has moved or
+time has passed.
 
 A separate thread receives commands and paces the plant. All access to the plant holds its lock.
 
