@@ -35,6 +35,23 @@ def test_the_desk_computes_what_is_asked_and_cancels_changes(probe):
     desk.close()
 
 
+def test_a_change_that_is_computed_but_not_adopted_is_cancelled(probe):
+    """As by a stop that is served between the result and the callback that awaits it."""
+    desk, told = WorkerThread(probe.node), []
+
+    async def ask_later():
+        told.append(await desk.run(lambda: 'later'))
+
+    change = desk.run(lambda: 'a result', is_change=True)
+    change.send(None)
+    probe.executor.create_task(ask_later())
+    probe.wait_for(lambda: told, what='the results')
+    desk.cancel('by test')
+    with pytest.raises(CancelledError, match='by test'):
+        change.send(None)
+    desk.close()
+
+
 def test_a_stop_is_answered_during_a_change_and_cancels_it(spawn, probe):
     """The process of the changed problem takes over a second to start; the loop flies on."""
     loop = Loop(spawn, probe)

@@ -27,12 +27,13 @@ class CancelledError(ObcError):
     """A computation was cancelled."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
 class _Job:
     work: Work
     is_change: bool
     future: Future = field(default_factory=Future)
     cancelled: Event = field(default_factory=Event)
+    reason: str = ''   # of its cancellation
 
 
 class WorkerThread:
@@ -88,17 +89,26 @@ class WorkerThread:
         job = _Job(work, is_change)
         self._waiting.append(job)
         self._jobs.put(job)
-        return await job.future
+        try:
+            result = await job.future
+        finally:
+            self._waiting.remove(job)
+        # A result that is there can be cancelled until the one who awaits it goes on.
+        if job.cancelled.is_set():
+            raise CancelledError(job.reason)
+        return result
 
     def is_cancelled(self) -> bool:
         """Return whether the present computation is not wanted any more; in the thread."""
         return self._present is not None and self._present.cancelled.is_set()
 
     def cancel(self, reason: str) -> None:
-        """Answer all changes that are still computed with a reason; in the executor."""
-        for job in [each for each in self._waiting if each.is_change]:
-            job.cancelled.set()
-            self._answer(job, None, CancelledError(reason))
+        """Answer all changes that are not adopted yet with a reason; in the executor."""
+        for job in self._waiting:
+            if job.is_change:
+                job.reason = reason
+                job.cancelled.set()
+                self._answer(job, None, CancelledError(reason))
 
     def close(self) -> None:
         """End the thread after the present computation."""
@@ -125,9 +135,8 @@ class WorkerThread:
             self._answer(*self._done.popleft())
 
     def _answer(self, job: _Job, result: Any, error: BaseException | None) -> None:
-        if job not in self._waiting:   # cancelled
+        if job.future.done():   # cancelled
             return
-        self._waiting.remove(job)
         if error is None:
             job.future.set_result(result)
         else:
