@@ -4,7 +4,8 @@
 
 from math import inf
 
-import _truths  # of benchmarks/
+import _edges  # of benchmarks/
+import _truths
 import numpy as np
 from obc_ros.core.ocp.solution import Status
 from obc_ros.core.ocp.statement import build_problem
@@ -55,6 +56,25 @@ def test_the_simulated_paths_satisfy_their_constraints():
         final = mapping['final_time']
         if final['free']:
             assert final['lower'] < made.t[-1] < final['upper']
+
+
+@pytest.mark.slow
+def test_paths_at_the_edge_meet_their_constraints():
+    rng = np.random.default_rng(106)
+    for _ in range(20):
+        made = _edges.touching(rng)
+        names, row = [*made.mapping['states'], 't'], made.mapping['path_constraints'][-1]
+        values = [eval(row['expr'], dict(zip(names, [*x, t], strict=True))) - row['lower']
+                  for t, x in zip(made.t, made.x, strict=True)]
+        assert -1e-12 < min(values[0], values[-1]) < 2e-6
+        assert min(values[1:-1]) > 0.0
+
+
+@pytest.mark.slow
+def test_problems_at_the_edge_get_no_false_statement():
+    tally = truth.ask_edges(40, np.random.default_rng(107), inf)
+    assert sum(tally.asked.values()) > 30
+    assert tally.false == []
 
 
 def test_a_false_finding_is_counted(monkeypatch, capsys):
