@@ -10,13 +10,14 @@ from geometry_msgs.msg import TwistStamped, WrenchStamped
 from nav_msgs.msg import Odometry
 import numpy as np
 from numpy.typing import NDArray
-from obc_ros.msg import Command, State, Trajectory
+from obc_ros.msg import Command, Measurement, State, Trajectory
 from obc_ros.ros.conversions import read_nanoseconds, set_stamp
 from probes import Probe
 import support
 
 Array = NDArray[np.float64]
 
+SOURCES = {'state': State, 'odom': Odometry, 'measurement': Measurement}
 SINKS = {'command': Command, 'cmd_vel': TwistStamped, 'wrench': WrenchStamped}
 SILENT = 0.2   # [s] until a state is sent again
 PLANNED = 2.0  # [s] that a plan for the next state is waited for
@@ -40,9 +41,11 @@ class RobotBench:
         lqr_node or mpc_node.
     source, sink : str
         Topics of the states and the commands; `odom` takes states (px, py, theta) of a body that
-        moves in a horizontal plane.
+        moves in a horizontal plane, `measurement` what sensors measure: see `estimator`.
     period : float
         Time between two states [s].
+    estimator : dict, optional
+        Parameters of an estimator_node, with the names of the `outputs` that are measured.
     parameters
         Of the node.
 
@@ -56,25 +59,37 @@ class RobotBench:
     """
 
     def __init__(self, spawn: support.Spawner, probe: Probe, node: str, source: str, sink: str,
-                 period: float, **parameters: Any) -> None:
+                 period: float, estimator: dict[str, Any] | None = None, **parameters: Any
+                 ) -> None:
         self.probe, self.node, self.source, self.sink = probe, node, source, sink
         self.period, self.time = round(period * 1e9), 0
-        given: dict[str, Any] = {**LOCKSTEP, 'state_source': source, 'command_sink': sink}
+        self._outputs: list[str] = estimator['outputs'] if estimator else []
+        if estimator:
+            spawn('estimator_node', {'rate': 0.0, 'stamp_timeout': 0.0} | estimator)
+        given: dict[str, Any] = {**LOCKSTEP, 'state_source': 'state' if estimator else source,
+                                 'command_sink': sink}
         if node == 'mpc_node':
             # A solve may take as long as it likes: time stands still until its plan has come.
             given |= {'rate': 1.0 / period, 'deadline': PLANNED, 'plan_rate': 1e6}
         self.process = spawn(node, given | parameters)
         self.commands: list[Any] = probe.listen(SINKS[sink], sink)
         self._plans: list[Trajectory] = probe.listen(Trajectory, f'{node}/plan')
-        self._states = probe.publisher(State if source == 'state' else Odometry, source)
+        self._states = probe.publisher(SOURCES[source], source)
+        if estimator:
+            probe.wait_for(lambda: probe.node.count_subscribers('measurement')
+                           and probe.node.count_subscribers('state'), what='the estimator')
 
     def ask(self, x: Sequence[float]) -> Any:
         """Send a state (n,) until it is answered; return the message of its command."""
         message = self._make_message(x)
-        set_stamp(message.header.stamp, self.time)
-        seen = len(self.commands)
+        seen, is_again = len(self.commands), False
 
         def answered() -> Any:
+            nonlocal is_again
+            if is_again and self._outputs:   # the same measurement would give no other estimate
+                self.time += self.period
+            is_again = True
+            set_stamp(message.header.stamp, self.time)
             self._states.publish(message)
             self.probe.spin_until(lambda: self._find(seen), SILENT)
             return self._find(seen)
@@ -118,6 +133,8 @@ class RobotBench:
     def _make_message(self, x: Sequence[float]) -> Any:
         if self.source == 'state':
             return State(x=list(map(float, x)))
+        if self.source == 'measurement':
+            return Measurement(names=self._outputs, y=list(map(float, x)))
         message = Odometry(child_frame_id='base_link')
         message.header.frame_id = 'odom'
         pose = message.pose.pose

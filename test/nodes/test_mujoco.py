@@ -6,6 +6,7 @@ Loops over DDS with plants of MuJoCo, which computes contacts, constraints and i
 MuJoCo makes its steps in the test, in lockstep with the commands.
 """
 
+from collections.abc import Sequence
 import math
 import sys
 
@@ -13,6 +14,7 @@ import numpy as np
 from obc_ros.core.systems.registry import get_system
 import pytest
 from robot_bench import LANES, place_beside_lane, RobotBench, see_from_lane
+from scipy.spatial.transform import Rotation
 
 if sys.version_info >= (3, 11):
     import mujoco
@@ -104,7 +106,54 @@ dynamics:
   omega: >-
     ((M + m)*g*sin(theta) - cos(theta)*(F + m*L*omega**2*sin(theta)))/(L*(M + m*sin(theta)**2))
 input_bounds: {{F: [-20.0, 20.0]}}
+outputs: {{rail: p, tilt: theta}}
 """
+# Four rotors give a thrust along the axis of the body, and torques about its axes.
+QUADROTOR_MASS, QUADROTOR_INERTIA = 1.2, (0.012, 0.012, 0.022)
+QUADROTOR = f"""
+<mujoco>
+  <option timestep="0.002" gravity="0 0 -{GRAVITY}" integrator="RK4"/>
+  <worldbody>
+    <body name="quadrotor">
+      <freejoint/>
+      <inertial pos="0 0 0" mass="{QUADROTOR_MASS}"
+                diaginertia="{' '.join(map(str, QUADROTOR_INERTIA))}"/>
+      <site name="centre"/>
+    </body>
+  </worldbody>
+  <actuator>
+    <motor site="centre" gear="0 0 1 0 0 0"/>
+    <motor site="centre" gear="0 0 0 1 0 0"/>
+    <motor site="centre" gear="0 0 0 0 1 0"/>
+    <motor site="centre" gear="0 0 0 0 0 1"/>
+  </actuator>
+</mujoco>
+"""
+# By the equations of Newton and Euler; yaw, pitch and roll turn about z, y and x, in this order.
+QUADROTOR_SYSTEM = f"""
+name: quadrotor
+states: [px, py, pz, roll, pitch, yaw, vx, vy, vz, p, q, r]
+inputs: [thrust, tx, ty, tz]
+parameters: {{m: {QUADROTOR_MASS}, g: {GRAVITY}, jx: {QUADROTOR_INERTIA[0]},
+             jy: {QUADROTOR_INERTIA[1]}, jz: {QUADROTOR_INERTIA[2]}}}
+angles: [roll, pitch, yaw]
+dynamics:
+  px: vx
+  py: vy
+  pz: vz
+  roll: p + (q*sin(roll) + r*cos(roll))*tan(pitch)
+  pitch: q*cos(roll) - r*sin(roll)
+  yaw: (q*sin(roll) + r*cos(roll))/cos(pitch)
+  vx: thrust/m*(cos(yaw)*sin(pitch)*cos(roll) + sin(yaw)*sin(roll))
+  vy: thrust/m*(sin(yaw)*sin(pitch)*cos(roll) - cos(yaw)*sin(roll))
+  vz: thrust/m*cos(pitch)*cos(roll) - g
+  p: (tx - (jz - jy)*q*r)/jx
+  q: (ty - (jx - jz)*p*r)/jy
+  r: (tz - (jy - jx)*p*q)/jz
+input_bounds: {{thrust: [0, 24], tx: [-1, 1], ty: [-1, 1], tz: [-0.3, 0.3]}}
+"""
+SYSTEMS = {'cart_pole': CART_POLE_SYSTEM, 'quadrotor': QUADROTOR_SYSTEM}
+MODELS = {'cart_pole': CART_POLE, 'aircraft': AIRCRAFT % MASS}
 
 
 class Body:
@@ -151,17 +200,31 @@ class Car:
         mujoco.mj_step(self.model, self.data, STEPS)
 
 
-@pytest.mark.parametrize('plant', ['aircraft', 'cart_pole'])
+class Quadrotor(Body):
+    """A body that turns freely, its orientation a quaternion."""
+
+    def __init__(self, x0: Sequence[float]) -> None:
+        self.model = mujoco.MjModel.from_xml_string(QUADROTOR)
+        self.data = mujoco.MjData(self.model)
+        turn = Rotation.from_euler('ZYX', x0[5:2:-1]).as_quat(scalar_first=True)
+        self.data.qpos, self.data.qvel = [*x0[:3], *turn], x0[6:]
+
+    def measure(self) -> np.ndarray:
+        """Return the state (12,)."""
+        turn = Rotation.from_quat(self.data.qpos[3:], scalar_first=True).as_euler('ZYX')
+        return np.array([*self.data.qpos[:3], *turn[::-1], *self.data.qvel])
+
+
+@pytest.mark.parametrize('plant', ['aircraft', 'cart_pole', 'quadrotor'])
 def test_the_models_are_those_of_the_plants(tmp_path, plant):
     """Two derivations of the equations give the same accelerations."""
-    file = tmp_path / 'cart_pole.yaml'
-    file.write_text(CART_POLE_SYSTEM)
-    system = get_system(str(file) if plant == 'cart_pole' else plant)
-    model = CART_POLE if plant == 'cart_pole' else AIRCRAFT % MASS
+    file = tmp_path / f'{plant}.yaml'
+    file.write_text(SYSTEMS.get(plant, ''))
+    system = get_system(str(file) if plant in SYSTEMS else plant)
     random = np.random.default_rng(1)
     for _ in range(20):
         x, u = random.uniform(-1.0, 1.0, system.n), random.uniform(-5.0, 5.0, system.m)
-        body = Body(model, x.tolist())
+        body = Quadrotor(x) if plant == 'quadrotor' else Body(MODELS[plant], x.tolist())
         body.data.ctrl[:system.m] = u
         mujoco.mj_forward(body.model, body.data)
         assert system.f(x, u)[system.n // 2:] == pytest.approx(body.data.qacc, rel=1e-9, abs=1e-9)
@@ -214,3 +277,31 @@ def test_a_pole_is_balanced_on_a_cart(spawn, probe, tmp_path, node):
     body = Body(CART_POLE, [0.3, 0.2, 0.0, 0.0])
     x = bench.run(10.0, body.measure, body.move)
     assert np.abs(x[-10:, :2]).max() < NEAR
+
+
+@pytest.mark.parametrize('node', ['lqr_node', 'mpc_node'])
+def test_a_pole_is_balanced_by_its_position_and_angle(spawn, probe, tmp_path, node):
+    """The estimator finds the speeds."""
+    file = tmp_path / 'cart_pole.yaml'
+    file.write_text(CART_POLE_SYSTEM)
+    bench = RobotBench(
+        spawn, probe, node, 'measurement', 'command', PERIOD, system=str(file), u_limits=[20.0],
+        estimator={'system': str(file), 'outputs': ['rail', 'tilt'], 'sample_time': PERIOD,
+                   'Qw': [0.0, 0.0, 0.1, 0.1], 'Rv': [1e-6, 1e-6], 'x0_deviation': [0.5]},
+        **OWN[node])
+    body = Body(CART_POLE, [0.2, 0.1, 0.0, 0.0])
+    x = bench.run(10.0, lambda: body.measure()[:2], body.move)
+    assert np.abs(x[-10:]).max() < NEAR
+
+
+def test_a_quadrotor_turns_and_goes_to_its_set_point(spawn, probe, tmp_path):
+    file = tmp_path / 'quadrotor.yaml'
+    file.write_text(QUADROTOR_SYSTEM)
+    there = [1.0, -0.5, 0.5, 0.0, 0.0, 1.0, *[0.0] * 6]
+    bench = RobotBench(
+        spawn, probe, 'lqr_node', 'state', 'command', PERIOD, system=str(file), setpoint=there,
+        setpoint_input=[QUADROTOR_MASS * GRAVITY, 0.0, 0.0, 0.0], Qu=[1.0, 20.0, 20.0, 20.0],
+        u_limits=[0.0, 24.0, -1.0, 1.0, -1.0, 1.0, -0.3, 0.3])
+    body = Quadrotor([0.5, 0.0, 0.0, 0.1, -0.1, 0.5, *[0.0] * 6])
+    x = bench.run(15.0, body.measure, body.move)
+    assert np.abs(x[-10:, :6] - there[:6]).max() < NEAR
