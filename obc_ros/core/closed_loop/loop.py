@@ -342,12 +342,15 @@ class ControlLoop:
                                      'dropped')
                 return None
             self._note_order(order, restarts)
+            before, dropped = (self.x, self._seen, self._measured), self.counts['command']
             self.x, self._seen, self._measured = x, now, measured
             if not self._pace.is_due(stamp, self._next.rules.period):
                 self.counts['skipped'] += 1
                 return None
             self.due = stamp
             u = self._answer_due(stamp, x)
+            if self.counts['command'] > dropped:   # a state that has no answer is not valid
+                self.x, self._seen, self._measured = before
             if u is not None:
                 self._spoken = now
                 self.counts['answered'] += 1

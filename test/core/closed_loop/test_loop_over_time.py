@@ -187,6 +187,18 @@ def test_a_command_that_is_not_finite_leaves_nothing_behind() -> None:
     assert loop.counts['command'] == 2
 
 
+def test_states_without_a_finite_command_are_missing_states() -> None:
+    """A plant is not left with its last command for ever."""
+    loop = ControlLoop(control(gain=((10.0, 10.0),), rest=(0.5,), rules=Rules(
+        state_timeout=0.5, on_stale='equilibrium')))
+    assert loop.answer(0, [0.1, 0.0], 0.0) == [-1.0]
+    for k in range(1, 5):
+        assert loop.answer(k * S // 10, [1e308, 1e308], 0.1 * k) is None
+        assert loop.overdue(0.1 * k) is None
+    assert loop.overdue(0.5) == [0.5]
+    assert loop.x == [0.1, 0.0]
+
+
 def test_preview_returns_the_jump_without_changing_the_loop() -> None:
     """`preview` returns the change of the command and leaves the loop unchanged."""
     loop = ControlLoop(control())
