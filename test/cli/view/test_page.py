@@ -354,6 +354,8 @@ def test_space_stops_and_does_not_press_the_button_with_the_focus(site, page, na
     dark = page.evaluate('document.body.classList.contains("body--dark")')
     page.get_by_role('button', name='Stop').click()
     page.locator('.obc-stopped').wait_for()
+    # The log of earlier requests may come late.
+    site.probe.wait_for(lambda: list_requests(site)[-1:] == ['~/stop'])
     asked, revision = list_requests(site), site.designs[-1].revision
     press_keys(page, page.get_by_role('button', name=name), ' ')
     site.probe.wait_for(lambda: len(list_requests(site)) > len(asked))
