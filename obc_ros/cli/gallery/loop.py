@@ -22,7 +22,7 @@ from std_srvs.srv import Trigger
 
 RESET = 'ros2 service call /plant_simulator/reset std_srvs/srv/Trigger'
 DESIGN = 'ros2 topic echo --once /lqr_node/design obc_ros/msg/LqrDesign'
-ATTEMPTS = 4
+ATTEMPTS = 8
 PACE = {'lockstep': True, 'speed': 1e6, 'dt': 0.005}  # speed 0 would publish a /clock
 # A subscriber may fall behind for a moment: commands are queued. No state comes while the time is
 # paused: this is no outage, after which a horizon would begin anew. In lockstep the stamps are
@@ -163,7 +163,9 @@ class NodeLoop:
             pilot.wait(lambda: any(each.msg.startswith('a reference of ')
                                    for each in pilot.said[said:]), 'the reference to be taken')
         pilot.pause(False)
-        pilot.wait(lambda: pilot.states.stamp[-1] >= end and pilot.commands.stamp[-1] >= end,
+        # The last command of an earlier run is not one of this run.
+        pilot.wait(lambda: pilot.states.stamp[-1] >= end
+                   and max(pilot.commands.stamp[answered:], default=-1) >= end,
                    f't = {end * 1e-9:g} s', 60.0)
         pilot.pause(True)
         return self._recorded(begin, answered, end)
