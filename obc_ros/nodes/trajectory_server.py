@@ -87,8 +87,9 @@ class Settings:
     queue_length: int = declare_field(
         128, 'maximum number of waiting requests; others are rejected', lower=0, upper=10_000)
     scheduler: str = declare_field(
-        '', 'address of a Dask scheduler, such as tcp://host:8786, whose workers solve the '
-        'requests; empty: the processes of this node')
+        '', 'address of a Dask scheduler, such as tls://host:8786, whose workers solve the '
+        'requests and may run programs in this node: read at the start; empty: the processes of '
+        'this node', read_only=True)
     hardware_id: str = declare_field(
         '', 'hardware_id of the diagnostics; empty: the namespace, or else the name of the node')
     state_timeout: float = declare_field(
@@ -121,6 +122,7 @@ class TrajectoryServer(Node):
         self._pools = self._solvers, self._designers
         self._view = PlanView(self)
         self._adopt(self._settings.settings)
+        self._connect(self._settings.settings.scheduler)
         self._jobs: dict[bytes, tuple[Any, Job]] = {}   # with their pools
         self._asked = 0
         self._arrived: deque[tuple[Future, RequestAnswer]] = deque()
@@ -312,14 +314,15 @@ class TrajectoryServer(Node):
         self._solvers.queue_length = settings.queue_length
         self._solvers.affinities = settings.cache_size
         self._solvers.resize(settings.workers)
-        if settings.scheduler == (self._cluster.address if self._cluster else ''):
-            return
-        if self._cluster:
-            self._cluster.close()
-            self._cluster = None
-        if settings.scheduler:
+
+    def _connect(self, scheduler: str) -> None:
+        """Let a cluster solve requests, if there is one."""
+        if scheduler:
+            from obc_ros.sweep.cluster.connection import explain_exposure
             from obc_ros.sweep.cluster.requests_on_cluster import ClusterPool
-            self._cluster = ClusterPool(settings.scheduler, ANSWERS, self._solvers, self._tell)
+            if exposure := explain_exposure(scheduler):
+                self.get_logger().warning(exposure)
+            self._cluster = ClusterPool(scheduler, ANSWERS, self._solvers, self._tell)
 
     def _tell(self, sentence: str, good: bool) -> None:
         """Log that a cluster is found or lost."""

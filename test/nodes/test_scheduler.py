@@ -47,10 +47,25 @@ def test_requests_go_to_the_cluster_and_back(spawn, probe):
             process.wait()
 
 
-def test_a_malformed_address_is_refused(spawn, probe):
+def test_nobody_chooses_the_cluster_of_a_running_server(spawn, probe):
+    """What a cluster answers is unpickled: its address is the operator's."""
     spawn('trajectory_server', {'workers': 1})
-    value = ParameterValue(type=ParameterType.PARAMETER_STRING, string_value='host:8786')
     [result] = probe.call(SetParameters, f'{SERVER}/set_parameters', SetParameters.Request(
-        parameters=[Parameter(name='scheduler', value=value)])).results
-    assert not result.successful and 'tcp://host:8786' in result.reason
+        parameters=[Parameter(name='scheduler', value=ParameterValue(
+            type=ParameterType.PARAMETER_STRING, string_value='tcp://127.0.0.1:8786'))])).results
+    assert not result.successful
+    assert 'read-only' in result.reason
+    assert probe.get_parameters(SERVER, 'scheduler')['scheduler'] == ''
     assert solve(probe).status == 'solved'
+
+
+def test_a_malformed_address_is_refused(spawn):
+    server = spawn('trajectory_server', {'workers': 1, 'scheduler': 'host:8786'})
+    assert server.wait() == 1
+    assert 'tcp://host:8786' in server.output()
+
+
+def test_an_open_connection_is_said_in_the_log(spawn):
+    """192.0.2.0/24 is for documentation: nobody answers there."""
+    server = spawn('trajectory_server', {'workers': 1, 'scheduler': 'tcp://192.0.2.1:8786'})
+    server.wait_for_output('can run programs on this machine; use tls://')

@@ -6,7 +6,7 @@ from contextlib import contextmanager
 
 from dask_cluster import Cluster, free_port
 from obc_ros.core.text.errors import ObcError, StatementError
-from obc_ros.sweep.cluster.connection import check_address, connect
+from obc_ros.sweep.cluster.connection import check_address, connect, explain_exposure
 from obc_ros.sweep.cluster.versions import check_versions, tell_version
 from obc_ros.sweep.dataset import write_dataset
 from obc_ros.sweep.sweep import sweep
@@ -89,6 +89,14 @@ def test_a_malformed_address_is_refused(address):
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize(('address', 'is_open'), [
+    ('tcp://127.0.0.1:8786', False), ('tcp://localhost:8786', False), ('tcp://[::1]:8786', False),
+    ('tls://host:8786', False), ('tcp://host:8786', True), ('tcp://10.0.0.2:8786', True),
+    ('ws://localhost.example:8786', True)])
+def test_an_open_connection_to_another_machine_is_said(address, is_open):
+    assert ('use tls://' in explain_exposure(address)) is is_open
+
+
 def test_an_address_without_a_scheduler_is_an_error_in_words():
     with pytest.raises(ObcError, match='no scheduler answers at tcp://127.0.0.1'):
         connect(f'tcp://127.0.0.1:{free_port()}')

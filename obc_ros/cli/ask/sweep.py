@@ -16,6 +16,7 @@ from obc_ros.cli.console.tables import print_table
 from obc_ros.core.text.errors import DynamicsError, ObcError, quote, StatementError
 from obc_ros.core.text.example_files import choose_file
 from obc_ros.sweep.axes import make_axes, make_draws, parse_axes, parse_draws
+from obc_ros.sweep.cluster.connection import explain_exposure
 from obc_ros.sweep.sweep import (
     choose_workers,
     CHUNK,
@@ -53,7 +54,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--resume', action='store_true',
                         help='go on with the sweep in DIR, which has the same arguments')
     parser.add_argument('--scheduler', metavar='ADDRESS', default='',
-                        help='Dask scheduler, as tcp://host:8786 (default: processes of this '
+                        help='Dask scheduler, as tls://host:8786 (default: processes of this '
                              f'machine, through Dask if it is installed; {WITHOUT_DASK}: '
                              'without Dask)')
     parser.add_argument('--workers', metavar='N', type=int, default=0,
@@ -78,6 +79,9 @@ def run(args: argparse.Namespace) -> int:
     except (StatementError, DynamicsError) as error:
         print(f'obc sweep: {error}', file=sys.stderr)
         return 2
+    if args.scheduler not in ('', WITHOUT_DASK) and (
+            exposure := explain_exposure(args.scheduler)):
+        print(f'obc sweep: {exposure}', file=sys.stderr)
     why = _solve(sweep, workers, args.resume)
     if sweep.done:
         dataset = sweep.save()

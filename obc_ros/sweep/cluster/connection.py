@@ -3,12 +3,14 @@
 """
 The connection to a Dask cluster: one in this process, or one that runs already.
 
-Dask executes what a client sends: who can connect to a scheduler can run programs on its workers.
-A local cluster can be reached from this process only; its workers are threads, each with a solver
-process.
+Dask executes what a client sends, and a client unpickles what workers answer: who can connect to
+a scheduler can run programs on its workers and on its clients. The address is therefore the
+operator's alone; ``tls://`` takes the certificates of Dask's own configuration. A local cluster
+can be reached from this process only; its workers are threads, each with a solver process.
 """
 
 from importlib import metadata
+from ipaddress import ip_address
 import logging
 from typing import Any
 
@@ -18,6 +20,7 @@ from obc_ros.sweep.cluster.versions import check_versions, tell_version
 CONNECT_TIMEOUT = 10.0   # [s]
 LOOPBACK = '127.0.0.1:0'   # for Dask's pages about its state, which cannot be switched off
 SCHEMES = ('tcp://', 'tls://', 'ws://', 'wss://', 'ucx://')
+ENCRYPTED = ('tls://', 'wss://')
 
 
 def has_dask() -> bool:
@@ -51,7 +54,33 @@ def check_address(address: str) -> None:
                              'tcp://host:8786')
 
 
-def connect(address: str) -> Any:
+def explain_exposure(address: str) -> str:
+    """
+    Return who could run programs here through a scheduler.
+
+    Parameters
+    ----------
+    address : str
+        As accepted by `check_address`.
+
+    Returns
+    -------
+    str
+        Empty: the connection is encrypted, or does not leave this machine.
+
+    """
+    host = address.partition('://')[2].rpartition(':')[0].strip('[]')
+    try:
+        is_here = host == 'localhost' or ip_address(host).is_loopback
+    except ValueError:   # a name
+        is_here = False
+    if is_here or address.startswith(ENCRYPTED):
+        return ''
+    return (f'the connection to the cluster {quote(address)} is not encrypted: whoever can reach '
+            'its scheduler or its network can run programs on this machine; use tls://')
+
+
+def connect(address: str, patience: float = CONNECT_TIMEOUT) -> Any:
     """
     Return a client of a running cluster.
 
@@ -59,6 +88,8 @@ def connect(address: str) -> Any:
     ----------
     address : str
         Of the scheduler.
+    patience : float
+        Time in which it must answer [s].
 
     Raises
     ------
@@ -72,8 +103,8 @@ def connect(address: str) -> Any:
     distributed = _import_distributed()
     logging.getLogger('distributed.client').setLevel(logging.CRITICAL)   # errors say the same
     try:
-        client = distributed.Client(address, timeout=CONNECT_TIMEOUT, set_as_default=False)
-    except (OSError, TimeoutError, ValueError) as error:
+        client = distributed.Client(address, timeout=patience, set_as_default=False)
+    except (OSError, TimeoutError, ValueError, TypeError) as error:   # TypeError: no certificates
         raise ObcError(f'no scheduler answers at {quote(address)}: '
                        f'{quote(" ".join(str(error).split()), 200)}') from None
     try:

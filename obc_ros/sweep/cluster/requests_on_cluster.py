@@ -20,7 +20,7 @@ from obc_ros.sweep.cluster.connection import check_address, connect
 from obc_ros.sweep.cluster.tasks import cancel_request, handle_request
 from obc_ros.workers.pool import GRACE, Job, Pool, RequestAnswer, RequestOutcome
 
-RETRY = 3.0     # [s] between two attempts to connect
+RETRY = 3.0     # [s] between two attempts to connect, and for each: it may not hold up an end
 CHECK = 0.05    # [s] between two looks at requests and connection
 ENDING = 0.5    # [s] in which the cluster must answer a cancelled or late request
 CLOSING = 2.0   # [s] that `close` waits for the connection to end
@@ -133,7 +133,7 @@ class ClusterPool:
         """Connect, and connect again, until closed."""
         while not self._closed.is_set():
             try:
-                self._client = connect(self.address)
+                self._client = connect(self.address, RETRY)
                 self._client.subscribe_topic('obc-progress', self._report)
             except (ObcError, OSError, TimeoutError) as error:
                 self._lose(str(error))
