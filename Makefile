@@ -102,17 +102,20 @@ clean: ## remove what was built and installed
 	rm -rf .venv .venv-docs .venv-kilted .venv-pure build install log *.egg-info .hypothesis .mypy_cache \
 		.pytest_cache .ruff_cache
 
-$(BIN)/python:
+# An environment that was interrupted while it was made has no pip: it is made anew.
+$(VENV)/.environment:
 	@echo 'obc_ros: virtual environment $(VENV)'
-	@$(PYTHON) -m venv $(VENV)
+	@$(BIN)/python -m pip --version > /dev/null 2>&1 || \
+		$(PYTHON) -m venv $(if $(wildcard $(VENV)/pyvenv.cfg),--clear) $(VENV)
+	@touch $@
 
-$(VENV)/.requirements: $(REQUIRED) | $(BIN)/python
+$(VENV)/.requirements: $(REQUIRED) | $(VENV)/.environment
 	@$(SHOWN) 'ROS 2 $(DISTRO) and pinned packages into $(VENV) (a minute or two)' \
 		$(PIP) install --progress-bar off $(addprefix -r ,$(REQUIRED))
 	@touch $@
 
 .venv-pure/.requirements: $(TESTED)
-	@$(PYTHON) -m venv .venv-pure
+	@$(PYTHON) -m venv --clear .venv-pure
 	@$(PYTHON) requirements/progress.py 'pinned packages into .venv-pure (a minute or two)' \
 		.venv-pure/bin/python -m pip --disable-pip-version-check install --progress-bar off \
 		$(addprefix -r ,$^)
@@ -120,7 +123,7 @@ $(VENV)/.requirements: $(REQUIRED) | $(BIN)/python
 
 .venv-docs/.requirements: requirements/docs.txt
 	@echo 'obc_ros: Sphinx into .venv-docs'
-	@$(PYTHON) -m venv .venv-docs
+	@$(PYTHON) -m venv --clear .venv-docs
 	@.venv-docs/bin/python -m pip --disable-pip-version-check -qq install -r $<
 	@touch $@
 

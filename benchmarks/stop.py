@@ -4,8 +4,9 @@
 Time from a request of ``~/stop`` to the input at rest and to the response, over DDS.
 
 Both controllers are stopped during each request that takes long: a change of weights, a trial
-design, suggested weights, a reference of many samples, an activation. ``--stops N`` sets how often
-each is stopped. The figures are those of this machine under its present load.
+design, suggested weights, a reference of many samples, an activation; and, as the floor, during
+none. ``--stops N`` sets how often each is stopped. The figures are those of this machine under its
+present load.
 """
 
 from collections.abc import Callable
@@ -102,6 +103,9 @@ class Bench:
         self.spin_until(done, 'a stop')
         return (rest or response)[0] - begun, response[0] - begun
 
+    def do_nothing(self) -> None:
+        """Ask for nothing: the floor."""
+
     # Requests that take long
 
     def set_weights(self) -> Any:
@@ -145,8 +149,9 @@ def measure(name: str, stops: int, folder: Path) -> bool:
     """Measure the stops of a controller; return whether they are in time."""
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     bench, in_time = Bench(name), True
-    kinds = ['set_weights', 'activate_again'] if name == 'mpc_node' else [
-        'set_weights', 'try_design', 'suggest_weights', 'follow_reference', 'activate_again']
+    kinds = ['do_nothing', 'set_weights', *(
+        ['try_design', 'suggest_weights', 'follow_reference'] if name == 'lqr_node' else []),
+        'activate_again']
     try:
         with Children(folder) as children:
             children.start(name, '-p', 'system:=aircraft', '-p', f'u_limits:={LIMITS}', '-p',

@@ -226,7 +226,7 @@ class Children:
         log = self.log(node)
         with log.open('wb') as output:
             self._children[node] = subprocess.Popen(
-                [sys.executable, '-m', f'obc_ros.nodes.{node}', '--ros-args', *arguments],
+                [sys.executable, '-P', '-m', f'obc_ros.nodes.{node}', '--ros-args', *arguments],
                 stdin=subprocess.DEVNULL, stdout=output, stderr=subprocess.STDOUT,
                 # a session of its own: Ctrl-C reaches this command, which ends the children
                 start_new_session=True,

@@ -14,7 +14,7 @@ from collections import Counter, deque, OrderedDict
 from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass, field
-from enum import Enum
+from enum import StrEnum
 import os
 import signal
 import socket
@@ -38,11 +38,10 @@ START_TIME = 60.0  # [s] in which a worker must have started
 START_PAUSE = 1.0  # [s] before a worker that did not start is started again; doubled each time
 LONGEST_PAUSE = 60.0  # [s]
 TRIES = 3          # failed starts after which requests are answered with an error
-ENVIRONMENT = {'OMP_NUM_THREADS': '1', 'OPENBLAS_NUM_THREADS': '1', 'MKL_NUM_THREADS': '1',
-               'PYTHONSAFEPATH': '1'}
+ENVIRONMENT = {'OMP_NUM_THREADS': '1', 'OPENBLAS_NUM_THREADS': '1', 'MKL_NUM_THREADS': '1'}
 
 
-class RequestOutcome(str, Enum):
+class RequestOutcome(StrEnum):
     """How a request ended."""
 
     ANSWERED = 'answered'
@@ -363,7 +362,7 @@ class _Worker(Thread):
         with theirs, ExitStack() as undo:
             undo.callback(ours.close)
             self._process = subprocess.Popen(
-                [sys.executable, '-m', 'obc_ros.workers.process', str(theirs.fileno()),
+                [sys.executable, '-P', '-m', 'obc_ros.workers.process', str(theirs.fileno()),
                  self._pool.module, str(self._pool.memory), str(self._pool.niceness),
                  str(os.getpid())],
                 pass_fds=[theirs.fileno()], stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL,

@@ -36,7 +36,7 @@ def test_the_badges_name_what_the_workflow_runs():
         assert (badges.BADGES / f'{stem}.svg').read_text(encoding='utf-8') == (
             badges.draw_badge(*words))
         assert f'docs/badges/{stem}.svg' in README
-    assert badges.list_badges()['ros2'][1] == 'Jazzy, Kilted'
+    assert badges.list_badges()['ros2'][1] == 'Jazzy'
 
 
 def test_the_moving_picture_is_small_and_moves():

@@ -8,18 +8,13 @@ MuJoCo makes its steps in the test, in lockstep with the commands.
 
 from collections.abc import Sequence
 import math
-import sys
 
+import mujoco  # see requirements/test.txt
 import numpy as np
 from obc_ros.core.systems.registry import get_system
 import pytest
 from robot_bench import LANES, place_beside_lane, RobotBench, see_from_lane
 from scipy.spatial.transform import Rotation
-
-if sys.version_info >= (3, 11):
-    import mujoco
-else:
-    mujoco = pytest.importorskip('mujoco')   # see requirements/test.txt
 
 pytestmark = [pytest.mark.slow, pytest.mark.nodes]
 PERIOD, STEPS = 0.04, 20    # [s], of 2 ms

@@ -12,16 +12,12 @@ from pathlib import Path
 import re
 import subprocess
 import sys
+import tomllib
 from xml.etree import ElementTree
 
 import build_backend  # of requirements/
 import pytest
 from selection import imports_ros, list_imports, list_reached
-
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib
 
 ROOT = Path(__file__).resolve().parents[2]
 PROJECT = tomllib.loads((ROOT / 'pyproject.toml').read_text(encoding='utf-8'))

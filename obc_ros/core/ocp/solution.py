@@ -9,7 +9,7 @@ lam = dV/dx + nu' dpsi/dx.
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from enum import Enum
+from enum import StrEnum
 
 import numpy as np
 from obc_ros.core.numerics.arrays import Array
@@ -23,7 +23,7 @@ MAX_INTERVALS = 2000  # intervals of a mesh, default maximum
 Report = Callable[[str, int, float, float], bool]
 
 
-class Status(str, Enum):
+class Status(StrEnum):
     """How a request ended."""
 
     SOLVED = 'solved'
@@ -34,7 +34,7 @@ class Status(str, Enum):
     MALFORMED = 'malformed'
 
 
-class Condition(str, Enum):
+class Condition(StrEnum):
     """A necessary condition that a certificate holds an answer to; see `certificate`."""
 
     DYNAMICS = 'dynamics'
@@ -117,7 +117,7 @@ class Certificate:
         return self.residuals[key] / self.tolerances[key]
 
 
-class Verdict(str, Enum):
+class Verdict(StrEnum):
     """How an attempt to solve a problem, or a part of it, ended."""
 
     CERTIFIED = 'certified'           # the certificate passes

@@ -70,7 +70,7 @@ class StepLink:
             undo.callback(ours.close)
             with theirs:
                 self._process = subprocess.Popen(
-                    [sys.executable, '-m', 'obc_ros.workers.steps.step_process',
+                    [sys.executable, '-P', '-m', 'obc_ros.workers.steps.step_process',
                      str(theirs.fileno()), module, str(os.getpid()), str(priority)],
                     pass_fds=[theirs.fileno()], stdin=subprocess.DEVNULL,
                     stdout=subprocess.DEVNULL, env={**os.environ, **ENVIRONMENT})

@@ -14,7 +14,7 @@ origin is a saddle of l.
 """
 
 from dataclasses import dataclass
-from enum import Enum
+from enum import StrEnum
 from functools import cached_property
 
 import casadi as ca
@@ -24,7 +24,7 @@ from obc_ros.core.numerics.newton import take_damped_steps
 from obc_ros.core.ocp.solution import Certificate
 
 
-class KktCondition(str, Enum):
+class KktCondition(StrEnum):
     """A condition that a certificate holds a minimum of finitely many variables to."""
 
     STATIONARITY = 'stationarity'

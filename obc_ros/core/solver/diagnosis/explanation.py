@@ -23,7 +23,7 @@ sentences about searches say that nothing was proved, because a search may end a
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
-from enum import Enum
+from enum import StrEnum
 from functools import cached_property
 import math
 
@@ -82,7 +82,7 @@ class Reason:
     sentence: str
 
 
-class Situation(str, Enum):
+class Situation(StrEnum):
     """When a check is tried."""
 
     STATED = 'before a search'

@@ -4,7 +4,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from enum import Enum
+from enum import StrEnum
 
 from obc_ros.core.ocp.solution import Verdict
 from obc_ros.core.solver.adjoint.bvp_solution import BoundaryValues
@@ -13,7 +13,7 @@ from obc_ros.core.solver.trace import judge_path
 from obc_ros.core.solver.transcription.program import TranscriptionOutcome
 
 
-class DescentStage(str, Enum):
+class DescentStage(StrEnum):
     """When in a search an improvement is tried."""
 
     COARSE = 'on the best coarse outcome'

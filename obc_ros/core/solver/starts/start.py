@@ -4,7 +4,7 @@
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from enum import Enum
+from enum import StrEnum
 
 import numpy as np
 from obc_ros.core.ocp.solution import Verdict
@@ -14,7 +14,7 @@ from obc_ros.core.solver.transcription.mesh import Path
 from obc_ros.core.solver.transcription.program import TranscriptionOutcome
 
 
-class StartStage(str, Enum):
+class StartStage(StrEnum):
     """When in a search a start is tried."""
 
     FIRST_OUTCOME = 'after the first initial guess'
