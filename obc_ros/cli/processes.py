@@ -160,7 +160,7 @@ def isolate(domain: int) -> None:
     Parameters
     ----------
     domain : int
-        Value of ROS_DOMAIN_ID; discovery is set to LOCALHOST.
+        Value of ROS_DOMAIN_ID.
 
     """
     os.environ.update(ONE_THREAD)

@@ -9,6 +9,10 @@ With the profile in the folder of this module announcements are 1 s apart. A wri
 shared memory continues to write to the memory of a killed process until a watchdog has looked
 twice, for 1 to 3 s. With the profile a node receives by UDP, which is as fast for messages of
 this size.
+
+With ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST the middleware still opens its ports on all
+interfaces. Another profile then opens them on the loopback interface only, and the range is left
+to it: otherwise the middleware adds a transport of its own.
 """
 
 from collections.abc import Mapping
@@ -17,6 +21,8 @@ import os
 from pathlib import Path
 
 PROFILE = Path(__file__).with_name('fastdds.xml')
+LOOPBACK = Path(__file__).with_name('fastdds_localhost.xml')
+RANGE, PEERS = 'ROS_AUTOMATIC_DISCOVERY_RANGE', 'ROS_STATIC_PEERS'
 FILES = ('DEFAULT_FASTRTPS_PROFILES.xml', 'DEFAULT_FASTDDS_PROFILES.xml')  # in a working folder
 VARIABLES = ('FASTRTPS_DEFAULT_PROFILES_FILE', 'FASTDDS_DEFAULT_PROFILES_FILE')  # of 2.x, of 3.x
 WISHES = (*VARIABLES, 'FASTDDS_BUILTIN_TRANSPORTS')
@@ -24,15 +30,22 @@ KILTED = 9  # major version of rclpy in Kilted, whose Fast DDS 3 warns of the ol
 
 
 def find_profile(environment: Mapping[str, str], folder: Path) -> dict[str, str]:
-    """Return the variable that names the profile; none if the user has chosen another."""
-    if any(name in environment for name in WISHES) or any(
+    """Return the variables that choose a profile; none if the user has chosen another."""
+    ours = str(PROFILE), str(LOOPBACK)   # chosen by the command that has started this process
+    if any(environment.get(name, ours[0]) not in ours for name in WISHES) or any(
             (folder / name).exists() for name in FILES):
         return {}
     try:
         version = int(metadata.version('rclpy').partition('.')[0])
     except metadata.PackageNotFoundError:   # no metadata of rclpy: the distribution is unknown
         return {}
-    return {VARIABLES[version >= KILTED]: str(PROFILE)}
+    variable = VARIABLES[version >= KILTED]
+    is_here = environment.get(RANGE) == 'LOCALHOST' and not environment.get(PEERS)
+    is_left = (environment.get(RANGE), environment.get(variable)) == (
+        'SYSTEM_DEFAULT', str(LOOPBACK))   # by that command
+    if is_here or is_left:
+        return {variable: str(LOOPBACK), RANGE: 'SYSTEM_DEFAULT'}
+    return {variable: str(PROFILE)}
 
 
 def choose_profile() -> None:

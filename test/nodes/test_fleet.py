@@ -156,8 +156,10 @@ def test_a_fleet_starts_a_loop_for_each_vehicle() -> None:
 
 
 @pytest.mark.parametrize('file', FILES)
-def test_discovery_is_restricted_to_this_machine_by_default(file: str) -> None:
+def test_discovery_is_restricted_to_this_machine_by_default(
+        file: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Other machines of the network do not discover the nodes."""
+    monkeypatch.delenv('ROS_AUTOMATIC_DISCOVERY_RANGE')
     for options, wanted in (({}, 'LOCALHOST'), ({'discovery_range': 'SUBNET'}, 'SUBNET')):
         for each in nodes(file, **options):
             assert each.environment == {'ROS_AUTOMATIC_DISCOVERY_RANGE': wanted}

@@ -10,6 +10,7 @@ import numpy as np
 from obc_ros.core.ocp.solution import Status
 from obc_ros.core.ocp.statement import build_problem
 from obc_ros.core.solver.solve import solve
+from obc_ros.core.text.expressions import parse_number
 import pytest
 import truth  # of benchmarks/
 
@@ -64,7 +65,8 @@ def test_paths_at_the_edge_meet_their_constraints():
     for _ in range(20):
         made = _edges.touching(rng)
         names, row = [*made.mapping['states'], 't'], made.mapping['path_constraints'][-1]
-        values = [eval(row['expr'], dict(zip(names, [*x, t], strict=True))) - row['lower']
+        values = [parse_number(row['expr'], dict(zip(names, [*x, t], strict=True)), 'row')
+                  - row['lower']
                   for t, x in zip(made.t, made.x, strict=True)]
         assert -1e-12 < min(values[0], values[-1]) < 2e-6
         assert min(values[1:-1]) > 0.0
