@@ -93,6 +93,39 @@ def test_only_pages_of_this_machine_are_served(kind, headers, served):
     assert status == (0 if served else {'http': 403, 'websocket': 1008}[kind])
 
 
+@pytest.mark.parametrize('headers', [
+    {'host': '[::1'}, {'host': '127.0.0.1]:8080'}, {'host': '[x]:8080'},
+    {'host': '127.0.0.1:8080', 'origin': 'http://[::1'},
+    {'host': '127.0.0.1:8080', 'origin': 'http://]'}])
+@pytest.mark.parametrize('token', ['', 'x'])
+def test_a_malformed_host_or_origin_is_answered_with_400(headers, token):
+    if token and 'origin' not in headers:
+        headers = {**headers, 'origin': 'http://['}
+    assert ask(Gate(application, token), **headers)[0] == 400
+    assert ask(Gate(application, token), 'websocket', **headers)[0] == 1008
+
+
+async def answer_briefly(scope: Any, receive: Any, send: Any) -> None:
+    """Answer every request."""
+    await send({'type': 'http.response.start', 'status': 200, 'headers': [(b'x', b'y')]})
+    await send({'type': 'http.response.body', 'body': b''})
+
+
+@pytest.mark.parametrize(('host', 'status'), [('localhost', 200), ('evil.example', 403)])
+def test_no_page_may_frame_an_answer(host, status):
+    found, headers = ask(Gate(answer_briefly), host=host)
+    assert found == status
+    assert headers['content-security-policy'] == "frame-ancestors 'none'"
+    assert headers['x-frame-options'] == 'DENY'
+
+
+@pytest.mark.parametrize(('host', 'address'), [
+    ('::1', 'http://[::1]:8080/'), ('127.0.0.1', 'http://127.0.0.1:8080/'),
+    ('localhost', 'http://localhost:8080/')])
+def test_an_ipv6_address_has_brackets(host, address):
+    assert command.format_address(host, 8080) == address
+
+
 def test_another_address_asks_for_the_token():
     token = make_token()
     gate, host = Gate(application, token), {'host': 'robot:8080'}
