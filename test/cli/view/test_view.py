@@ -267,6 +267,17 @@ def test_a_recorded_design_whose_arrays_do_not_fit_is_left_out(tmp_path):
     assert playback.take_frame().cost == pytest.approx(4 * good.p[0])
 
 
+def test_a_design_with_integrals_is_shown(tmp_path):
+    """It has a pole for each integral, beyond those of the states."""
+    design = design_of('double_integrator', [1.0, 1.0], [1.0])
+    for name in ('poles_real', 'poles_imag', 'damping'):
+        setattr(design, name, [*getattr(design, name), -1.0])
+    playback = Playback(record(tmp_path / 'a.mcap', [[0.0, 0.0], [1.0, 0.0]], others=[
+        (0, '/lqr_node/design', design)]))
+    playback.take_frame()
+    assert list(playback.design.poles_real) == list(design.poles_real)
+
+
 @pytest.mark.nodes
 def test_no_message_ends_the_client_of_the_loop(domain, probe, monkeypatch):
     monkeypatch.setenv('ROS_DOMAIN_ID', str(domain))
