@@ -466,6 +466,18 @@ def test_a_switching_function_tells_where_an_input_is_at_its_bounds():
         u[np.abs(values) > 1e-9, 0])).all()
 
 
+@pytest.mark.parametrize('change', [
+    {'system': 'plant_of_a_file'}, {'path_constraints': ['v - 1']},
+    {'state_bounds': [NamedBounds(name='v', lower='-1', upper='1')]}])
+def test_no_switching_function_where_the_request_does_not_tell_it(change):
+    """A plant of the server's files is not known here; constraints add multipliers to dH/du."""
+    x, u, lam, t = solve_double_integrator()
+    asked = {'system': 'double_integrator', 'start': [0.0, 0.0], 'goal': [1.0, 0.0],
+             'objective': 'time', 'input_bounds': [NamedBounds(name='u', lower='-1', upper='1')]}
+    path = Trajectory(t=t, x=np.ravel(x), u=np.ravel(u), lam=np.ravel(lam))
+    assert compute_switching(PlanMotion.Request(**{**asked, **change}), path) == {}
+
+
 def solve_double_integrator():
     """Return the path from (0, 0) to (1, 0) in minimum time for |u| <= 1, in closed form."""
     t = np.linspace(0.0, 2.0, 41)
