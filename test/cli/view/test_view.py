@@ -393,6 +393,27 @@ def test_what_is_no_recording_is_rejected(tmp_path, contents, why):
         Playback(file)
 
 
+def test_a_recording_with_a_flipped_byte_plays_or_is_rejected_in_words(tmp_path):
+    design = design_of('double_integrator', [1.0, 1.0], [1.0])
+    plan = Trajectory(state_names=['px', 'v'], t=[0.0, 1.0], x=[0.0, 1.0, 2.0, 3.0])
+    file = record(tmp_path / 'a.mcap', [[0.0, 0.0], [1.0, 0.0], [2.0, 0.0]], others=[
+        (0, '/lqr_node/design', design), (1, '/reference', plan), (1, '/mpc_node/plan', plan),
+        (1, '/estimator_node/estimate', Estimate(x=[0.0, 0.0], covariance=[1.0, 0.0, 0.0, 1.0]))])
+    contents, draw = file.read_bytes(), np.random.default_rng(46)
+    for place in draw.integers(len(contents), size=300):
+        mutant = bytearray(contents)
+        mutant[place] ^= int(draw.integers(1, 256))
+        file.write_bytes(mutant)
+        try:
+            playback = Playback(file)
+        except ObcError:
+            continue
+        for moment in np.linspace(0.0, playback.duration, 5):
+            playback.seek(moment)
+            if frame := playback.take_frame():
+                frame.pack(0)
+
+
 def test_a_recording_without_states_is_rejected(tmp_path):
     with pytest.raises(ObcError, match='no messages of the topic state'):
         Playback(record(tmp_path / 'a.mcap', [[1.0]], '/other'))
