@@ -19,6 +19,8 @@ Receive = Callable[[], Awaitable[Any]]
 Send = Callable[[Any], Awaitable[None]]
 
 COOKIE = 'obc_view_token'
+NO_FRAMES = ((b'content-security-policy', b"frame-ancestors 'none'"),
+             (b'x-frame-options', b'DENY'))
 FORM = (b'<!doctype html><meta charset=utf-8><title>obc view</title>'
         b'<meta name=viewport content="width=device-width, initial-scale=1">'
         b'<form method=get><label>Token that obc view has printed: '
@@ -42,16 +44,21 @@ class Gate:
         self._app, self._token = app, token
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Serve a request, or answer it with 403."""
+        """Serve a request, or answer it with 400 or 403."""
         if scope['type'] not in ('http', 'websocket'):
             await self._app(scope, receive, send)
             return
         headers = {key.lower().decode('latin-1'): value.decode('latin-1')
                    for key, value in scope['headers']}
-        if not self._is_own(headers):
+        try:
+            is_own = self._is_own(headers)
+        except ValueError:   # of urlsplit, such as for a bracket that is not closed
+            await _reject(scope, send, b'the header Host or Origin is malformed', 400)
+            return
+        if not is_own:
             await _reject(scope, send, b'this page is served to its own address only')
         elif not self._token or _has_cookie(headers, self._token):
-            await self._app(scope, receive, send)
+            await self._app(scope, receive, _forbid_frames(send))
         elif scope['type'] == 'http' and self._gives_token(scope):
             await _admit(send, self._token)
         else:
@@ -83,12 +90,22 @@ async def _admit(send: Send, token: str) -> None:
     await send({'type': 'http.response.body', 'body': b''})
 
 
-async def _reject(scope: Scope, send: Send, body: bytes) -> None:
+def _forbid_frames(send: Send) -> Send:
+    """Return a sender that adds the headers against other pages that frame this one."""
+    async def send_with_headers(event: Any) -> None:
+        if event['type'] == 'http.response.start':
+            event = {**event, 'headers': [*event.get('headers', ()), *NO_FRAMES]}
+        await send(event)
+    return send_with_headers
+
+
+async def _reject(scope: Scope, send: Send, body: bytes, status: int = 403) -> None:
     if scope['type'] == 'websocket':
         await send({'type': 'websocket.close', 'code': 1008})
         return
-    await send({'type': 'http.response.start', 'status': 403, 'headers': [
-        (b'content-type', b'text/html; charset=utf-8'), (b'cache-control', b'no-store')]})
+    await send({'type': 'http.response.start', 'status': status, 'headers': [
+        (b'content-type', b'text/html; charset=utf-8'), (b'cache-control', b'no-store'),
+        *NO_FRAMES]})
     await send({'type': 'http.response.body', 'body': body})
 
 

@@ -85,6 +85,11 @@ def check_port(host: str, port: int) -> None:
                            'choose another with --port') from error
 
 
+def format_address(host: str, port: int) -> str:
+    """Return the address of the page; one of IPv6 has brackets."""
+    return f'http://[{host}]:{port}/' if ':' in host else f'http://{host}:{port}/'
+
+
 def open_source(args: argparse.Namespace, stack: ExitStack) -> tuple[Any, str, bool]:
     """Return what is shown, the title, and whether pages may control it."""
     from obc_ros.cli.view.loop_client import LoopClient
@@ -181,7 +186,7 @@ def serve(source: Any, title: str, controls: bool, args: argparse.Namespace) -> 
     viewer = Viewer(source, Helm(controls), title)
     ui.page('/', title=f'obc view: {title}')(viewer.build)
     app.add_middleware(Gate, token=token)
-    address = f'http://{args.host}:{args.port}/' + (f'?token={token}' if token else '')
+    address = format_address(args.host, args.port) + (f'?token={token}' if token else '')
     print(f'obc view: {address}   (Ctrl-C ends it)', flush=True)
     gc.collect()
     gc.freeze()   # a later collection skips the objects of the start, and is shorter

@@ -211,20 +211,6 @@ class LoopClient:
         """Return the lines of the log with numbers above `after`."""
         return [each for each in tuple(self._lines) if each[0] > after]
 
-    def count_lines(self) -> int:
-        """Return the number of the last line of the log."""
-        return self._numbered
-
-    async def wait_for_line(self, node: str, word: str, after: int, timeout: float) -> str:
-        """Return the next line of a node with a word; empty if there is none in `timeout` [s]."""
-        deadline = time.monotonic() + timeout
-        while time.monotonic() < deadline:
-            for _, line in self.list_lines(after):
-                if re.search(rf'[ .]{node}: ', line) and word in line:
-                    return line.partition(' ')[2]
-            await asyncio.sleep(0.05)
-        return ''
-
     def _run(self) -> None:
         due = time.monotonic()
         while self._running:

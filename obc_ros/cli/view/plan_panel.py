@@ -21,13 +21,13 @@ from obc_ros.cli.view.telemetry import Plant
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.ocp.statement import build_problem
 from obc_ros.core.solver.motion_planning import Motion, state_motion
+from obc_ros.core.systems.registry import list_systems
 from obc_ros.core.text.errors import ObcError
 from obc_ros.msg import Trajectory
 from obc_ros.ros.messages import read_message_bounds
 from obc_ros.srv import PlanMotion
 
 LIMIT = 30.0     # [s] for a plan
-REPLY = 10.0     # [s] in which lqr_node accepts or rejects it
 GOALS = {'quadratic': 'quadratic cost', 'effort': 'minimum effort', 'time': 'minimum time'}
 
 
@@ -107,14 +107,9 @@ class PlanPanel:
             objective=str(self._objective.value), final_time=float(self._time.value or 0.0)
             if self._objective.value != 'time' else 0.0, time_limit=LIMIT)
         try:
-            said = self._client.count_lines()
             answer = await self._client.call(
                 PlanMotion, 'trajectory_server/plan', request, LIMIT + 10.0)
             await self._show(answer, request)
-            if execute and answer.success:
-                self._message.text = await self._client.wait_for_line(
-                    'lqr_node', 'reference', said, REPLY) or (
-                    f'lqr_node has not answered the plan within {REPLY:g} s')
         except ObcError as error:
             self._message.text = str(error)
         finally:
@@ -153,7 +148,9 @@ class PlanPanel:
 
 def compute_switching(request: PlanMotion.Request, path: Trajectory) -> dict[str, Array]:
     """
-    Return the switching functions of a plan, by input.
+    Return the switching functions of a plan, by input; none where the request does not tell them.
+
+    They take the dynamics of the registered system and no multipliers of constraints.
 
     Parameters
     ----------
@@ -163,6 +160,9 @@ def compute_switching(request: PlanMotion.Request, path: Trajectory) -> dict[str
         The answer; its start and its final time are those of the problem.
 
     """
+    if request.system not in list_systems() or request.system_parameters or (
+            request.state_bounds or request.path_constraints):
+        return {}
     x, u, lam = (np.reshape(each, (len(path.t), -1)) for each in (path.x, path.u, path.lam))
     problem = build_problem(state_motion(Motion(
         request.system, x[0], request.goal, request.objective, Qx=request.qx, Qu=request.qu,

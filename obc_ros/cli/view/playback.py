@@ -4,6 +4,7 @@
 
 from bisect import bisect_right
 from pathlib import Path
+import struct
 import time
 from typing import Any
 
@@ -22,9 +23,13 @@ from obc_ros.cli.view.telemetry import (
 from obc_ros.core.text.errors import ObcError
 from obc_ros.msg import Command, Estimate, LqrDesign, State, Trajectory
 from rclpy.serialization import deserialize_message
+from zstandard import ZstdError
 
 KINDS = {'state': State, 'command': Command, 'design': LqrDesign, 'reference': Trajectory,
          'plan': Trajectory, 'estimate': Estimate}
+# What mcap and the decoders of chunks and messages raise for bytes that are not theirs.
+FAULTS = (McapError, RuntimeError, EOFError, ValueError, LookupError, ArithmeticError, MemoryError,
+          TypeError, AttributeError, AssertionError, OSError, struct.error, ZstdError)
 SAMPLES = 60         # of a prediction
 LARGEST = 2 * 10**9  # bytes of a file
 
@@ -71,7 +76,7 @@ class Playback:
                         if name != 'design' or fits_names(found):
                             self._rows[name].append(found)
                             self._times[name].append(1e-9 * message.log_time)
-        except (McapError, RuntimeError, EOFError) as error:
+        except FAULTS as error:
             raise ObcError(f'{file} is not a recording of a loop: {error}') from error
 
     def _describe(self) -> Plant:

@@ -193,12 +193,12 @@ def keep_finite(values: Sequence[float]) -> list[float | None]:
 
 def fits_names(design: LqrDesign) -> bool:
     """Return whether the arrays of a design have the sizes that its names require."""
-    n, m = len(design.state_names), len(design.input_names)
-    sizes = {'xe': n, 'ue': m, 'a': n * n, 'b': n * m, 'k': n * m, 'p': n * n, 'poles_real': n,
-             'poles_imag': n, 'damping': n, 'rise_time': n, 'phase_margin': m, 'disk_margin': m,
-             'delay_margin': m, 'peak_input': m}
-    return n > 0 and m > 0 and all(len(getattr(design, name)) == size
-                                   for name, size in sizes.items())
+    n, m, poles = len(design.state_names), len(design.input_names), len(design.poles_real)
+    sizes = {'xe': n, 'ue': m, 'a': n * n, 'b': n * m, 'k': n * m, 'p': n * n,
+             'poles_imag': poles, 'damping': poles, 'rise_time': n, 'phase_margin': m,
+             'disk_margin': m, 'delay_margin': m, 'peak_input': m}
+    return n > 0 and m > 0 and poles >= n and all(   # integrals and a delay add poles
+        len(getattr(design, name)) == size for name, size in sizes.items())
 
 
 def describe_plant(design: LqrDesign) -> Plant:

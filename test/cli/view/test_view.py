@@ -93,6 +93,39 @@ def test_only_pages_of_this_machine_are_served(kind, headers, served):
     assert status == (0 if served else {'http': 403, 'websocket': 1008}[kind])
 
 
+@pytest.mark.parametrize('headers', [
+    {'host': '[::1'}, {'host': '127.0.0.1]:8080'}, {'host': '[x]:8080'},
+    {'host': '127.0.0.1:8080', 'origin': 'http://[::1'},
+    {'host': '127.0.0.1:8080', 'origin': 'http://]'}])
+@pytest.mark.parametrize('token', ['', 'x'])
+def test_a_malformed_host_or_origin_is_answered_with_400(headers, token):
+    if token and 'origin' not in headers:
+        headers = {**headers, 'origin': 'http://['}
+    assert ask(Gate(application, token), **headers)[0] == 400
+    assert ask(Gate(application, token), 'websocket', **headers)[0] == 1008
+
+
+async def answer_briefly(scope: Any, receive: Any, send: Any) -> None:
+    """Answer every request."""
+    await send({'type': 'http.response.start', 'status': 200, 'headers': [(b'x', b'y')]})
+    await send({'type': 'http.response.body', 'body': b''})
+
+
+@pytest.mark.parametrize(('host', 'status'), [('localhost', 200), ('evil.example', 403)])
+def test_no_page_may_frame_an_answer(host, status):
+    found, headers = ask(Gate(answer_briefly), host=host)
+    assert found == status
+    assert headers['content-security-policy'] == "frame-ancestors 'none'"
+    assert headers['x-frame-options'] == 'DENY'
+
+
+@pytest.mark.parametrize(('host', 'address'), [
+    ('::1', 'http://[::1]:8080/'), ('127.0.0.1', 'http://127.0.0.1:8080/'),
+    ('localhost', 'http://localhost:8080/')])
+def test_an_ipv6_address_has_brackets(host, address):
+    assert command.format_address(host, 8080) == address
+
+
 def test_another_address_asks_for_the_token():
     token = make_token()
     gate, host = Gate(application, token), {'host': 'robot:8080'}
@@ -234,6 +267,17 @@ def test_a_recorded_design_whose_arrays_do_not_fit_is_left_out(tmp_path):
     assert playback.take_frame().cost == pytest.approx(4 * good.p[0])
 
 
+def test_a_design_with_integrals_is_shown(tmp_path):
+    """It has a pole for each integral, beyond those of the states."""
+    design = design_of('double_integrator', [1.0, 1.0], [1.0])
+    for name in ('poles_real', 'poles_imag', 'damping'):
+        setattr(design, name, [*getattr(design, name), -1.0])
+    playback = Playback(record(tmp_path / 'a.mcap', [[0.0, 0.0], [1.0, 0.0]], others=[
+        (0, '/lqr_node/design', design)]))
+    playback.take_frame()
+    assert list(playback.design.poles_real) == list(design.poles_real)
+
+
 @pytest.mark.nodes
 def test_no_message_ends_the_client_of_the_loop(domain, probe, monkeypatch):
     monkeypatch.setenv('ROS_DOMAIN_ID', str(domain))
@@ -349,6 +393,27 @@ def test_what_is_no_recording_is_rejected(tmp_path, contents, why):
         Playback(file)
 
 
+def test_a_recording_with_a_flipped_byte_plays_or_is_rejected_in_words(tmp_path):
+    design = design_of('double_integrator', [1.0, 1.0], [1.0])
+    plan = Trajectory(state_names=['px', 'v'], t=[0.0, 1.0], x=[0.0, 1.0, 2.0, 3.0])
+    file = record(tmp_path / 'a.mcap', [[0.0, 0.0], [1.0, 0.0], [2.0, 0.0]], others=[
+        (0, '/lqr_node/design', design), (1, '/reference', plan), (1, '/mpc_node/plan', plan),
+        (1, '/estimator_node/estimate', Estimate(x=[0.0, 0.0], covariance=[1.0, 0.0, 0.0, 1.0]))])
+    contents, draw = file.read_bytes(), np.random.default_rng(46)
+    for place in draw.integers(len(contents), size=300):
+        mutant = bytearray(contents)
+        mutant[place] ^= int(draw.integers(1, 256))
+        file.write_bytes(mutant)
+        try:
+            playback = Playback(file)
+        except ObcError:
+            continue
+        for moment in np.linspace(0.0, playback.duration, 5):
+            playback.seek(moment)
+            if frame := playback.take_frame():
+                frame.pack(0)
+
+
 def test_a_recording_without_states_is_rejected(tmp_path):
     with pytest.raises(ObcError, match='no messages of the topic state'):
         Playback(record(tmp_path / 'a.mcap', [[1.0]], '/other'))
@@ -420,6 +485,18 @@ def test_a_switching_function_tells_where_an_input_is_at_its_bounds():
     assert np.allclose(values, lam[:, 1], atol=1e-12)
     assert (np.sign(values[np.abs(values) > 1e-9]) == -np.sign(
         u[np.abs(values) > 1e-9, 0])).all()
+
+
+@pytest.mark.parametrize('change', [
+    {'system': 'plant_of_a_file'}, {'path_constraints': ['v - 1']},
+    {'state_bounds': [NamedBounds(name='v', lower='-1', upper='1')]}])
+def test_no_switching_function_where_the_request_does_not_tell_it(change):
+    """A plant of the server's files is not known here; constraints add multipliers to dH/du."""
+    x, u, lam, t = solve_double_integrator()
+    asked = {'system': 'double_integrator', 'start': [0.0, 0.0], 'goal': [1.0, 0.0],
+             'objective': 'time', 'input_bounds': [NamedBounds(name='u', lower='-1', upper='1')]}
+    path = Trajectory(t=t, x=np.ravel(x), u=np.ravel(u), lam=np.ravel(lam))
+    assert compute_switching(PlanMotion.Request(**{**asked, **change}), path) == {}
 
 
 def solve_double_integrator():
