@@ -65,8 +65,8 @@ def read_yaml(path: str | Path) -> Any:
     Raises
     ------
     StatementError
-        If the file cannot be read, is longer than ``MAX_BYTES``, also with its aliases expanded, is
-        not YAML, or has a key twice.
+        If the file cannot be read, is longer than ``MAX_BYTES`` (also with its aliases
+        expanded), is not YAML, or has a key twice.
 
     """
     try:
