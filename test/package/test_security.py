@@ -11,13 +11,12 @@ import time
 from typing import Any
 from xml.etree import ElementTree
 
-from obc_ros.cli.processes import Children, isolate
+from obc_ros.cli.processes import isolate
 from obc_ros.core.ocp import statement
 from obc_ros.core.text import yaml_files
 from obc_ros.core.text.errors import StatementError
 from obc_ros.ros.middleware import LOOPBACK, VARIABLES
 import pytest
-from support import wait_for
 
 ROOT = Path(__file__).resolve().parents[2]
 POLICY = ROOT / 'security' / 'policy.xml'
@@ -155,44 +154,6 @@ def test_processes_do_not_import_from_the_current_folder():
     assert [str(path.relative_to(ROOT)) for folder in ('benchmarks', 'launch', 'obc_ros')
             for path in (ROOT / folder).rglob('*.py')
             if started.search(path.read_text(encoding='utf-8'))] == []
-
-
-@pytest.fixture
-def hostile_folder(tmp_path, monkeypatch):
-    """Stand in a folder with modules that write `mark` when they are imported."""
-    folder = tmp_path / 'hostile'
-    folder.mkdir()
-    for name in ('casadi', 'json', 'numpy', 'queue', 'random', 'rclpy', 'scipy', 'signal',
-                 'socket', 'yaml'):
-        (folder / f'{name}.py').write_text(
-            f"with open({str(folder / 'mark')!r}, 'a') as file:\n    file.write(__name__)\n"
-            'raise SystemExit(1)\n')
-    monkeypatch.chdir(folder)
-    return folder
-
-
-@pytest.mark.slow
-def test_a_worker_imports_nothing_of_the_current_folder(hostile_folder):
-    pool = Pool('obc_ros.workers.solving', 1)
-    try:
-        wait_for(lambda: len(pool.pids) == 1 or (hostile_folder / 'mark').exists())
-    finally:
-        pool.close()
-    assert not (hostile_folder / 'mark').exists()
-
-
-@pytest.mark.nodes
-@pytest.mark.parametrize('node', ['estimator_node', 'lqr_node', 'mpc_node', 'plant_simulator',
-                                  'trajectory_server'])
-def test_a_node_imports_nothing_of_the_current_folder(
-        hostile_folder, tmp_path, node, domain, monkeypatch):
-    monkeypatch.setenv('ROS_DOMAIN_ID', str(domain))
-    with Children(tmp_path / 'log') as children:
-        children.start(node, '-p', 'no_such_parameter:=1')
-        log = children.log(node)
-        wait_for(lambda: 'no_such_parameter' in log.read_text() or
-                 (hostile_folder / 'mark').exists())
-    assert not (hostile_folder / 'mark').exists()
 
 
 def test_aliases_are_counted_before_anything_is_built(tmp_path):

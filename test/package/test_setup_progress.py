@@ -44,15 +44,3 @@ def test_every_long_stage_of_the_setup_shows_progress() -> None:
     stages = re.findall(r'^\t@(\$\(SHOWN\)|.*\$\(PIP\))', setup, re.MULTILINE)
     assert stages == ['$(SHOWN)', '$(SHOWN)']
     assert 'half a minute' not in recipe
-
-
-@pytest.mark.slow
-def test_an_interrupted_environment_is_made_anew(tmp_path: Path) -> None:
-    """It has a Python, but no pip: `venv` was killed while it installed it."""
-    folder = tmp_path / 'environment'
-    subprocess.run([sys.executable, '-m', 'venv', '--without-pip', folder], check=True)
-    (folder / 'bin' / 'activate').unlink()
-    subprocess.run(['make', '-C', ROOT, f'VENV={folder}', f'PYTHON={sys.executable}',
-                    folder / 'bin' / 'activate'], check=True, capture_output=True)
-    subprocess.run([folder / 'bin' / 'python', '-m', 'pip', '--version'], check=True,
-                   capture_output=True)
