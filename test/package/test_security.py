@@ -157,7 +157,7 @@ def test_processes_do_not_import_from_the_current_folder():
 
 
 def test_aliases_are_counted_before_anything_is_built(tmp_path):
-    """Nine lists of nine aliases stand for 10**9 numbers."""
+    """Eight lists of ten aliases, one in the other, stand for 10**9 numbers."""
     path = tmp_path / 'bomb.yaml'
     lists = [f'  a{k}: &a{k} [{", ".join([f"*a{k - 1}"] * 10)}]' for k in range(1, 9)]
     path.write_text('\n'.join(['parameters:', f'  a0: &a0 [{", ".join("1" * 10)}]', *lists]))
