@@ -127,7 +127,8 @@ def loop(wire: bool, **environment: str) -> Iterator[tuple[_hosts.Network, Watch
     network = _hosts.Network(3, wire)
     # no shared memory: these hosts share /dev/shm
     os.environ.update(environment, FASTDDS_BUILTIN_TRANSPORTS='UDPv4')
-    processes = [network.start(host, [sys.executable, '-m', f'obc_ros.nodes.{node}', '--ros-args',
+    processes = [network.start(host, [sys.executable, '-P', '-m', f'obc_ros.nodes.{node}',
+                                      '--ros-args',
                                       *(word for each in parameters for word in ('-p', each))])
                  for host, (node, parameters) in zip(network.hosts, NODES.items(), strict=True)]
     network.enter(network.hosts[0])

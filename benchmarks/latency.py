@@ -125,7 +125,7 @@ class Rival:
 @contextmanager
 def rivals(node: Node) -> Iterator[dict[str, Rival]]:
     """Start the processes; end them on exit."""
-    lqr_node = (sys.executable, '-m', 'obc_ros.nodes.lqr_node')
+    lqr_node = (sys.executable, '-P', '-m', 'obc_ros.nodes.lqr_node')
     echo = (sys.executable, str(Path(__file__).parent / '_echo.py'))
     with ExitStack() as ending:
         found = {}

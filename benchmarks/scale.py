@@ -58,7 +58,8 @@ class Listener:
 def loops(count: int, rate: float) -> Iterator[list[int]]:
     """Run loops; yield the ids of their processes."""
     processes = [subprocess.Popen(
-        [sys.executable, '-m', f'obc_ros.nodes.{node}', '--ros-args', '-r', f'__ns:=/loop{k}',
+        [sys.executable, '-P', '-m', f'obc_ros.nodes.{node}', '--ros-args',
+         '-r', f'__ns:=/loop{k}',
          '-p', f'publish_rate:={rate:.1f}'],
         stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
         for k in range(count) for node in NODES]

@@ -61,7 +61,7 @@ class Loop:
     def start(self, node: str) -> None:
         """Start a node, in place of one that has ended."""
         self.running[node] = subprocess.Popen(
-            [sys.executable, '-m', f'obc_ros.nodes.{node}', '--ros-args', '-r',
+            [sys.executable, '-P', '-m', f'obc_ros.nodes.{node}', '--ros-args', '-r',
              f'__ns:=/{self.name}', *NODES[node]],
             stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
             # Linux shares the processor among sessions: nodes get equal shares

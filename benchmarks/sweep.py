@@ -168,7 +168,8 @@ class Cluster:
             process.wait()
 
     def _start(self, kind: str, *arguments: str) -> subprocess.Popen[bytes]:
-        return subprocess.Popen([sys.executable, '-m', f'distributed.cli.dask_{kind}', *arguments],
+        return subprocess.Popen([sys.executable, '-P', '-m', f'distributed.cli.dask_{kind}',
+                                 *arguments],
                                 stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
 
 

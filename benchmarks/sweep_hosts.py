@@ -31,7 +31,7 @@ input_bounds: {u: [-1, 1]}
 final_time: {free: true, lower: 0.01, upper: 50}
 """
 ADDRESS = 'tcp://10.0.0.1:8786'
-DASK = (sys.executable, '-m')
+DASK = (sys.executable, '-P', '-m')
 
 
 def count_bytes(host: str) -> int:
@@ -52,7 +52,7 @@ def main() -> int:
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / 'least_time.yaml'
         file.write_text(STATEMENT, encoding='utf-8')
-        common = [sys.executable, '-m', 'obc_ros.cli.obc', 'sweep', str(file),
+        common = [sys.executable, '-P', '-m', 'obc_ros.cli.obc', 'sweep', str(file),
                   '--over', f'x0.x=-2:2:{args.grid}', '--over', f'x0.v=-2:2:{args.grid}']
         started = [network.start('host1', [
             *DASK, 'distributed.cli.dask_scheduler', '--host', ADDRESS, '--no-dashboard',

@@ -67,7 +67,7 @@ def serve_page(words: tuple[str, ...]) -> Iterator[tuple[subprocess.Popen[str], 
         probe.bind(('127.0.0.1', 0))
         port = probe.getsockname()[1]
     process = subprocess.Popen(
-        [sys.executable, '-m', 'obc_ros.cli.obc', 'view', *words, '--no-browser',
+        [sys.executable, '-P', '-m', 'obc_ros.cli.obc', 'view', *words, '--no-browser',
          '--port', str(port)], stdout=subprocess.PIPE, text=True)
     try:
         domain = find_domain(process)

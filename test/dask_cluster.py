@@ -36,7 +36,7 @@ class Cluster:
     def start(self, kind, *arguments):
         """Start a process of Dask and return it."""
         self.processes.append(subprocess.Popen(
-            [sys.executable, '-m', f'distributed.cli.dask_{kind}', *arguments],
+            [sys.executable, '-P', '-m', f'distributed.cli.dask_{kind}', *arguments],
             stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL))
         return self.processes[-1]
 

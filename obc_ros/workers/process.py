@@ -3,7 +3,7 @@
 """
 A worker: a process that handles one request after another.
 
-Started by `pool.Pool`: ``python -m obc_ros.workers.process FD MODULE MEMORY NICE PARENT``.
+Started by `pool.Pool`: ``python -P -m obc_ros.workers.process FD MODULE MEMORY NICE PARENT``.
 MODULE offers ``answer(kind, request, time_limit, report, keep) -> Packet``. It is imported before
 the first request arrives, so that no request waits for the import.
 """

@@ -188,7 +188,7 @@ def test_closed_standard_streams_cause_no_traceback(closed):
 def test_characters_unknown_to_the_terminal_are_escaped(monkeypatch):
     monkeypatch.setenv('PYTHONIOENCODING', 'ascii')
     answer = subprocess.run(
-        [sys.executable, '-m', 'obc_ros.cli.obc', 'solve', 'räte.yaml'],
+        [sys.executable, '-P', '-m', 'obc_ros.cli.obc', 'solve', 'räte.yaml'],
         capture_output=True, text=True, check=False)
     assert answer.returncode == 2
     assert not answer.stderr

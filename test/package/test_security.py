@@ -7,6 +7,7 @@ from collections.abc import Iterator
 import os
 from pathlib import Path
 import re
+import time
 from typing import Any
 from xml.etree import ElementTree
 
@@ -145,6 +146,41 @@ def test_hostile_yaml_is_refused_and_not_executed(text, tmp_path):
     with pytest.raises(StatementError):
         yaml_files.read_yaml(path)
     assert not mark.exists()
+
+
+def test_processes_do_not_import_from_the_current_folder():
+    """``python -m`` looks for modules in the current folder first, unless ``-P`` says not to."""
+    started = re.compile(r"sys\.executable,\s*'-m',?\s*f?'(?!pytest)")
+    assert [str(path.relative_to(ROOT)) for folder in ('benchmarks', 'launch', 'obc_ros')
+            for path in (ROOT / folder).rglob('*.py')
+            if started.search(path.read_text(encoding='utf-8'))] == []
+
+
+def test_aliases_are_counted_before_anything_is_built(tmp_path):
+    """Eight lists of ten aliases, one in the other, stand for 10**9 numbers."""
+    path = tmp_path / 'bomb.yaml'
+    lists = [f'  a{k}: &a{k} [{", ".join([f"*a{k - 1}"] * 10)}]' for k in range(1, 9)]
+    path.write_text('\n'.join(['parameters:', f'  a0: &a0 [{", ".join("1" * 10)}]', *lists]))
+    assert path.stat().st_size < 600
+    begin = time.process_time()
+    for read in (yaml_files.read_yaml, statement.load_file):
+        with pytest.raises(StatementError, match='its aliases expand it to 1.*e.09 bytes'):
+            read(path)
+    assert time.process_time() - begin < 1.0
+
+
+def test_an_alias_in_itself_is_refused():
+    with pytest.raises(StatementError, match='an alias contains itself'):
+        yaml_files.read_text('a: &a [1, *a]', 'the text')
+
+
+def test_aliases_within_the_limit_stand_for_their_values():
+    assert yaml_files.read_text('{a: &a [1, 2], b: *a}', 'the text') == {'a': [1, 2], 'b': [1, 2]}
+
+
+def test_a_text_without_aliases_is_refused_for_its_length_only():
+    limit = yaml_files.MAX_BYTES
+    assert len(yaml_files.read_text('[' + '1,' * (limit // 2 - 1) + ']', 't')) == limit // 2 - 1
 
 
 def test_a_command_restricts_discovery_to_this_machine(monkeypatch):

@@ -132,7 +132,7 @@ def test_a_signal_during_loading_ends_a_node_silently(spawn: Any, probe: Any, no
 @pytest.mark.parametrize('node', NODES)
 def test_an_argument_outside_ros_args_is_refused(node: str, words: list[str]) -> None:
     """A node does not start without a parameter that was given without --ros-args."""
-    ended = subprocess.run([sys.executable, '-m', f'obc_ros.nodes.{node}', *words],
+    ended = subprocess.run([sys.executable, '-P', '-m', f'obc_ros.nodes.{node}', *words],
                            capture_output=True, text=True, timeout=60.0)
     assert ended.returncode == 1
     assert ended.stderr.splitlines()[-1] == (

@@ -12,9 +12,16 @@ from typing import Any
 
 from obc_ros.cli.ros2.verbs import add_node, add_verbs, run_verb
 from obc_ros.cli.ros_graph import Graph, join_graph
-from obc_ros.core.text.errors import ObcError, quote
+from obc_ros.core.text.errors import ObcError, quote, StatementError
+from obc_ros.core.text.yaml_files import read_yaml
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
-from rcl_interfaces.srv import DescribeParameters, GetParameters, ListParameters, SetParameters
+from rcl_interfaces.srv import (
+    DescribeParameters,
+    GetParameters,
+    ListParameters,
+    SetParameters,
+    SetParametersAtomically,
+)
 from rclpy.parameter import (
     get_parameter_value,
     parameter_dict_from_yaml_file,
@@ -159,21 +166,23 @@ def dump(args: argparse.Namespace) -> int:
 
 
 def load(args: argparse.Namespace) -> int:
-    """Set the parameters of a file, and print the response of the node for each."""
+    """Set all parameters of a file or none, and print the response of the node."""
     with join_graph() as graph:
         node = graph.find_node(args.node_name, args.timeout)
         wanted = list(_of_file(args.parameter_file, node, not args.no_use_wildcard).values())
-        results = graph.call(SetParameters, f'{node}/set_parameters', SetParameters.Request(
-            parameters=wanted)).results
-    return max([_tell(result, f'Set parameter {each.name} successful',
-                      f'Set parameter {each.name} failed')
-                for each, result in zip(wanted, results, strict=True)], default=0)
+        result = graph.call(
+            SetParametersAtomically, f'{node}/set_parameters_atomically',
+            SetParametersAtomically.Request(parameters=wanted)).result
+    if not result.successful:
+        return _tell(result, '', 'No parameter of the file is set')
+    return max([_tell(result, f'Set parameter {each.name} successful', '') for each in wanted],
+               default=0)
 
 
 def _of_file(path: Path, node: str, wildcard: bool) -> dict[str, Parameter]:
     """Return the parameters of a file for a node, or those of the only other node in it."""
     try:
-        keys = list(yaml.safe_load(path.read_text(encoding='utf-8')).keys())
+        keys = list(read_yaml(path).keys())
         name = node.rpartition('/')[2]
         own = [key for key in keys if key in (node, node[1:], name, f'/**/{name}')]
         others = [key for key in keys if key != '/**']
@@ -181,7 +190,7 @@ def _of_file(path: Path, node: str, wildcard: bool) -> dict[str, Parameter]:
             raise ObcError(f'{path} has nothing for {node}, only for {", ".join(others)}')
         found: dict[str, Parameter] = parameter_dict_from_yaml_file(
             str(path), wildcard, own or others)
-    except (yaml.YAMLError, UnicodeError, RuntimeError, TypeError, AttributeError) as error:
+    except (StatementError, RuntimeError, TypeError, AttributeError) as error:
         raise ObcError(f'{path} is no parameter file: {error}') from error
     return found
 

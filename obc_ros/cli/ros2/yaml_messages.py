@@ -9,7 +9,8 @@ import re
 from typing import Any
 
 import numpy as np
-from obc_ros.core.text.errors import ObcError, quote
+from obc_ros.core.text.errors import ObcError, quote, StatementError
+from obc_ros.core.text.yaml_files import read_text
 from rosidl_parser.definition import (
     AbstractNestedType,
     AbstractString,
@@ -69,9 +70,9 @@ def parse_values(text: str) -> dict[str, Any]:
 
     """
     try:
-        values = yaml.safe_load(text)
-    except yaml.YAMLError as error:
-        raise FieldError(f'not YAML: {error}') from error
+        values = read_text(text, 'not YAML')
+    except StatementError as error:
+        raise FieldError(str(error)) from None
     if not isinstance(values, dict):
         raise FieldError(f"'{quote(text)}' is no mapping of fields; "
                          "wanted '{FIELD: VALUE, ...}'")

@@ -1,8 +1,14 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""YAML files from untrusted users: limited in size, safe, and without duplicate keys."""
+"""
+YAML files from untrusted users: limited in size, safe, and without duplicate keys.
+
+The limit holds for the text in which each alias is replaced by what it stands for: 463 bytes can
+stand for gigabytes.
+"""
 
 from collections.abc import Hashable
+import itertools
 from pathlib import Path
 from typing import Any
 
@@ -59,7 +65,8 @@ def read_yaml(path: str | Path) -> Any:
     Raises
     ------
     StatementError
-        If the file cannot be read, is longer than ``MAX_BYTES``, is not YAML, or has a key twice.
+        If the file cannot be read, is longer than ``MAX_BYTES`` (also with its aliases
+        expanded), is not YAML, or has a key twice.
 
     """
     try:
@@ -77,7 +84,14 @@ def _load(text: bytes, path: str) -> Any:
     if len(text) > MAX_BYTES:
         raise StatementError(f'{path}: longer than {MAX_BYTES} bytes')
     try:
-        return _Loader(text).get_single_data()
+        loader = _Loader(text)
+        node = loader.get_single_node()
+        if node is None:
+            return None
+        if (length := _measure(node, {})) > MAX_BYTES:
+            raise StatementError(f'{path}: its aliases expand it to {length:.3g} bytes; at most '
+                                 f'{MAX_BYTES} are accepted')
+        return loader.construct_document(node)
     except RecursionError:
         raise StatementError(f'{path}: nested too deeply') from None
     except yaml.MarkedYAMLError as error:
@@ -90,6 +104,46 @@ def _load(text: bytes, path: str) -> Any:
     # ValueError: a scalar in the form of a date or a number that is not valid.
     except (yaml.YAMLError, ValueError) as error:
         raise StatementError(f'{path}: {quote(" ".join(str(error).split()), 300)}') from None
+
+
+def _measure(node: yaml.Node, known: dict[int, int | None]) -> int:
+    """Return the least bytes of a text without aliases; `known` has those of nodes seen so far."""
+    key = id(node)
+    if key in known:
+        length = known[key]
+        if length is None:
+            raise yaml.composer.ComposerError(None, None, 'an alias contains itself',
+                                              node.start_mark)
+        return length
+    if isinstance(node, yaml.ScalarNode):
+        length = max(1, len(node.value))
+    else:
+        known[key] = None
+        children = itertools.chain(*node.value) if isinstance(
+            node, yaml.MappingNode) else node.value
+        length = 1 + sum(_measure(child, known) for child in children)
+    known[key] = length
+    return length
+
+
+def read_text(text: str, where: str) -> Any:
+    """
+    Return the contents of a YAML text, as `read_yaml` those of a file.
+
+    Parameters
+    ----------
+    text : str
+        The text.
+    where : str
+        What an error begins with.
+
+    Raises
+    ------
+    StatementError
+        If it is too long, is not YAML, or has a key twice.
+
+    """
+    return _load(text.encode('utf-8', 'surrogatepass'), where)
 
 
 def read_entries(path: str | Path) -> list[tuple[str, FileEntry]]:
@@ -134,8 +188,7 @@ def read_text_entries(text: str) -> list[tuple[str, FileEntry]]:
     """
     if not isinstance(text, str):
         raise StatementError(f'text: wanted YAML, found {describe_type(text)}')
-    return _list_entries(_load(text.encode('utf-8', 'surrogatepass'), 'the text'), 'the text',
-                         'problem')
+    return _list_entries(read_text(text, 'the text'), 'the text', 'problem')
 
 
 def _list_entries(found: Any, where: str, stem: str) -> list[tuple[str, FileEntry]]:

@@ -4,7 +4,7 @@
 A process that solves one step of a receding horizon after another.
 
 Started by `step_link.StepLink`:
-``python -m obc_ros.workers.steps.step_process FD MODULE PARENT PRIORITY``. MODULE offers
+``python -P -m obc_ros.workers.steps.step_process FD MODULE PARENT PRIORITY``. MODULE offers
 ``prepare(problem: Packet) -> StepAnswerer``. The first packet is the problem; its reply has
 `ready` or `refused`. Of the requests that wait, the newest is answered.
 

@@ -71,11 +71,22 @@ def test_dump_and_load_use_the_parameter_file_format(lqr: Any, probe: Any, termi
     assert tree['/lqr_node']['ros__parameters']['Qx'] == [2.0] * 6
     assert tree['/lqr_node']['ros__parameters']['qos_overrides']['/command']['publisher']
     (terminal.folder / 'tuned.yaml').write_text(
-        '/lqr_node:\n  ros__parameters:\n    Qx: [3.0, 3.0, 3.0, 3.0, 3.0, 3.0]\n    Qu: [-1.0]\n')
+        '/lqr_node:\n  ros__parameters:\n    Qx: [3.0, 3.0, 3.0, 3.0, 3.0, 3.0]\n')
     done = terminal.say_here('param', 'load', '/lqr_node', 'tuned.yaml')
     assert done.out == 'Set parameter Qx successful\n'
-    assert done.err.startswith('Set parameter Qu failed: Qu ')
     assert list(probe.get_parameters('/lqr_node', 'Qx')['Qx']) == [3.0] * 6
+
+
+def test_load_sets_all_parameters_of_a_file_or_none(lqr: Any, probe: Any, domain: int,
+                                                    tmp_path: Any) -> None:
+    obc = Terminal('obc', domain, tmp_path)
+    before = list(probe.get_parameters('/lqr_node', 'Qx')['Qx'])
+    (tmp_path / 'half.yaml').write_text(
+        '/lqr_node: {ros__parameters: {Qx: [3.0, 3.0, 3.0, 3.0, 3.0, 3.0], Qu: [-1.0]}}\n')
+    done = obc.say_here('param', 'load', '/lqr_node', 'half.yaml')
+    assert (done.status, done.out) == (1, '')
+    assert done.err.startswith('No parameter of the file is set: Qu')
+    assert list(probe.get_parameters('/lqr_node', 'Qx')['Qx']) == before
 
 
 def test_errors_name_the_cause_and_the_choices(lqr: Any, domain: int, tmp_path: Any) -> None:
