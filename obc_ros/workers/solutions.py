@@ -17,7 +17,7 @@ def pack_solution(problem: Problem, solution: Solution, system: str) -> Packet:
     """Return a solution as plain data and named arrays, with the states of its statement."""
     solution = hide_added_states(problem, solution)
     return Packet(
-        {'status': solution.status.value, 'message': solution.message,
+        {'status': solution.status.value, 'message': solution.message, 'remark': solution.remark,
          'objective': float(solution.objective), 'interpolation': solution.interpolation,
          'method': solution.method, 'iterations': int(solution.iterations),
          'build_time': float(solution.build_time), 'solve_time': float(solution.solve_time),
