@@ -158,6 +158,8 @@ def _explained(task: Task, found: Solution) -> Solution:
                         f'{sentence}')
         return replace(found, message='; '.join(filter(None, (
             sentence, meter.trace.describe_effort(), advise_bounds(problem)))))
+    if reason.solution is not None:
+        return judge(problem, replace(reason.solution, method=found.method))
     if not reason.infeasible:
         return replace(found, message='; '.join(
             [reason.sentence, *([_uncertified(found)] if found.feasible else [])]))
