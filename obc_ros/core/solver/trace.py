@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The record of a solve: what was tried, in which order, at what cost, and why it ended."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 import math
 
@@ -20,7 +20,7 @@ from obc_ros.core.ocp.solution import (
 GUESS, NEIGHBOUR = 'initial guess', 'neighbour'
 # Those of a descent from a start, of one mesh of it, and of the solve on it.
 DESCENT, MESH, COLLOCATION = 'descent', 'mesh', 'collocation'
-_OUTER = 2   # outermost attempts that are named when the time is up
+_OUTER = 2   # levels of attempts that are named when the time is up, and told when they begin
 
 # What the failure of a condition means.
 _FAULTS: Mapping[str, str] = {
@@ -97,10 +97,13 @@ class Trace:
         Iterations times intervals so far.
     mesh_refused : bool
         Whether a mesh with more than the maximum number of intervals was needed.
+    tell : callable or None
+        Called when an attempt at one of the outer levels begins.
 
     """
 
     def __init__(self) -> None:
+        self.tell: Callable[[], None] | None = None
         self.work, self.mesh_refused = 0, False
         self._entries: list[Entry] = []
         self._open: list[Entry] = []   # the innermost last
@@ -131,6 +134,8 @@ class Trace:
         self._entries.append(entry)
         self._open.append(entry)
         self._description = None
+        if self.tell is not None and len(self._open) <= _OUTER:
+            self.tell()
         try:
             yield entry
         finally:
