@@ -97,13 +97,10 @@ class Trace:
         Iterations times intervals so far.
     mesh_refused : bool
         Whether a mesh with more than the maximum number of intervals was needed.
-    tell : callable or None
-        Called when an attempt at one of the outer levels begins.
-
     """
 
     def __init__(self) -> None:
-        self.tell: Callable[[], None] | None = None
+        self._tell: Callable[[], None] | None = None
         self.work, self.mesh_refused = 0, False
         self._entries: list[Entry] = []
         self._open: list[Entry] = []   # the innermost last
@@ -114,6 +111,10 @@ class Trace:
     def spend(self, work: int) -> None:
         """Add work, in iterations times intervals."""
         self.work += work
+
+    def watch(self, tell: Callable[[], None]) -> None:
+        """Call `tell` whenever an attempt at one of the outer levels begins."""
+        self._tell = tell
 
     @contextmanager
     def attempt(self, method: str, what: str = '', *, aside: bool = False) -> Iterator[Entry]:
@@ -134,8 +135,8 @@ class Trace:
         self._entries.append(entry)
         self._open.append(entry)
         self._description = None
-        if self.tell is not None and len(self._open) <= _OUTER:
-            self.tell()
+        if self._tell is not None and len(self._open) <= _OUTER:
+            self._tell()
         try:
             yield entry
         finally:
