@@ -97,6 +97,7 @@ class Trace:
         Iterations times intervals so far.
     mesh_refused : bool
         Whether a mesh with more than the maximum number of intervals was needed.
+
     """
 
     def __init__(self) -> None:
