@@ -13,9 +13,9 @@ import pytest
 import support
 import yaml
 
-KEYS = ['name', 'status', 'message', 'objective', 't', 'x', 'u', 'lam', 'free_parameters',
-        'interpolation', 'switching_times', 'certificate', 'optimality', 'attempts', 'solve_time',
-        'build_time', 'iterations']
+KEYS = ['name', 'status', 'message', 'remark', 'objective', 't', 'x', 'u', 'lam',
+        'free_parameters', 'interpolation', 'switching_times', 'certificate', 'optimality',
+        'attempts', 'solve_time', 'build_time', 'iterations']
 SCALAR = {
     'name': 'scalar', 'states': ['x'], 'inputs': ['u'], 'dynamics': {'x': 'u'},
     'running_cost': 'u**2', 'terminal_cost': 'x**2', 'initial_state': {'x': 1},

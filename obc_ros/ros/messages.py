@@ -548,7 +548,8 @@ def read_solution(result: Any) -> solution.Solution:
     arrays = {name: np.array(getattr(path, name)).reshape(shape if getattr(path, name) else (0, 0))
               for name in ('x', 'u', 'lam')}
     return solution.Solution(
-        status=solution.Status(result.status), message=result.message, objective=result.objective,
+        status=solution.Status(result.status), message=result.message, remark=result.remark,
+        objective=result.objective,
         **arrays, t=np.array(path.t), hamiltonian=np.array(path.hamiltonian),
         nu=np.array(result.nu), interpolation=path.interpolation or 'linear',
         switching_times=np.array(path.switching_times), method=result.method,

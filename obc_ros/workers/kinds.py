@@ -26,7 +26,8 @@ def answer_by(handlers: Mapping[str, Handler]) -> Answering:
     ----------
     handlers : mapping
         By kind, what makes the answer of a request, a time limit [s], `report` and `keep`. It
-        calls `keep` with the best path so far, packed as an answer, whenever that changes.
+        calls `keep` with the best path so far, packed as an answer, or with a part of an answer,
+        whenever that changes.
 
     Returns
     -------

@@ -107,7 +107,8 @@ class Pool:
     ----------
     module : str
         Imported by each worker; its ``answer(kind, request, time_limit, report, keep) -> Packet``
-        handles a request. If a worker is ended, the last argument of `keep` is in the answer.
+        handles a request. If a worker is ended, what it has passed to `keep` is in the answer: the
+        last value of each key, and the last arrays.
     size : int
         Number of workers.
     queue_length : int
@@ -431,7 +432,8 @@ class _Worker(Thread):
                 return RequestAnswer(RequestOutcome.DIED, self._obituary(packet.plain['died']),
                                      self._kept)
             if 'path' in packet.plain:
-                self._kept = Packet(packet.plain['path'], packet.arrays)
+                self._kept = Packet({**self._kept.plain, **packet.plain['path']},
+                                    packet.arrays or self._kept.arrays)
             else:
                 job.progress(*packet.plain['progress'])
         if job.cancelled:

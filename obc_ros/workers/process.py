@@ -123,10 +123,11 @@ def main() -> None:
                    trace: TracebackType | None) -> None:
         # CasADi reports a lack of memory by other exceptions than MemoryError
         if issubclass(kind, MemoryError) or 'bad_alloc' in str(error):
-            why = f'it exceeded the memory limit of a worker, {int(memory) / 2**30:.3g} GiB'
-        else:
-            why = f'{kind.__name__}: {error}'
-        channel.send({'died': why})
+            channel.send({'died': (
+                f'it exceeded the memory limit of a worker, {int(memory) / 2**30:.3g} GiB; state '
+                'a smaller problem, or solve it with obc_ros.core in Python, which has no limit')})
+            return   # a traceback would say where memory ended, which is no fault of that place
+        channel.send({'died': f'{kind.__name__}: {error}'})
         sys.__excepthook__(kind, error, trace)
 
     sys.excepthook = last_words

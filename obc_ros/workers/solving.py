@@ -7,7 +7,7 @@ from obc_ros.core.ocp.statement import build_problem
 from obc_ros.core.solver.options import read_options
 from obc_ros.core.solver.solve import Cache, solve
 from obc_ros.workers.kinds import answer_by, Keep
-from obc_ros.workers.solutions import pack_solution
+from obc_ros.workers.solutions import pack_attempts, pack_solution
 from obc_ros.workers.wire import Packet
 
 _caches: dict[int, Cache] = {}
@@ -45,7 +45,7 @@ def solve_statement(request: Packet, time_limit: float, report: Report, keep: Ke
                      report=report, cache=get_cache(plain['cache_size']),
                      max_intervals=plain.get('max_intervals', MAX_INTERVALS),
                      keep=lambda path: keep(pack_solution(problem, path, system)),
-                     options=options)
+                     note=lambda attempts: keep(pack_attempts(attempts)), options=options)
     return pack_solution(problem, solution, system)
 
 

@@ -34,7 +34,7 @@ def unpack_solution(packet: Packet) -> Solution:
     optimality = plain.get('optimality')
     numbers: dict[str, Any] = {**packet.arrays, **{name: plain[name] for name in (
         'objective', 'interpolation', 'method', 'iterations', 'build_time', 'solve_time',
-        'free_parameters')
+        'free_parameters', 'remark')
         if name in plain}}
     return Solution(
         status=Status(plain['status']), message=plain['message'], **numbers,

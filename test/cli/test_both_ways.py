@@ -70,6 +70,16 @@ def test_certified_solutions_exit_with_0(both, tmp_path):
     assert found['di_mintime_rest']['switching_times'] == pytest.approx([1.0], abs=1e-3)
 
 
+def test_a_bound_that_decided_is_said(both):
+    problem = {**TOO_SHORT, 'running_cost': 1,
+               'final_time': {'free': True, 'lower': 3, 'upper': 9}}
+    status, found, output = both('solve', {'too_long.yaml': {**problem, 'name': 'too_long'}})
+    assert status == 0
+    remark = 'T = 3 s is the lower bound of final_time: this bound decides the answer'
+    assert found['too_long']['remark'] == remark
+    assert f'too_long: {remark}\n' in output
+
+
 def test_an_infeasible_problem_exits_with_1(both):
     status, found, output = both('solve', {'too_short.yaml': TOO_SHORT})
     assert status == 1

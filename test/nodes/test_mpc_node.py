@@ -42,6 +42,9 @@ def test_activation_is_refused_with_the_reason_where_no_plan_begins(spawn, probe
     assert not loop.commands
     request = ChangeState.Request(transition=Transition(id=Transition.TRANSITION_ACTIVATE))
     assert not probe.call(ChangeState, 'mpc_node/change_state', request).success
+    refused = probe.set_parameters('/mpc_node', path_constraints=['pxx - 3'])[0]
+    assert not refused.successful
+    assert "unknown name 'pxx'" in refused.reason
     assert probe.set_parameters('/mpc_node', x_bounds=[])[0].successful
     probe.wait_for(loop.is_active, LONG, 'activation')   # by itself
     probe.wait_for(lambda: loop.commands, LONG)

@@ -143,6 +143,20 @@ def test_given_values_override_those_of_the_file(start: Start, write: Callable[[
     assert parameters.settings.Qu == (7.0, 7.0)
 
 
+@pytest.mark.parametrize(('row', 'words'), [
+    ('0.25 - (pxx - 2)**2 - py**2', "unknown name 'pxx'"), ('px -', 'syntax error'),
+    ('t - px', 't: a receding horizon'), ('1 - px', 'at the set point')])
+def test_path_constraints_are_judged_without_the_solver_process(start: Start, row: str, words: str
+                                                                ) -> None:
+    """An inactive node does not wait for its process, and refuses what cannot be read."""
+    parameters = begin_mpc(start, system='aircraft', unlimited=True)
+    change = Parameter('path_constraints', value=[row])
+    result = parameters._node.set_parameters([change])[0]
+    assert not result.successful
+    assert words in result.reason
+    assert parameters.settings.path_constraints == ()
+
+
 @pytest.mark.parametrize(('change', 'words'), [
     ({'running_cost': 'x**4 + ax**2 + ay**2'}, 'running_cost: wanted a quadratic'),
     ({'running_cost': 'x**2 - y**2 + ax**2 + ay**2'}, 'Qx'),

@@ -15,9 +15,11 @@ import time
 
 from hypothesis import given, settings, strategies
 import numpy as np
+from obc_ros.core.library.search_tree import SearchTree
 from obc_ros.core.text.errors import ObcError
 from obc_ros.workers import pool as workers
 from obc_ros.workers.pool import Job, Pool, RequestOutcome
+from obc_ros.workers.unpacking import unpack_solution
 from obc_ros.workers.wire import pack, Packet, unpack
 import problems
 import pytest
@@ -195,6 +197,14 @@ def test_a_worker_that_dies_is_replaced_and_loses_one_request(kind, words):
 
 
 @pytest.mark.slow
+def test_a_lack_of_memory_has_a_remedy_and_no_traceback(capfd):
+    with running(memory=1 << 29) as pool:
+        message = ask(pool, 'eat').message
+    assert 'state a smaller problem' in message
+    assert 'Traceback' not in capfd.readouterr().err
+
+
+@pytest.mark.slow
 def test_a_killed_worker_loses_only_its_own_request():
     with running(2) as pool:
         one = Submitted(pool, 'pid').wait_until_started()
@@ -242,6 +252,8 @@ def test_a_worker_killed_while_solving_leaves_its_path():
         residuals, tolerances = (found['certificate'][key] for key in ('residuals', 'tolerances'))
         assert any(residuals[key] > tolerances[key] for key in tolerances)
         assert residuals['dynamics'] <= tolerances['dynamics']
+        assert 'coarse mesh' in [each['method'] for each in found['attempts']]
+        assert 'without a search' not in str(SearchTree(unpack_solution(answer.packet).attempts))
         assert ask(pool, 'echo').outcome is RequestOutcome.ANSWERED
 
 

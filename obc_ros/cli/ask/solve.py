@@ -151,8 +151,9 @@ def _show(asked: list[Question]) -> None:
         if found := question.solution and question.solution.free_parameters:
             print(f'{question.label}: ' + ', '.join(
                 f'{name} = {format_value(value)}' for name, value in found.items()))
-        if question.status != 'solved' and question.message:
-            print(quote(f'{question.label}: {question.message}', None))
+        remark = question.solution.remark if question.solution else ''
+        if sentence := remark if question.status == 'solved' else question.message:
+            print(quote(f'{question.label}: {sentence}', None))
 
 
 def _row(question: Question) -> tuple[str, ...]:

@@ -74,6 +74,11 @@ class Answer:
         return self.solution.message
 
     @property
+    def remark(self) -> str:
+        """Return what decided a solution if it was not the cost, such as a bound of T, or ''."""
+        return self.solution.remark
+
+    @property
     def objective(self) -> float:
         """Return the cost J; nan without a path."""
         return self.solution.objective
@@ -216,7 +221,8 @@ class Answer:
                    f'{self.certificate.sentence if self.certificate else self.message}')
         problem = self._require_problem()
         return draw_path(problem, self.solution, f'{self._heading}\nJ = {self.objective:.8g}, '
-                         f'T = {self.t[-1]:.8g} s, {verdict}')
+                         f'T = {self.t[-1]:.8g} s, {verdict}'
+                         f'{self.remark and chr(10)}{self.remark}')
 
     def plot_search(self) -> Any:
         """
@@ -246,7 +252,8 @@ class Answer:
         certificate = solution.certificate or Certificate({}, {})
         entries = {
             'name': self.name, 'status': self.status, 'message': self.message,
-            'objective': self.objective if self.has_path else None, 't': self.t.tolist(),
+            'remark': self.remark, 'objective': self.objective if self.has_path else None,
+            't': self.t.tolist(),
             'x': _lists(self.x), 'u': _lists(self.u), 'lam': _lists(self.costates),
             'free_parameters': dict(self.free_parameters),
             'interpolation': solution.interpolation,
@@ -267,9 +274,10 @@ class Answer:
         return plain
 
     def __repr__(self) -> str:
-        """Return name, status and cost, or the reason why there is no solution."""
+        """Return name, status and cost, and the remark or why there is no solution."""
         cost = f', J = {self.objective:.10g}' if self.has_path else ''
-        message = '' if self.solution.certified else f': {quote(self.message, None)}'
+        sentence = self.remark if self.solution.certified else self.message
+        message = f': {quote(sentence, None)}' if sentence else ''
         return f'<Answer {quote(self.name)}: {self.status}{cost}{message}>'
 
     def _repr_html_(self) -> str:

@@ -130,7 +130,8 @@ def hide_added_states(problem: Problem, solution: Solution) -> Solution:
     """
     n, x = problem.stated, solution.x
     if problem.phases is not None:
-        solution = replace(solution, message=name_phases(solution.message))
+        solution = replace(solution, message=name_phases(solution.message),
+                           remark=name_phases(solution.remark))
     if not solution.t.size or x.shape[1] != problem.n or not problem.added:
         return solution
     multipliers, H = solution.state_multipliers, solution.hamiltonian

@@ -43,6 +43,22 @@ class FinalTime:
         """Return the last admissible T [s]."""
         return self.upper if self.free else self.value
 
+    def place_end(self, t: Array) -> Array:
+        """
+        Return times whose last one is a given T exactly, not the rounded sum of intervals.
+
+        Parameters
+        ----------
+        t : ndarray, shape (N,)
+            Times of a path [s], nondecreasing; those that equal the last one go with it.
+
+        Returns
+        -------
+        ndarray, shape (N,)
+
+        """
+        return t if self.free else np.where(t < t[-1], np.minimum(t, self.value), self.value)
+
 
 @dataclass(frozen=True, eq=False)
 class FreeStart:

@@ -244,6 +244,9 @@ class Solution:
     free_parameters : mapping of str to float
         Values of the free parameters, of a solution with the states of the statement only; see
         `augmentation.hide_added_states`.
+    remark : str
+        What decided a certified solution, with its number, if that was a bound of the search or a
+        missing part of the statement; otherwise empty. The message ends with it.
 
     """
 
@@ -268,6 +271,7 @@ class Solution:
     optimality: Optimality | None = None
     attempts: tuple[Attempt, ...] = ()
     free_parameters: Mapping[str, float] = field(default_factory=dict)
+    remark: str = ''
 
     @property
     def certified(self) -> bool:

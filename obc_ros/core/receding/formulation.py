@@ -254,10 +254,33 @@ def state_receding_problem(system: System, *, horizon: int, period: float,
     if chosen.get('stability'):
         raise StatementError('stability: a receding horizon has no degree of stability; wanted 0')
     plant = linearize_plant(system, setpoint, setpoint_input)
-    found = design(plant, chosen, sampling=Sampling(period, exact=True))
+    return add_limits(design(plant, chosen, sampling=Sampling(period, exact=True)), horizon, given)
+
+
+def add_limits(found: Design, horizon: int, limits: Mapping[str, Any]) -> RecedingProblem:
+    """
+    Return the receding horizon of a sampled regulator within limits.
+
+    Parameters
+    ----------
+    found : Design
+        The regulator.
+    horizon : int
+        Number of periods.
+    limits : mapping
+        `state_bounds`, `input_bounds`, `path_constraints` as in a problem file.
+
+    Raises
+    ------
+    StatementError
+        If a limit cannot be read, or the set point violates it.
+
+    """
+    system, xe = found.plant.system, found.plant.equilibrium.x.tolist()
     problem = build_problem({
-        'system': system, **given, 'final_time': {'free': False, 'value': horizon * period},
-        'initial_state': dict(zip(system.state_names, plant.equilibrium.x.tolist(), strict=True))})
+        'system': system, **limits,
+        'final_time': {'free': False, 'value': horizon * found.sampling.period},
+        'initial_state': dict(zip(system.state_names, xe, strict=True))})
     if problem.has_clock:
         raise StatementError('t: a receding horizon does not depend on the time; remove t')
     made = RecedingProblem(found, problem, horizon)

@@ -11,6 +11,7 @@ from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.ocp.solution import Condition, Solution, Status, Verdict
 from obc_ros.core.solver.bench import Task
 from obc_ros.core.solver.diagnosis.explanation import explain
+from obc_ros.core.solver.diagnosis.remarks import find_remark
 from obc_ros.core.solver.diagnosis.unboundedness import explain_larger_inputs
 from obc_ros.core.solver.proofs.existence import advise_bounds, find_constant_cost
 from obc_ros.core.solver.proofs.optimality import add_optimality
@@ -46,7 +47,12 @@ def conclude(task: Task, found: Solution) -> Solution:
     sentence = explain_larger_inputs(problem, found, _solver_of_related(task)) if (
         meter.trace.searched and found.certified and find_constant_cost(problem) is None) else ''
     found = _without_least(task, found, sentence) if sentence else _ended(task, found)
-    return add_optimality(problem, found)
+    return _add_remark(problem, add_optimality(problem, found))
+
+
+def _add_remark(problem: Problem, found: Solution) -> Solution:
+    remark = find_remark(problem, found) if found.status is Status.SOLVED else ''
+    return replace(found, remark=remark, message=f'{found.message}; {remark}') if remark else found
 
 
 def judge(problem: Problem, found: Solution) -> Solution:
@@ -152,6 +158,8 @@ def _explained(task: Task, found: Solution) -> Solution:
                         f'{sentence}')
         return replace(found, message='; '.join(filter(None, (
             sentence, meter.trace.describe_effort(), advise_bounds(problem)))))
+    if reason.solution is not None:
+        return judge(problem, replace(reason.solution, method=found.method))
     if not reason.infeasible:
         return replace(found, message='; '.join(
             [reason.sentence, *([_uncertified(found)] if found.feasible else [])]))

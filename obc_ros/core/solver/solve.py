@@ -15,7 +15,7 @@ import time
 
 from obc_ros.core.ocp.method_names import get_method
 from obc_ros.core.ocp.problem import Problem
-from obc_ros.core.ocp.solution import MAX_INTERVALS, Report, Solution
+from obc_ros.core.ocp.solution import Attempt, MAX_INTERVALS, Report, Solution
 from obc_ros.core.solver.bench import Task
 from obc_ros.core.solver.conclusion import conclude, mark_unfinished
 from obc_ros.core.solver.methods import METHODS
@@ -63,6 +63,7 @@ def solve(problem: Problem, *, method: str = '', time_limit: float = 60.0,
           report: Report | None = None, cache: Cache | None = None,
           max_intervals: int = MAX_INTERVALS,
           keep: Callable[[Solution], None] | None = None,
+          note: Callable[[tuple[Attempt, ...]], None] | None = None,
           options: Options = DEFAULTS) -> Solution:
     """
     Solve a problem and certify the solution.
@@ -85,6 +86,8 @@ def solve(problem: Problem, *, method: str = '', time_limit: float = 60.0,
         Called with each path that is better than those before, with status 'not_converged'. Its
         message contains the cost and the condition that fails. For a caller that must return a
         path if this process is killed.
+    note : callable, optional
+        Called with the attempts so far when another one begins, for the same caller.
     options : Options
         Numbers that steer the search.
 
@@ -109,7 +112,10 @@ def solve(problem: Problem, *, method: str = '', time_limit: float = 60.0,
     meter = Meter(time_limit - kept, report, max_intervals, kept=kept)
     problem, programs = (cache or Cache(1)).prepared(problem, options)
     if keep is not None:
-        meter.watch(BestPath(problem, lambda path: keep(mark_unfinished(path))))
+        meter.watch(BestPath(problem, lambda path: keep(replace(
+            mark_unfinished(path), attempts=meter.trace.attempts()))))
+    if note is not None:
+        meter.trace.watch(lambda: note(meter.trace.attempts()))
     task = Task(problem, programs, meter, time_limit)
     found = conclude(task, METHODS[name](task))
     built = programs.take_build_time()

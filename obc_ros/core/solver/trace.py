@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The record of a solve: what was tried, in which order, at what cost, and why it ended."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 import math
 
@@ -20,7 +20,7 @@ from obc_ros.core.ocp.solution import (
 GUESS, NEIGHBOUR = 'initial guess', 'neighbour'
 # Those of a descent from a start, of one mesh of it, and of the solve on it.
 DESCENT, MESH, COLLOCATION = 'descent', 'mesh', 'collocation'
-_OUTER = 2   # outermost attempts that are named when the time is up
+_OUTER = 2   # levels of attempts that are named when the time is up, and told when they begin
 
 # What the failure of a condition means.
 _FAULTS: Mapping[str, str] = {
@@ -101,6 +101,7 @@ class Trace:
     """
 
     def __init__(self) -> None:
+        self._tell: Callable[[], None] | None = None
         self.work, self.mesh_refused = 0, False
         self._entries: list[Entry] = []
         self._open: list[Entry] = []   # the innermost last
@@ -111,6 +112,10 @@ class Trace:
     def spend(self, work: int) -> None:
         """Add work, in iterations times intervals."""
         self.work += work
+
+    def watch(self, tell: Callable[[], None]) -> None:
+        """Call `tell` whenever an attempt at one of the outer levels begins."""
+        self._tell = tell
 
     @contextmanager
     def attempt(self, method: str, what: str = '', *, aside: bool = False) -> Iterator[Entry]:
@@ -131,6 +136,8 @@ class Trace:
         self._entries.append(entry)
         self._open.append(entry)
         self._description = None
+        if self._tell is not None and len(self._open) <= _OUTER:
+            self._tell()
         try:
             yield entry
         finally:

@@ -66,6 +66,8 @@ _UNARY: dict[type[ast.unaryop], Callable[[Any], Any]] = {
 _TOKEN = re.compile(
     r'(?P<number>(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?(?P<tail>\w*))'
     r'|(?P<name>[A-Za-z_]\w*)|(?P<operator>\*\*|[-+*/])|(?P<bracket>[(),])', re.ASCII)
+# Of a scalar of NumPy in f'{value!r}' or in a list: its type is left out.
+_NUMPY = re.compile(r'(?<![\w.])(np\.(?:float|u?int)\d*)\(([^()]*)\)', re.ASCII)
 _BEFORE_SIGN = ('(', ',', '+', '-', '*', '/', '**')
 _OTHER_SIGNS = {'^': '**', '·': '*', '×': '*', '÷': '/', '−': '-', '–': '-', '²': '**2',
                 '³': '**3', '[': '(', '{': '('}
@@ -192,7 +194,7 @@ def insert_numbers(text: object, values: Mapping[str, float]) -> str:
         name = token['name']
         return f'({values[name]!r})' if name in values else token[0]
 
-    return ' '.join(_TOKEN.sub(write, str(text)).split())
+    return ' '.join(_TOKEN.sub(write, _unwrap(str(text))).split())
 
 
 def check_name(name: object, where: str) -> str:
@@ -259,9 +261,14 @@ def _bounded(text: str, where: str) -> str:
     if not text.strip():
         raise StatementError(f'{where}: the expression is empty')
     # Line ends in brackets or in a folded YAML scalar have no meaning.
-    text = re.sub(r'[ \t\r\n]+', ' ', text).strip(' ')
+    text = _unwrap(re.sub(r'[ \t\r\n]+', ' ', text).strip(' '))
     _scan(text, where)
     return text
+
+
+def _unwrap(text: str) -> str:
+    """Return a text with ``(1.2)`` in place of ``np.float64(1.2)``."""
+    return _NUMPY.sub(lambda found: f'({found[2]})', text)
 
 
 def _tree(text: str, where: str) -> ast.expr:

@@ -17,6 +17,7 @@ from obc_ros.core.closed_loop.feedback import convert_rows, InputLimits, Region,
 from obc_ros.core.lqr.design.design import Design, design, Sampling
 from obc_ros.core.lqr.design.set_point import check_set_point
 from obc_ros.core.lqr.weights import count
+from obc_ros.core.receding.formulation import add_limits
 from obc_ros.core.text.errors import StatementError
 from obc_ros.nodes.control.controller_settings import (
     check_messages,
@@ -178,6 +179,9 @@ def _state_problem(settings: Settings, found: Design, limits: InputLimits) -> Pa
             f'horizon = {settings.horizon:g} s: {steps} periods at {settings.rate:g} Hz; wanted '
             f'{FEWEST_STEPS} to {MOST_STEPS}')
     lower, upper = _bounds(settings.x_bounds, found.plant.system.state_names)
+    # The solver process reads them as well, but an inactive node does not wait for its words.
+    add_limits(found, steps, {'path_constraints': [
+        {'expr': each, 'upper': 0.0} for each in settings.path_constraints]})
     equilibrium = found.plant.equilibrium
     declared = {row.name: row.default
                 for row in list_system_parameters({'system': settings.system})}

@@ -88,8 +88,8 @@ def test_the_certificate_prints_as_a_table():
 
 def test_the_json_has_the_documented_entries():
     assert ANSWER.as_json() == {
-        'name': 'least time', 'status': 'solved', 'message': 'solved', 'objective': 2.0,
-        't': [0.0, 1.0, 2.0], 'x': {'p': [0.0, 1.0, 2.0], 'v': [1.0, 0.0, -1.0]},
+        'name': 'least time', 'status': 'solved', 'message': 'solved', 'remark': '',
+        'objective': 2.0, 't': [0.0, 1.0, 2.0], 'x': {'p': [0.0, 1.0, 2.0], 'v': [1.0, 0.0, -1.0]},
         'u': {'u': [0.5, 1.5, 2.5]}, 'lam': {'p': [3.0, 4.0, 5.0], 'v': [0.0, 4.0, 8.0]},
         'free_parameters': {}, 'interpolation': 'linear', 'switching_times': [1.0],
         'certificate': {'holds': False, 'residuals': {'dynamics': 1e-9, 'cost': None},
@@ -104,7 +104,7 @@ def test_the_json_has_the_documented_entries():
 def test_the_json_without_a_path_is_empty():
     assert NOTHING.as_json() == {
         'name': 'least time', 'status': 'malformed', 'message': 'states: missing',
-        'objective': None, 't': [], 'x': {}, 'u': {}, 'lam': {},
+        'remark': '', 'objective': None, 't': [], 'x': {}, 'u': {}, 'lam': {},
         'free_parameters': {}, 'interpolation': 'linear',
         'switching_times': [], 'certificate': {'holds': False, 'residuals': {}, 'tolerances': {}},
         'optimality': {'kind': '', 'reason': '', 'starts': 0, 'minima': []}, 'attempts': [],

@@ -7,6 +7,7 @@ import dataclasses
 from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
+import obc_ros.core as obc
 from obc_ros.core.library.answer import Answer
 from obc_ros.core.ocp.solution import Solution, Status
 from obc_ros.core.text.errors import ObcError
@@ -106,3 +107,17 @@ def test_an_answer_without_its_problem_says_so():
     answer = dataclasses.replace(wrap(LEAST_TIME, COARSE, *PATH), problem=None)
     with pytest.raises(ObcError, match='does not have its problem'):
         answer.at(0.5)
+
+
+@pytest.mark.parametrize('method', ['riccati', 'transcription', 'indirect', 'auto'])
+@pytest.mark.parametrize('T', [0.3, 0.7, 1.7, 2.9])
+def test_the_stated_final_time_is_a_time_of_the_path(method, T):
+    """The sum of rounded intervals is not T."""
+    limits = {'input_bounds': {'u': [-1, 1]}} if method == 'auto' else {}
+    answer = obc.solve({
+        'states': ['x'], 'inputs': ['u'], 'dynamics': {'x': 'u - x'}, 'initial_state': {'x': 1},
+        'running_cost': 'x**2 + u**2', 'final_time': {'free': False, 'value': T}, **limits,
+        'method': method})
+    assert answer.status == 'solved'
+    assert answer.t[-1] == T
+    assert answer.at(T).x['x'] == answer.x['x'][-1]

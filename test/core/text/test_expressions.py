@@ -41,6 +41,8 @@ GOOD = {
     'log(x)': math.log(X), 'sqrt(x)': math.sqrt(X), 'abs(v)': -V, 'theta_1*theta_1': THETA**2,
     '0.5*(x**2 + v**2) - 3*(1 - x)**3': 0.5*(X**2 + V**2) - 3*(1 - X)**3, '10 - -1': 11,
     'x*\n  v': X*V, '\tx': X,
+    # What f'{value!r}' makes of scalars of NumPy 2.
+    'np.float64(1.2)*x': 1.2*X, 'x**np.int64(2) - np.float32(-1.5)': X**2 + 1.5,
 }
 
 

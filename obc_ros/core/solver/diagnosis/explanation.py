@@ -44,9 +44,14 @@ from obc_ros.core.solver.diagnosis.feasibility import (
     relax_terminal,
     Solver,
 )
+from obc_ros.core.solver.diagnosis.finite_arcs import attain_by_arcs
 from obc_ros.core.solver.diagnosis.forward_check import reaches_end
 from obc_ros.core.solver.diagnosis.monotone_resources import explain_shortage
-from obc_ros.core.solver.diagnosis.relaxed_controls import explain_chattering, relax_controls
+from obc_ros.core.solver.diagnosis.relaxed_controls import (
+    explain_chattering,
+    relax_controls,
+    split_mixture,
+)
 from obc_ros.core.solver.diagnosis.unboundedness import explain_unbounded
 from obc_ros.core.solver.exact.weak_duality import is_excluded
 from obc_ros.core.solver.proofs.contradictions import explain_contradiction
@@ -76,10 +81,15 @@ _EXCLUDED = ('the bounds and constraints exclude each other: a combination of th
 
 @dataclass(frozen=True)
 class Reason:
-    """A sentence, and whether infeasibility is proved."""
+    """
+    A sentence, and whether infeasibility is proved.
+
+    `solution`: a certified path, if the search for the reason has found one.
+    """
 
     infeasible: bool
     sentence: str
+    solution: Solution | None = None
 
 
 class Situation(StrEnum):
@@ -217,15 +227,23 @@ class Unsolved:
         return answer if answer.certified else self.thorough(other)
 
     def mixed(self) -> Reason | None:
-        """Return that minimising sequences chatter, if they do."""
+        """Return that minimising sequences chatter, or a path of few arcs that attains as much."""
         found = self.found
         other = relax_controls(self.problem, found) if found is not None and found.t.size else None
         # A path that slightly violates bounds is good enough for mixtures of an input's bounds.
         if found is None or other is None or self.lost and other.m > self.problem.m:
             return None
         answer = self.thorough(other)
-        return _report(explain_chattering(
-            self.problem, other, answer, found) if answer.certified else '')
+        sentence = answer.certified and explain_chattering(self.problem, other, answer, found)
+        mixture = split_mixture(self.problem, other, answer) if sentence else None
+        if not sentence or mixture is None:
+            return None
+        with self._trace.attempt('arcs of a mixture') as attempt:
+            path = attain_by_arcs(self.problem, answer, mixture)
+            attempt.end(Verdict.CERTIFIED if path else Verdict.REJECTED,
+                        '' if path else 'no number of arcs attains the relaxed minimum',
+                        cost=path.objective if path else np.nan)
+        return Reason(False, sentence, path)
 
     def without_end(self) -> Reason | None:
         """Return that the cost decreases without limit or that states diverge, if they do."""

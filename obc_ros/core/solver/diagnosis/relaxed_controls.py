@@ -21,6 +21,7 @@ from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.ocp.guess import Guess
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.ocp.solution import Solution
+from obc_ros.core.solver.proofs.strict_convexity import has_one_mean_input
 
 _APART = 1e-2    # of an input's largest value: distance above which u and v differ
 _SHARE = 1e-2    # minimum share of u and of v in a mixture
@@ -129,17 +130,41 @@ def _convex(problem: Problem, found: Solution) -> bool:
     return True
 
 
+def split_mixture(problem: Problem, other: Problem, mixed: Solution
+                  ) -> tuple[Array, Array, Array] | None:
+    """
+    Return the two inputs that a solution of the relaxed problem mixes.
+
+    Parameters
+    ----------
+    problem, other : Problem
+        As stated, and relaxed by `relax_controls`.
+    mixed : Solution
+        Of the relaxed problem, with N samples.
+
+    Returns
+    -------
+    u, v, share : ndarray, shape (N, m), (N, m), (N,)
+        The inputs, and the share of v; None if others would cost less.
+
+    """
+    m = problem.m
+    if other.m != m:
+        return mixed.u[:, :m], mixed.u[:, m:2*m], mixed.u[:, 2*m]
+    j = next(k for k, name in enumerate(other.inputs) if name.endswith(_SHARED))
+    if not _concave(problem, replace(mixed, u=_inputs_of(problem, mixed.u, j)))[j]:
+        return None
+    u, v = mixed.u.copy(), mixed.u.copy()
+    u[:, j], v[:, j] = problem.u_upper[j], problem.u_lower[j]
+    return u, v, mixed.u[:, j]
+
+
 def explain_chattering(problem: Problem, other: Problem, mixed: Solution, found: Solution) -> str:
     """Return a sentence if the relaxed problem's solution costs less by mixing inputs, else ''."""
-    m, gain = problem.m, found.objective - mixed.objective
-    if other.m == m:
-        j = next(k for k, name in enumerate(other.inputs) if name.endswith(_SHARED))
-        if not _concave(problem, replace(mixed, u=_inputs_of(problem, mixed.u, j)))[j]:
-            return ''
-        u, v, share = mixed.u.copy(), mixed.u.copy(), mixed.u[:, j]
-        u[:, j], v[:, j] = problem.u_upper[j], problem.u_lower[j]
-    else:
-        u, v, share = mixed.u[:, :m], mixed.u[:, m:2*m], mixed.u[:, 2*m]
+    gain, parts = found.objective - mixed.objective, split_mixture(problem, other, mixed)
+    if parts is None:
+        return ''
+    u, v, share = parts
     size = np.maximum(np.abs(u).max(axis=0), np.abs(v).max(axis=0))
     apart = np.abs(u - v) > _APART * size
     mixes = apart.any(axis=1) & (np.abs(share - 0.5) < 0.5 - _SHARE)
@@ -156,5 +181,6 @@ def explain_chattering(problem: Problem, other: Problem, mixed: Solution, found:
             if found.feasible else '')
     # Digits beyond what mixing gains are errors of the solution.
     infimum = round(mixed.objective, 5 - math.floor(math.log10(gain))) + 0.0
-    return (f'the infimum {infimum:.6g} is not attained: minimising sequences chatter, '
+    verb = 'is not' if has_one_mean_input(problem) else 'may not be'
+    return (f'the infimum {infimum:.6g} {verb} attained: minimising sequences chatter, '
             f'at t = {mixed.t[k]:.3g} between {pairs} (relax or regularise the problem){best}')

@@ -141,7 +141,7 @@ def _sampled(bench: Bench, found: BoundaryValues, wanted: float) -> Solution:
     x, lam = z[:, :problem.n], z[:, problem.n:]
     u = np.clip(u, problem.u_lower, problem.u_upper)
     new = _joined(found, k, u)
-    t, x, u, lam = t[new], x[new], u[new], lam[new]
+    t, x, u, lam = problem.final_time.place_end(t[new]), x[new], u[new], lam[new]
     H, _, _ = bench.programs.judge.hamiltonian(problem, x, u, lam)
     return Solution(
         status=Status.NOT_CONVERGED, message='', objective=found.cost, t=t, x=x, u=u, lam=lam,

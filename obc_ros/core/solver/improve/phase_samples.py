@@ -184,8 +184,7 @@ def _joined(problem: Problem, integrator: CostateIntegrator, found: Phased, t: A
         change = np.abs(np.diff(values, axis=0)).max(axis=1)
         new[1:] |= change > 1e-9 * np.abs(values).max()
     t, x, u, lam, density = (values[new] for values in (t, x, u, lam, density))
-    if not problem.final_time.free:
-        t = t * (problem.final_time.value / t[-1])
+    t = problem.final_time.place_end(t)
     H, _, _ = integrator.hamiltonian(problem, x, u, lam)
     n = problem.n
     return Solution(

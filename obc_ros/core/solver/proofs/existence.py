@@ -182,7 +182,7 @@ def _curvature(problem: Problem) -> _Curvature:
         second = ca.jacobian(slope[0], u)
         if not ca.depends_on(second, ca.vertcat(problem.x, problem.u)):
             try:
-                [L] = _exact(problem, problem.L)
+                [L] = read_exactly(problem, problem.L)
             except TooHardError:
                 continue
             curved[index] = float(L.get(((problem.n + index, 2),), 0))
@@ -190,12 +190,25 @@ def _curvature(problem: Problem) -> _Curvature:
     return _Curvature(curved, linear)
 
 
-def _exact(problem: Problem, expressions: ca.SX) -> list[Polynomial]:
+def read_exactly(problem: Problem, expressions: ca.SX) -> list[Polynomial]:
     """
     Return expressions as exact polynomials of (x, u).
 
     Here terms cancel exactly. CasADi sums the constants of derivatives in doubles, so that the
     second derivative of 0.3 u^2 - 0.2 u^2 - 0.1 u^2 is below 0 there.
+
+    Parameters
+    ----------
+    problem : Problem
+        Whose symbols and values of parameters are used.
+    expressions : casadi.SX
+        A column.
+
+    Raises
+    ------
+    TooHardError
+        If there are too many terms, or a number is not finite.
+
     """
     function = ca.Function('exact', [problem.x, problem.u, problem.p], [ca.densify(expressions)])
     return read_polynomials(
@@ -211,7 +224,7 @@ def _linear(problem: Problem, free: Mask) -> str:
         return ''
     n, q, T = problem.n, problem.q, problem.final_time.value
     try:
-        parts = [split_affine(each, n + problem.m) for each in _exact(
+        parts = [split_affine(each, n + problem.m) for each in read_exactly(
             problem, ca.vertcat(problem.f, problem.L, problem.V, problem.psi))]
     except TooHardError:
         return ''

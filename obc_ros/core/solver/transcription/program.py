@@ -517,7 +517,8 @@ class Transcription:
         everything = np.append(w, self._constants(problem, mesh, scales, problem.final_time.value))
         durations = everything[self.at_duration] * scales.time
         ua, ub = (everything[places] * scales.u for places in (self.at_ua, self.at_ub))
-        path = Path(self.times(mesh, durations), w[self.at_x] * scales.x,
+        times = problem.final_time.place_end(self.times(mesh, durations))
+        path = Path(times, w[self.at_x] * scales.x,
                     w[self.at_inner] * scales.x, ua, ub, durations)
         N, s, l = self.layout.intervals, self.layout.stages, self.l  # noqa: E741  # as in Outcome
         lam, bounds = lam_g * scales.cost, lam_w * scales.cost
