@@ -24,8 +24,9 @@ from obc_ros.core.numerics.arrays import Array, Index
 from obc_ros.core.numerics.collocation import build_collocation, compute_gauss_points
 from obc_ros.core.numerics.instructions import find_dependence
 from obc_ros.core.numerics.samples import interpolate_columns
+from obc_ros.core.ocp.certificate.certificate import TOLERANCES
 from obc_ros.core.ocp.problem import Problem
-from obc_ros.core.ocp.solution import Verdict
+from obc_ros.core.ocp.solution import Condition, Verdict
 from obc_ros.core.solver.nlp.interior_point import StoppingRule
 from obc_ros.core.solver.nlp.ipopt import build_ipopt, Found, run_ipopt
 from obc_ros.core.solver.nlp.meter import Meter, Watch
@@ -384,6 +385,22 @@ class Transcription:
         met = np.abs(values - problem.path_lower) <= 1e-9 * (1 + np.abs(values))
         return np.asarray(met & ~loose)
 
+    def _met_at_start(self, problem: Problem, margin: Array) -> NDArray[np.bool_]:
+        """
+        Return the path constraints that a given x(0) alone decides and that leave no room, (l,).
+
+        A row without unknowns is met or it is not; where rounding errors, or a tightened bound,
+        decide that, no iterate would be feasible.
+        """
+        if not self.l or problem.start is not None:
+            return np.zeros(self.l, dtype=bool)
+        value = self._path(problem.x0, np.zeros(self.m), problem.p_value).full()[:, 0]
+        near = TOLERANCES[Condition.BOUNDS] * (1 + np.abs(value))
+        lower, upper = problem.path_lower, problem.path_upper
+        met = (value >= lower - near) & (value <= upper + near)
+        room = (value > lower + margin + near) & (value < upper - margin - near)
+        return np.asarray(met & ~room & ~self._uses[:, self.n:].any(axis=1))
+
     def solvable(self, problem: Problem, mesh: Mesh) -> bool:
         """
         Return whether there are at least as many unknowns as equations.
@@ -426,7 +443,8 @@ class Transcription:
         mesh.hold(*bounds, places, slice(self.n, None))
         # Equalities that always hold would make the equations dependent.
         settled = self._settled(problem, mesh)
-        spare = [places[settled[self.layout.phase_of]]]
+        spare = [places[settled[self.layout.phase_of]],
+                 places[0, self._met_at_start(problem, margin)]]
         if settled.any() and len(settled) * self.l == self._program.rows[2]:
             spare.append(each * N + self.q + np.flatnonzero(settled))
         for values, none in zip(bounds, (-np.inf, np.inf), strict=True):

@@ -337,3 +337,13 @@ def test_an_invariant_excludes_a_point_but_no_crossing_line():
         BLOCK | turn, terminal_constraints=['x - v', 'x + v - 2', 'x**3 - 1']))
     assert found.startswith('x**2 + v**2 is constant for all inputs: it is 1 at the '
                             'initial state and 2 where')
+
+
+@pytest.mark.parametrize('missed, proved', [(1e-9, False), (4e-7, False), (4e-6, True)])
+@pytest.mark.parametrize('key', ['state_bounds', 'path_constraints'])
+def test_what_a_certificate_counts_as_met_is_no_contradiction(key, missed, proved):
+    """The margin is relative to 1 + |x(0)| = 2: a miss of 4e-7 is below it, of 4e-6 above."""
+    bound = 1 - missed
+    changed = {'x': [None, bound]} if key == 'state_bounds' else [{'expr': 'x', 'upper': bound}]
+    problem = problems.pose({'x': 'u'}, 'u**2 + x', [1], 1, **{key: changed})
+    assert bool(explain_contradiction(problem)) == proved

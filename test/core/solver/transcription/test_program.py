@@ -11,6 +11,7 @@ from obc_ros.core.ocp.nonconvexity import Uneven
 from obc_ros.core.solver.adjoint.costates import CostateIntegrator
 from obc_ros.core.solver.adjoint.mesh_refinement import Error, refine_mesh
 from obc_ros.core.solver.nlp.meter import Meter
+from obc_ros.core.solver.solve import solve
 from obc_ros.core.solver.starts.cross_entropy import search_rollouts
 from obc_ros.core.solver.starts.initial_guess import estimate_scales, Guesser
 from obc_ros.core.solver.transcription.block_program import assemble, Block, Piece
@@ -312,3 +313,16 @@ def test_random_inputs_reach_a_point_that_no_line_reaches():
     for path in paths[:6]:
         x, _ = integrator.forward(problem, path.t, path.ua, path.ub)
         assert np.allclose(x, path.x, atol=1e-4)
+
+
+def test_a_constraint_that_rounding_breaks_at_a_given_start_leaves_paths():
+    """
+    The constraint is violated by 1e-12 at x(0), where no unknown can change that.
+
+    J = x(1) - 1 is least where x(1) is on its bound: J = 0.1 (1 - cos 1).
+    """
+    found = solve(problems.pose(
+        {'x': 'u'}, 'u', [1], 1, input_bounds={'u': [-1, 1]},
+        path_constraints=[{'expr': 'x - 1 - 0.1*(1 - cos(t))', 'lower': 1e-12}]))
+    assert found.feasible
+    assert found.objective == pytest.approx(0.1 * (1 - np.cos(1.0)), abs=1e-6)
