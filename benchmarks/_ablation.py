@@ -63,7 +63,6 @@ CALLS: dict[str, tuple[Any, str, Callable[..., Any], Callable[..., bool]]] = {
     'constraint tightening': (bench, 'compute_tightening', skip_tightening, lambda *_: True),
     'negative curvature': (banded_program, 'leave_saddle', lambda *args: args[1],
                            lambda found, *args: found is not args[1]),
-    'positivity': (search, '_keep_inside', lambda *_: None, lambda found, *_: found is not None),
     'chattering budget': (search, '_mixes', lambda *_: False, lambda found, *_: found),
     'larger inputs': (conclusion, 'explain_larger_inputs', lambda *_: '',
                       lambda found, *_: bool(found))}

@@ -12,19 +12,16 @@ from dataclasses import replace
 
 import casadi as ca
 import numpy as np
-from obc_ros.core.ocp.certificate.certificate import certify
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.ocp.solution import Solution, Status, Verdict
 from obc_ros.core.solver.bench import Bench, build_bench, Candidate, Task
 from obc_ros.core.solver.coarse_mesh import CoarseResult, solve_coarse
 from obc_ros.core.solver.descent import descend
 from obc_ros.core.solver.nlp.meter import Meter
-from obc_ros.core.solver.program_cache import ProgramCache
 from obc_ros.core.solver.proofs.contradictions import explain_contradiction
 from obc_ros.core.solver.proofs.optimality import describe_local
 from obc_ros.core.solver.starts.multistart import descend_from_coarse, explore_starts
 from obc_ros.core.solver.starts.neighbour import solve_from_neighbour
-from obc_ros.core.solver.starts.positivity import keep_amounts_positive
 from obc_ros.core.solver.starts.start_pool import StartPool
 from obc_ros.core.solver.trace import GUESS
 from obc_ros.core.solver.transcription.program import TranscriptionOutcome
@@ -86,8 +83,6 @@ def _descend(coarse: CoarseResult, pool: StartPool) -> tuple[Candidate, Bench, l
     if not outcomes or not np.all(np.isfinite(outcomes[0].path.x)):
         return Candidate(Solution(Status.NOT_CONVERGED, (
             'no path was found from any initial guess'))), bench, []
-    if not bench.quick and (inside := _keep_inside(coarse)):
-        return Candidate(inside), bench, []
     bench = replace(bench, meter=_budget(coarse))
     if bench.quick:
         return descend(bench, outcomes[0]), bench, []
@@ -129,29 +124,3 @@ def _mixes(bench: Bench, outcome: TranscriptionOutcome) -> bool:
     concave = curvature < -error * np.abs(curvature).max(axis=0, initial=0.0)
     share = np.diff(course.t) @ (inside & concave & np.isfinite(span)) / course.t[-1]
     return bool(np.any(share > error))
-
-
-def _keep_inside(coarse: CoarseResult) -> Solution | None:
-    """
-    Return a solution found with bounds >= 0 on states that are amounts, or None.
-
-    The outcomes show for which amounts the bound is missing. A solution without a certificate
-    that passes is returned only if it is feasible and a coarse outcome had a small
-    discretisation error.
-    """
-    bench = coarse.bench
-    # With a large discretisation error states may have jumped over a pole of f.
-    shown = coarse.outcomes[:1] if coarse.sound else coarse.outcomes
-    problem = keep_amounts_positive(bench.stated, [outcome.path.x for outcome in shown])
-    if problem is bench.stated:
-        return None
-    with bench.trace.attempt('positivity', 'bounds >= 0 on amounts') as attempt:
-        found, _ = search(Task(problem, ProgramCache(problem, bench.options), bench.meter),
-                          with_arcs=bench.may_hold)
-        answer = found.solution
-        if answer.certificate:
-            answer = replace(answer, certificate=certify(bench.stated, answer))
-        fits = answer.certificate.feasible if answer.certificate else bench.meter.stopped
-        good = answer.certified or coarse.sound and fits
-        attempt.end(Verdict.ACCEPTED if good else Verdict.REJECTED, cost=answer.objective)
-    return answer if good else None

@@ -562,3 +562,28 @@ def test_similar_problems_share_compiled_programs():
     assert again.build_time == 0.0
     assert again.iterations < first.iterations
     assert again.objective == pytest.approx(alone.objective, rel=1e-5)
+
+
+def test_a_search_adds_no_bounds_that_nobody_stated():
+    """An input without bounds may take x below 0, although inputs of ordinary size do not."""
+    found = solve(problems.pose(
+        {'x': '20 - u'}, '(u - 20)**2 + 100*(x + 1)**4', [1], 2, terminal_constraints=['x - 1']))
+    shifted = solve(problems.pose(
+        {'x': '-u'}, 'u**2 + 100*(x + 1)**4', [1], 2, terminal_constraints=['x - 1']))
+    assert found.certified and shifted.certified
+    assert found.objective == pytest.approx(106.6496533, rel=1e-6)   # a boundary value problem
+    assert found.objective == pytest.approx(shifted.objective, rel=1e-6)
+    assert found.x.min() < 0
+
+
+@pytest.mark.slow
+def test_a_fed_batch_with_sharp_kinetics_is_solved():
+    """On coarse meshes s steps over the pole of its growth rate at s = -0.02."""
+    found = solve(problems.build({
+        'states': ['b', 's', 'v'], 'inputs': ['u'],
+        'dynamics': {'b': '0.4*s/(s + 0.02)*b - u*b/v',
+                     's': '-4*s/(s + 0.02)*b + u*(150 - s)/v', 'v': 'u'},
+        'running_cost': 0, 'terminal_cost': '-b*v', 'initial_state': {'b': 1, 's': 150, 'v': 10},
+        'input_bounds': {'u': [0, 12]}, 'final_time': {'free': False, 'value': 10}}))
+    assert found.certified
+    assert found.x.min() >= -1e-6 * 150
