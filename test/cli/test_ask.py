@@ -42,11 +42,11 @@ def test_a_malformed_file_exits_with_2_and_has_its_json(tmp_path, capsys, conten
 
 @pytest.mark.parametrize('change, words', [
     ('initial_state: {x: 2020-01-01}', 'initial_state.x: wanted a number or an expression, found '
-     'a date'), ('1: 2', '1: unknown key'), ('states: &a [*a]', 'states'),
+     'a date'), ('1: 2', '1: unknown key'), ('states: &a [*a]', 'an alias contains itself'),
     (f'parameters: {{a: 0x{"f" * 5000}}}', 'parameters.a'),
     ('\n'.join(['parameters:', *(f'{" " * k}a:' for k in range(1, 60))]), 'parameters.a'),
     ('\n'.join(['parameters:', '  a0: &a0 [1, 1]', *(
-        f'  a{k}: &a{k} [*a{k - 1}, *a{k - 1}]' for k in range(1, 60))]), 'parameters.a0'),
+        f'  a{k}: &a{k} [*a{k - 1}, *a{k - 1}]' for k in range(1, 60))]), 'its aliases expand it'),
     ('states: !!set {x}', 'states: wanted a list'), ('inputs: !!binary eA==', 'inputs')])
 def test_a_statement_that_cannot_be_sent_is_malformed(tmp_path, change, words):
     """Values that JSON does not have, repetitions without bound, and nesting."""

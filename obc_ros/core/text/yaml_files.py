@@ -92,6 +92,8 @@ def _load(text: bytes, path: str) -> Any:
             raise StatementError(f'{path}: its aliases expand it to {length:.3g} bytes; at most '
                                  f'{MAX_BYTES} are accepted')
         return loader.construct_document(node)
+    except StatementError:   # a ValueError
+        raise
     except RecursionError:
         raise StatementError(f'{path}: nested too deeply') from None
     except yaml.MarkedYAMLError as error:

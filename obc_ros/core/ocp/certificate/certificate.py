@@ -78,10 +78,12 @@ from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.ocp.solution import Certificate, Condition, Solution
 from obc_ros.core.ocp.structure import make_differentiable
 
+COUNTS_AS_MET = 1e-6   # relative: a smaller violation of a constraint counts as none
 # A coarse mesh, a local minimum of H or a wrong multiplier gives residuals far above these. A
 # solution whose cost is right to six digits is below them.
 TOLERANCES: dict[str, float] = {
-    Condition.DYNAMICS: 1e-6, Condition.START: 1e-6, Condition.END: 1e-6, Condition.BOUNDS: 1e-6,
+    Condition.DYNAMICS: 1e-6, Condition.START: 1e-6, Condition.END: COUNTS_AS_MET,
+    Condition.BOUNDS: COUNTS_AS_MET,
     Condition.COSTATE: 1e-4, Condition.MINIMUM: 1e-4, Condition.TRANSVERSALITY: 1e-4,
     Condition.HAMILTONIAN: 1e-4, Condition.FINAL_TIME: 1e-4, Condition.COST: 1e-6}
 REPLAY_ERROR = 1e-7   # estimated integration error of all intervals together

@@ -22,7 +22,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 from obc_ros.core.numerics.arrays import Array
-from obc_ros.core.ocp.certificate.certificate import TOLERANCES
+from obc_ros.core.ocp.certificate.certificate import COUNTS_AS_MET
 from obc_ros.core.ocp.least_time_form import (
     Affine,
     find_affine_dynamics,
@@ -31,7 +31,7 @@ from obc_ros.core.ocp.least_time_form import (
     Target,
 )
 from obc_ros.core.ocp.problem import Problem
-from obc_ros.core.ocp.solution import Condition, Optimality, Solution, Status
+from obc_ros.core.ocp.solution import Optimality, Solution, Status
 from obc_ros.core.solver.exact import double_integrator
 from obc_ros.core.solver.exact.bang_bang import BangBang
 from obc_ros.core.solver.exact.least_time import (
@@ -44,7 +44,6 @@ from obc_ros.core.solver.exact.unreachable_modes import explain_unreachable_mode
 from obc_ros.core.solver.exact.weak_duality import is_never_met
 
 _METHOD = 'time_optimal'
-_MARGIN = TOLERANCES[Condition.END]   # relative: a smaller miss counts as met
 # Samples of an arc: at least, at most; in between by the fastest mode.
 _SAMPLES, _MOST_SAMPLES = 17, 200
 # Times the upper bound of T up to which the minimum time is looked for, for the message.
@@ -210,7 +209,7 @@ def _independent(aim: Reach) -> tuple[Array, bool]:
     if rank == len(aim.d):
         return np.eye(rank), False
     left = U[:, rank:].T @ aim.d
-    return U[:, :rank], bool(np.abs(left).max() > _MARGIN * (1 + np.abs(aim.d).max()))
+    return U[:, :rank], bool(np.abs(left).max() > COUNTS_AS_MET * (1 + np.abs(aim.d).max()))
 
 
 def _meets_by_itself(reach: Reach, fixed: Array,
@@ -220,7 +219,7 @@ def _meets_by_itself(reach: Reach, fixed: Array,
     size = 1 + np.abs(reach.d).max() + np.abs(reach.x0).max()
     if np.abs(gap).max() <= 1e-9 * size:
         return 'always'
-    clear = np.abs(gap).min(axis=0) > _MARGIN * size
+    clear = np.abs(gap).min(axis=0) > COUNTS_AS_MET * size
     one_sided = clear & (np.abs(np.sign(gap).sum(axis=0)) == len(gap))
     return 'never' if one_sided.any() else 'passing'
 

@@ -160,7 +160,7 @@ def _measure(solver: ca.Function, w: Array, constants: Array | None,
     """Return the residual of the optimality conditions, with the derivatives of the solver."""
     if not all(np.isfinite(each).all() for each in (w, *multipliers)):
         return math.inf
-    p: Any = [] if constants is None else constants
+    p = np.zeros(0) if constants is None else constants
     _, slope = solver.get_function('nlp_grad_f')(w, p)
     g, J = solver.get_function('nlp_jac_g')(w, p)
     values = np.asarray(g.full().ravel())

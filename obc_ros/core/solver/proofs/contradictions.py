@@ -28,10 +28,10 @@ from obc_ros.core.numerics.enclosures.interval_arithmetic import (
 from obc_ros.core.numerics.instructions import find_dependence
 from obc_ros.core.numerics.rational_polynomials import convert_to_rational, find_null_space
 from obc_ros.core.ocp.affine_constraints import End, find_affine_end
-from obc_ros.core.ocp.certificate.certificate import TOLERANCES
+from obc_ros.core.ocp.certificate.certificate import COUNTS_AS_MET
 from obc_ros.core.ocp.least_time_form import find_affine_dynamics
 from obc_ros.core.ocp.problem import FinalTime, Problem
-from obc_ros.core.ocp.solution import Condition, Status
+from obc_ros.core.ocp.solution import Status
 from obc_ros.core.ocp.wording import (
     describe_terminal,
     find_affine_rows,
@@ -46,8 +46,6 @@ from obc_ros.core.solver.proofs.uncontrolled_states import (
     find_missed_states,
 )
 
-# Relative margin of a contradiction: that of a certificate, which counts less as satisfied.
-_MARGIN = TOLERANCES[Condition.BOUNDS]
 _ROUNDING = 1e-9   # of a state that exact arithmetic has found
 _VALUES = 1001     # values of a state between its ends
 
@@ -79,7 +77,7 @@ def _at_start(problem: Problem) -> Iterator[str]:
         for upper, value, sign, excess in (
                 (True, lowest[index], '>=', lowest[index] - problem.x_upper[index]),
                 (False, highest[index], '<=', problem.x_lower[index] - highest[index])):
-            if excess > _MARGIN * (1 + abs(value)):
+            if excess > COUNTS_AS_MET * (1 + abs(value)):
                 sign = '=' if problem.given_at_start[index] else sign
                 yield (f'initial state {name} {sign} {format_number(value)} and state bound '
                        f'{state_bound(problem, index, upper)} exclude each other')
@@ -110,7 +108,7 @@ def _path_at(problem: Problem, box: tuple[Array, Array], where: str, known: Mask
                 total = add_intervals(total, multiply_intervals(slope, add_intervals(
                     Interval(float(u[0][k]), float(u[1][k])),
                     Interval(-float(middle[k]), -float(middle[k])))))
-        slack = _MARGIN * (1 + max(abs(value.low), abs(value.high)))
+        slack = COUNTS_AS_MET * (1 + max(abs(value.low), abs(value.high)))
         for excess, sign, bound, seen in (
                 (total.low - problem.path_upper[row], '<=', problem.path_upper[row], total.low),
                 (problem.path_lower[row] - total.high, '>=', problem.path_lower[row],
@@ -139,7 +137,7 @@ def _at_end(problem: Problem) -> Iterator[str]:
         low, high = _range(a, b, problem.x_lower, problem.x_upper)
         used = a != 0
         ends = a[used] * np.array([problem.x_lower, problem.x_upper])[:, used]
-        slack = _MARGIN * (1 + abs(b) + np.abs(ends[np.isfinite(ends)]).sum())
+        slack = COUNTS_AS_MET * (1 + abs(b) + np.abs(ends[np.isfinite(ends)]).sum())
         if low > slack or high < -slack:
             yield _against_bounds(problem, row, a, low > slack)
     if end.clash is not None:
@@ -176,7 +174,7 @@ def _where_pinned(problem: Problem, end: End) -> Iterator[str]:
             continue
         psi = ca.Function('psi', [problem.x, problem.p], [problem.psi[row]])
         [value] = enclose_outputs(psi, [box, (problem.p_value, problem.p_value)])
-        size = _MARGIN * (1 + float(np.abs(x).max()))**2
+        size = COUNTS_AS_MET * (1 + float(np.abs(x).max()))**2
         if value.low > size or value.high < -size:
             where = ', '.join(f'{name} = {format_number(float(x[index]))}' for index,
                               name in enumerate(
@@ -223,7 +221,7 @@ def _together_against_bounds(problem: Problem, end: End) -> Iterator[str]:
     reach = np.abs(np.where(np.isfinite([problem.x_lower, problem.x_upper]),
                             [problem.x_lower, problem.x_upper], 0.0)).max(axis=0)
     size = np.abs([float(weight) for weight in weights]) @ (np.abs(A) @ reach + np.abs(b))
-    if sum(terms) + float(total[n]) > _MARGIN * size:
+    if sum(terms) + float(total[n]) > COUNTS_AS_MET * size:
         names = ', '.join(describe_terminal(problem, row) for row, weight in zip(
             rows, weights, strict=True) if weight)
         bounds = ', '.join(
@@ -256,7 +254,7 @@ def _in_between(problem: Problem, end: Array, pinned: Mask) -> Iterator[str]:
             problem.p_value, 1, _VALUES)).full()[row]
         excess = np.maximum(c - problem.path_upper[row], problem.path_lower[row] - c)
         worst = int(np.argmax(np.where(np.isfinite(excess), excess, -np.inf)))
-        if excess[worst] > _MARGIN * (1 + np.abs(c[np.isfinite(c)]).max(initial=0.0)):
+        if excess[worst] > COUNTS_AS_MET * (1 + np.abs(c[np.isfinite(c)]).max(initial=0.0)):
             sign, bound = (('<=', problem.path_upper[row]) if c[worst] > problem.path_upper[row]
                            else ('>=', problem.path_lower[row]))
             name = problem.states[index]

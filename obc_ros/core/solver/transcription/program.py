@@ -24,9 +24,9 @@ from obc_ros.core.numerics.arrays import Array, Index
 from obc_ros.core.numerics.collocation import build_collocation, compute_gauss_points
 from obc_ros.core.numerics.instructions import find_dependence
 from obc_ros.core.numerics.samples import interpolate_columns
-from obc_ros.core.ocp.certificate.certificate import TOLERANCES
+from obc_ros.core.ocp.certificate.certificate import COUNTS_AS_MET
 from obc_ros.core.ocp.problem import Problem
-from obc_ros.core.ocp.solution import Condition, Verdict
+from obc_ros.core.ocp.solution import Verdict
 from obc_ros.core.solver.nlp.interior_point import StoppingRule
 from obc_ros.core.solver.nlp.ipopt import build_ipopt, Found, run_ipopt
 from obc_ros.core.solver.nlp.meter import Meter, Watch
@@ -395,7 +395,7 @@ class Transcription:
         if not self.l or problem.start is not None:
             return np.zeros(self.l, dtype=bool)
         value = self._path(problem.x0, np.zeros(self.m), problem.p_value).full()[:, 0]
-        near = TOLERANCES[Condition.BOUNDS] * (1 + np.abs(value))
+        near = COUNTS_AS_MET * (1 + np.abs(value))
         lower, upper = problem.path_lower, problem.path_upper
         met = (value >= lower - near) & (value <= upper + near)
         room = (value > lower + margin + near) & (value < upper - margin - near)
