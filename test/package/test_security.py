@@ -178,6 +178,7 @@ def test_aliases_within_the_limit_stand_for_their_values():
     assert yaml_files.read_text('{a: &a [1, 2], b: *a}', 'the text') == {'a': [1, 2], 'b': [1, 2]}
 
 
+@pytest.mark.slow
 def test_a_text_without_aliases_is_refused_for_its_length_only():
     limit = yaml_files.MAX_BYTES
     assert len(yaml_files.read_text('[' + '1,' * (limit // 2 - 1) + ']', 't')) == limit // 2 - 1

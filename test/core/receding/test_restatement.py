@@ -47,6 +47,7 @@ def test_a_cart_is_restated() -> None:
 numbers = strategies.floats(-3.0, 3.0)
 
 
+@pytest.mark.slow
 @given(strategies.lists(numbers, min_size=9, max_size=9), numbers, strategies.floats(-1e3, 1e3))
 def test_the_weights_and_the_set_point_are_those_of_the_cost(entries: list[float], place: float,
                                                              offset: float) -> None:

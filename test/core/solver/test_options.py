@@ -80,6 +80,7 @@ def test_a_wrong_option_is_refused_in_words(given, words):
     assert words in str(refused.value)
 
 
+@pytest.mark.slow
 def test_multistart_obeys_its_maximum():
     """Without further starts the descent from a hump ends in the nearer, higher minimum."""
     problem = problems.build('downhill_from_a_hump')
@@ -88,6 +89,7 @@ def test_multistart_obeys_its_maximum():
     assert few.objective > solve(problem).objective + 0.1
 
 
+@pytest.mark.slow
 def test_programs_are_not_shared_between_options():
     cache, problem = Cache(), problems.build('brachistochrone')
     first = solve(problem, cache=cache)

@@ -318,6 +318,7 @@ def test_a_terminal_weight_sets_the_gain_at_the_end() -> None:
 # Disturbances along a reference
 
 
+@pytest.mark.slow
 def test_integral_action_compensates_an_offset_while_braking() -> None:
     """From 10 to 2 m/s with a steering offset, only integral action removes the lateral error."""
     system = registry.get_system('vehicle')
