@@ -44,7 +44,8 @@ def run_receding(desk: Desk, plant: Mapping[str, Any], controller: Mapping[str, 
 
     """
     plant = {**plant, 'lockstep': True}   # whose stamps are simulated
-    controller = {**controller, **SIMULATED, 'stamp_timeout': 0.0}
+    # The period is as long as the default: a late state would count as missing.
+    controller = {**controller, **SIMULATED, 'stamp_timeout': 0.0, 'state_timeout': 0.0}
     desk.note(run_node('plant_simulator', plant))
     desk.note(run_node('mpc_node', controller))
     desk.note(PLAN)
