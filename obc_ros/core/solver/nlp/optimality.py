@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 from obc_ros.core.numerics.arrays import Array
 
-# Rounding errors of the costates of a motion of twelve states are 1e-9 in this scaling.
 ACCEPTED = 1e-7   # largest residual of a solution
 
 
@@ -23,9 +22,9 @@ def measure_optimality(w: Array, bounds: tuple[Array, Array], rows: tuple[Array,
     """
     Return the largest scaled residual of feasibility, stationarity and complementarity.
 
-    The unit of a row is sum |dg/dw_j| |w_j|, that of an unknown |w_j|, and that of stationarity
-    the largest sum of the absolute values of its terms, |df/dw_j| + sum |dg_i/dw_j| |lam_i|. No
-    unit is below 1, the scale of the program.
+    The unit of rows and unknowns is 1, the scale of the program, and the rounding errors of a row
+    count: at a far iterate any row is met. That of stationarity is the largest sum of the absolute
+    values of its terms, |df/dw_j| + sum |dg_i/dw_j| |lam_i|, at least 1.
 
     Parameters
     ----------
@@ -52,8 +51,8 @@ def measure_optimality(w: Array, bounds: tuple[Array, Array], rows: tuple[Array,
         free = bounds[0] < bounds[1]
         still = np.where(free, slope + J.T @ lam_g + lam_w, 0.0)
         parts = [
-            _excess(w, *bounds) / np.maximum(1.0, np.abs(w)),
-            _excess(g, *rows) / np.maximum(1.0, size @ np.abs(w)),
+            _excess(w, *bounds),
+            _excess(g, *rows) + np.finfo(float).eps * (size @ np.abs(w)),
             np.abs(still) / unit,
             _slack(w, *bounds, lam_w) / unit,
             _slack(g, *rows, lam_g) / unit]
