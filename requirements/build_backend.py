@@ -51,7 +51,7 @@ DEPENDENCIES = (
     'shtab>=1.8',
 )
 # What the wheel with ROS 2 needs besides; `PINS` has the versions of the wheels of ROS 2.
-ROS_DEPENDENCIES = ('mcap>=1.2',)
+ROS_DEPENDENCIES = ('mcap>=1.2', 'zstandard>=0.18')   # mcap reads with it, and raises its errors
 ROS_WHEELS = (
     'ros-rclpy[fastrtps]',
     'ros-diagnostic-msgs',

@@ -39,6 +39,7 @@ ROSDEP_KEYS = {
     'control': 'python-control-pip',
     'matplotlib': 'python3-matplotlib',
     'mcap': 'mcap-ros2-support',
+    'zstandard': 'mcap-ros2-support',   # which needs it
     'numpy': 'python3-numpy',
     'rich': 'python3-rich',
     'scipy': 'python3-scipy',

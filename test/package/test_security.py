@@ -198,9 +198,10 @@ def test_a_command_restricts_discovery_to_this_machine(monkeypatch):
 
 
 def is_restricted() -> bool:
-    """Return whether the profile opens ports on the loopback interface only, and decides."""
-    return (str(LOOPBACK) in map(os.environ.get, VARIABLES)
-            and os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] == 'SYSTEM_DEFAULT')
+    """Return whether the middleware is restricted to this machine, or its profile is."""
+    wanted = os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE']
+    return wanted == 'LOCALHOST' or (
+        wanted == 'SYSTEM_DEFAULT' and str(LOOPBACK) in map(os.environ.get, VARIABLES))
 
 
 def test_the_tests_restrict_discovery_to_this_machine(spawn):
