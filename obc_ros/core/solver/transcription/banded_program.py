@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from obc_ros.core.numerics.arrays import Array, Index, sparse
+from obc_ros.core.numerics.arrays import Array, Index
 from obc_ros.core.solver.nlp.interior_point import (
     Interior,
     Iterate,
@@ -20,7 +20,6 @@ from obc_ros.core.solver.nlp.interior_point import (
 )
 from obc_ros.core.solver.nlp.ipopt import Found
 from obc_ros.core.solver.nlp.negative_curvature import leave_saddle
-from obc_ros.core.solver.nlp.optimality import ACCEPTED, measure_optimality
 from obc_ros.core.solver.transcription.block_program import Whole
 
 _PENALTY = 1e7       # factor of J'J in the test of the Hessian
@@ -190,28 +189,8 @@ class Stages:
             now = work.measured(self._scale(replace(now, z=np.ones_like(now.z))))
         if multipliers is None:
             now = work.multipliers(now)
-        end = self._judge(work, solve_program(work, now, goal, seen))
-        end = leave_saddle(work, end, goal, seen)
-        return self._found(work, end)
-
-    def _measure(self, work: Interior, end: Iterate) -> float:
-        """Return the scaled residual of the optimality conditions at an iterate."""
-        rows, columns = self.pattern.rows, self.pattern.columns
-        part = self.is_row[rows] & ~self.is_row[columns]
-        J = sparse.coo_matrix((end.values.entries[part], (rows[part], columns[part])),
-                              shape=(self.size, self.size)).tocsr()
-        J, w = J[self.at_rows][:, self.at_w], self.at_w
-        none = np.zeros(len(self.at_rows))
-        return measure_optimality(
-            end.y[w], (work.lower[w], work.upper[w]), (none, none),
-            (end.values.c[self.at_rows], end.values.cost_slope[w], J),
-            (-work.spread(end.z)[w], end.y[self.at_rows]))
-
-    def _judge(self, work: Interior, end: Iterate) -> Iterate:
-        """Return an iterate as converged if it satisfies the optimality conditions."""
-        if end.converged or self._measure(work, end) > ACCEPTED:
-            return end
-        return replace(end, converged=True, status='converged')
+        end = solve_program(work, now, goal, seen)
+        return self._found(work, leave_saddle(work, end, goal, seen))
 
     def _scale(self, now: Iterate) -> Iterate:
         """Scale the cost down if its gradient is very large at a start without multipliers."""
