@@ -4,9 +4,9 @@
 Time from a request of ``~/stop`` to the input at rest and to the response, over DDS.
 
 Both controllers are stopped during each request that takes long: a change of weights, a trial
-design, suggested weights, a reference of many samples, an activation; and, as the floor, during
-none. ``--stops N`` sets how often each is stopped. The figures are those of this machine under its
-present load.
+design, suggested weights, a reference of many samples, an activation, a plan to be executed; and,
+as the floor, during none. ``--stops N`` sets how often each is stopped. The figures are those of
+this machine under its present load.
 """
 
 from collections.abc import Callable
@@ -22,7 +22,7 @@ from lifecycle_msgs.srv import ChangeState
 import numpy as np
 from obc_ros.cli.processes import Children, isolate, reserve_domain
 from obc_ros.msg import Command, State, Trajectory
-from obc_ros.srv import SuggestWeights, TryDesign
+from obc_ros.srv import PlanMotion, SuggestWeights, TryDesign
 from rcl_interfaces.srv import SetParameters
 import rclpy
 from rclpy.parameter import Parameter
@@ -71,9 +71,10 @@ class Bench:
             rclpy.spin_once(self.node, timeout_sec=0.005)
 
     def ask(self, kind: Any, name: str, request: Any = None) -> Any:
-        """Send a request; return the future."""
+        """Send a request; return the future. A name without a node is of the controller."""
         if name not in self._clients:
-            self._clients[name] = self.node.create_client(kind, f'/{self._name}/{name}')
+            self._clients[name] = self.node.create_client(
+                kind, f'/{name}' if '/' in name else f'/{self._name}/{name}')
             self.spin_until(self._clients[name].service_is_ready, name)
         return self._clients[name].call_async(request or kind.Request())
 
@@ -134,6 +135,12 @@ class Bench:
         message.header.stamp.sec = self.node.get_clock().now().to_msg().sec + 1000
         self._references.publish(message)
 
+    def plan(self) -> Any:
+        """Ask trajectory_server for a motion that lqr_node is to follow."""
+        return self.ask(PlanMotion, 'trajectory_server/plan', PlanMotion.Request(
+            system='aircraft', goal=[0.5, 0.0, 0.0, 0.0, 0.0, 0.0], objective='quadratic',
+            final_time=2.0, execute=True))
+
     def activate_again(self) -> Any:
         """Deactivate the node, and ask for its activation."""
         self.spin_until(self._change(Transition.TRANSITION_DEACTIVATE).done, 'deactivation')
@@ -149,11 +156,13 @@ def measure(name: str, stops: int, folder: Path) -> bool:
     """Measure the stops of a controller; return whether they are in time."""
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     bench, in_time = Bench(name), True
-    kinds = ['do_nothing', 'set_weights', *(
-        ['try_design', 'suggest_weights', 'follow_reference'] if name == 'lqr_node' else []),
-        'activate_again']
+    kinds = ['do_nothing', 'set_weights', 'activate_again']
+    if name == 'lqr_node':
+        kinds += ['try_design', 'suggest_weights', 'follow_reference', 'plan']
     try:
         with Children(folder) as children:
+            if name == 'lqr_node':
+                children.start('trajectory_server', '-p', 'workers:=1')
             children.start(name, '-p', 'system:=aircraft', '-p', f'u_limits:={LIMITS}', '-p',
                            'transition_time:=0.0')
             bench.spin_until(bench.is_following, f'commands of {name}')

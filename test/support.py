@@ -144,18 +144,25 @@ class Process:
         try:
             return self.popen.wait(timeout)
         except subprocess.TimeoutExpired:
-            self.popen.send_signal(signal.SIGABRT)  # faulthandler writes the stacks of all threads
-            with suppress(subprocess.TimeoutExpired):
-                self.popen.wait(5.0)
+            self._write_stacks()
             raise AssertionError(
                 f'{self.command[0]} still runs after {timeout} s:\n{self.output()}') from None
+
+    def _write_stacks(self) -> None:
+        """End the process; faulthandler writes the stacks of all its threads."""
+        self.watched = False
+        self.popen.send_signal(signal.SIGABRT)
+        with suppress(subprocess.TimeoutExpired):
+            self.popen.wait(5.0)
 
     def wait_for_output(self, text: str, timeout: float = DEADLINE) -> str:
         """Wait until its output contains `text` and return the output."""
         deadline = time.monotonic() + timeout
         while text not in self.output():
             assert self.running(), f'{self.command[0]} ended before {text!r}:\n{self.output()}'
-            assert time.monotonic() < deadline, f'no {text!r} in {timeout} s:\n{self.output()}'
+            if time.monotonic() > deadline:
+                self._write_stacks()
+                raise AssertionError(f'no {text!r} in {timeout} s:\n{self.output()}')
             time.sleep(0.02)
         return self.output()
 
