@@ -289,14 +289,15 @@ def test_a_pole_is_balanced_by_its_position_and_angle(spawn, probe, tmp_path, no
     assert np.abs(x[-10:]).max() < NEAR
 
 
-def test_a_quadrotor_turns_and_goes_to_its_set_point(spawn, probe, tmp_path):
+@pytest.mark.parametrize('node', ['lqr_node', 'mpc_node'])
+def test_a_quadrotor_turns_and_goes_to_its_set_point(spawn, probe, tmp_path, node):
     file = tmp_path / 'quadrotor.yaml'
     file.write_text(QUADROTOR_SYSTEM)
     there = [1.0, -0.5, 0.5, 0.0, 0.0, 1.0, *[0.0] * 6]
     bench = RobotBench(
-        spawn, probe, 'lqr_node', 'state', 'command', PERIOD, system=str(file), setpoint=there,
+        spawn, probe, node, 'state', 'command', PERIOD, system=str(file), setpoint=there,
         setpoint_input=[QUADROTOR_MASS * GRAVITY, 0.0, 0.0, 0.0], Qu=[1.0, 20.0, 20.0, 20.0],
-        u_limits=[0.0, 24.0, -1.0, 1.0, -1.0, 1.0, -0.3, 0.3])
+        u_limits=[0.0, 24.0, -1.0, 1.0, -1.0, 1.0, -0.3, 0.3], **OWN[node])
     body = Quadrotor([0.5, 0.0, 0.0, 0.1, -0.1, 0.5, *[0.0] * 6])
     x = bench.run(15.0, body.measure, body.move)
     assert np.abs(x[-10:, :6] - there[:6]).max() < NEAR
