@@ -3,6 +3,7 @@
 """Data of a control loop: control law, limits and rules."""
 
 from dataclasses import dataclass
+from functools import cached_property
 import math
 
 from obc_ros.core.closed_loop.feedback import (
@@ -122,6 +123,12 @@ class Prediction:
     Gammas: tuple[Rows, ...]
     period: int
     delay: int
+
+    @cached_property
+    def rows(self) -> Rows:
+        """Return [Phi, Gamma_1, Gamma_2, ...], shape (n + p, n + p + k m) for k commands."""
+        return tuple([tuple([value for row in rows for value in row])
+                      for rows in zip(self.Phi, *self.Gammas, strict=True)])
 
 
 @dataclass(frozen=True)

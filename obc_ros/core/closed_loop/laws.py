@@ -63,8 +63,8 @@ class HeldSetPoint:
     def at(self, stamp: int) -> ReferencePoint:
         """Return the target at a stamp [ns]."""
         t = (stamp - self.origin) * NS
-        point = self.law.at(t)
-        return point._replace(x=move(self.x, self.law.drift, t))
+        _, u, K, Ki = self.law.at(t)
+        return ReferencePoint(move(self.x, self.law.drift, t), u, K, Ki)
 
     def place(self, x: Sequence[float], stamp: int, error: MeasureError, origin: int
               ) -> 'HeldSetPoint':

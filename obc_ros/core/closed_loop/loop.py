@@ -393,7 +393,9 @@ class ControlLoop:
             if self.x is None or stamp is None or sent is None:
                 return None
             at = self._carry_set_point(control, stamp, self.x, is_withdrawn=False)
-            u = self._compute(control, self._aim(control, at, stamp), stamp, self.x)
+            aim = self._aim(control, at, stamp)
+            here = self._point(control, aim.now, stamp)
+            u = self._compute(control, aim, here, stamp, control.limits.error(self.x, here.x))
             control.limits.clip(u)
             return list(map(sub, u, sent))
 
@@ -468,6 +470,8 @@ class ControlLoop:
     def _step(self, event: Event, sentence: str, reason: str = '') -> None:
         """Switch the mode by the table; collect the effects, and say what has happened."""
         before, change = self.mode, switch_mode(self.mode, event)
+        if change.mode is before and change.effect is Effect.NONE:
+            return
         self._effects |= change.effect
         self.mode = change.mode
         if change.mode is not before or change.mode is Mode.STOPPED and event is Event.STOP:
@@ -502,7 +506,8 @@ class ControlLoop:
         self._step(Event.STATE, 'the control law begins')
         control = self._control
         if self.mode is Mode.RESTING:
-            if fault := self._find_fault(control, stamp, x):
+            here = self._point(control, self._aim_now(stamp).now, stamp)
+            if fault := self._find_fault(control, stamp, x, here):
                 return self._act(fault.action)
             self._step(Event.RESUME, 'the control law is resumed')
         if Effect.PLACE in self._effects or control.prediction is None:
@@ -512,9 +517,17 @@ class ControlLoop:
         self._end_reference(control, stamp)
         self._choose_plan(stamp)
         self._place(control, stamp, x)
-        if fault := self._find_fault(control, stamp, x):
+        aim = self._aim_now(stamp)
+        here = self._point(control, aim.now, stamp)
+        if fault := self._find_fault(control, stamp, x, here):
             return self._interrupt(fault)
-        return self._command(control, stamp, x, former if was_following else None)
+        error = control.limits.error(x, here.x)
+        if control.C:
+            self._integral.advance(control.C, here.Ki, error, stamp)
+        raw = self._compute(control, aim, here, stamp, error)
+        if Effect.FADE in self._effects:
+            self._fade(control, raw, stamp, x, former if was_following else None)
+        return self._send(control, raw, stamp, x)
 
     def _place(self, control: Control, stamp: int, x: Sequence[float]) -> None:
         """Let the law begin or go on at a state."""
@@ -581,10 +594,11 @@ class ControlLoop:
         else:
             self._step(Event.UNPLANNED, 'no plan for this state')
 
-    def _find_fault(self, control: Control, stamp: int, x: Sequence[float]) -> Fault | None:
+    def _find_fault(self, control: Control, stamp: int, x: Sequence[float], here: ReferencePoint
+                    ) -> Fault | None:
         """Return why a rule does not let the law answer a state, and what it asks for."""
         rules, has_plan = control.rules, select_plan(self._plans, stamp) is not None
-        self.error = control.limits.error(x, self._find_asked(control, stamp, x))
+        self.error = control.limits.error(x, self._find_asked(control, stamp, x, here))
         if what := self._explain_excess(control, self.error) or self._explain_slowness(control):
             return Fault(f'{what}; on_envelope: {rules.on_envelope}', what, rules.on_envelope)
         what = '' if has_plan else self._explain_no_plan(control, self.error)
@@ -608,17 +622,9 @@ class ControlLoop:
         self._step(Event.SUSPEND, fault.sentence, fault.reason)
         return self._act(fault.action)
 
-    def _command(self, control: Control, stamp: int, x: Sequence[float],
-                 former: tuple[Control, Aim] | None) -> list[float] | None:
-        """Return the command of the control law, through the gate."""
-        aim = self._aim_now(stamp)
-        here = self._point(control, aim.now, stamp)
-        error = control.limits.error(x, here.x)
-        if control.C:
-            self._integral.advance(control.C, here.Ki, error, stamp)
-        raw = self._compute(control, aim, stamp, x)
-        if Effect.FADE in self._effects:
-            self._fade(control, raw, stamp, x, former)
+    def _send(self, control: Control, raw: Sequence[float], stamp: int, x: Sequence[float]
+              ) -> list[float] | None:
+        """Return an input of the control law as a command, through the gate."""
         wanted = self._gate.smooth(raw)
         u = self._gate.let_through(wanted, control.limits)
         if u is None:
@@ -643,7 +649,8 @@ class ControlLoop:
                 gate.enter(before, raw, time)
             return
         old, aim = former
-        before = gate.smooth(self._compute(old, aim, stamp, x))
+        here = self._point(old, aim.now, stamp)
+        before = gate.smooth(self._compute(old, aim, here, stamp, old.limits.error(x, here.x)))
         old.limits.clip(before)
         gate.leave(before, gate.smooth(raw), time)
 
@@ -666,10 +673,11 @@ class ControlLoop:
 
     # The rules
 
-    def _find_asked(self, control: Control, stamp: int, x: Sequence[float]) -> Sequence[float]:
+    def _find_asked(self, control: Control, stamp: int, x: Sequence[float], here: ReferencePoint
+                    ) -> Sequence[float]:
         """Return what was asked for: a point of the reference, or of the set point."""
         if self._itinerary.followed is not None or self.mode is Mode.SET_POINT:
-            return self._point(control, self._aim_now(stamp).now, stamp).x
+            return here.x
         # A plan, or a law that will begin, goes on along the drift from where the plant is.
         return free_drift(x, self._setpoint.at(stamp).x, self._setpoint.law.drift,
                           control.limits.error)
@@ -720,11 +728,18 @@ class ControlLoop:
             plan = select_plan(self._plans, stamp)
             if plan is not None:
                 return Aim(plan, plan)
-        now, ahead = (next(
-            each for each in reversed(self._course) if each.since <= at or each is self._course[0])
-            for at in (stamp, self._acts(control, stamp)))
-        return Aim(self._resolve(control, setpoint, now),
-                   self._resolve(control, setpoint, ahead))
+        now = self._find_followed(stamp)
+        later = now if control.prediction is None else self._find_followed(
+            self._acts(control, stamp))
+        law = self._resolve(control, setpoint, now)
+        return Aim(law, law if later is now else self._resolve(control, setpoint, later))
+
+    def _find_followed(self, stamp: int) -> Followed:
+        """Return what is followed at a stamp [ns]."""
+        for each in reversed(self._course):
+            if each.since <= stamp:
+                return each
+        return self._course[0]
 
     def _resolve(self, control: Control, setpoint: HeldSetPoint, followed: Followed
                  ) -> FollowedLaw:
@@ -750,17 +765,21 @@ class ControlLoop:
         has_begun = self.mode in FOLLOWING and Effect.PLACE not in self._effects
         return (self._gate.sent if has_begun and self._gate.sent else point.u)[schedule.input]
 
-    def _compute(self, control: Control, aim: Aim, stamp: int, x: Sequence[float]) -> list[float]:
-        """Return the input of the law at the time when it acts, without limits."""
-        here = self._point(control, aim.now, stamp)
-        e, point = control.limits.error(x, here.x), here
+    def _compute(self, control: Control, aim: Aim, here: ReferencePoint, stamp: int,
+                 error: Sequence[float]) -> list[float]:
+        """
+        Return the input of the law at the time when it acts, without limits.
+
+        `here` is the target at the stamp, and `error` that of the state from it.
+        """
+        e, point = error, here
         z: Sequence[float] = ()
         if control.prediction is not None:
-            e, z = self._sent.predict(control.prediction, e, here.u, len(control.C), stamp)
+            e, z = self._sent.predict(control.prediction, error, here.u, len(control.C), stamp)
             later = self._acts(control, stamp)
-            point, on = self._point(control, aim.ahead, later), self._point(
-                control, aim.now, later).x
+            point = self._point(control, aim.ahead, later)
             if aim.ahead is not aim.now:
+                on = self._point(control, aim.now, later).x
                 e = control.limits.error(list(map(add, on, e)), point.x)
         u = compute_feedback(point, e)
         for j, row in enumerate(point.Ki if control.C else ()):

@@ -41,11 +41,10 @@ class SentCommands:
 
         """
         whole = [*e, *[0.0] * p]
-        ahead = [sum(map(mul, row, whole)) for row in prediction.Phi]
-        for Gamma, u in zip(prediction.Gammas, self._recall(prediction, stamp), strict=False):
-            du = list(map(sub, u, ur))
-            for i, row in enumerate(Gamma):
-                ahead[i] += sum(map(mul, row, du))
+        for u in self._recall(prediction, stamp)[:len(prediction.Gammas)]:
+            whole += map(sub, u, ur)
+        # Before the first command the input was at rest: `map` ends with the shorter one.
+        ahead = [sum(map(mul, row, whole)) for row in prediction.rows]
         return ahead[:len(e)], ahead[len(e):]
 
     def remember(self, prediction: Prediction, u: list[float], stamp: int) -> None:

@@ -99,7 +99,10 @@ class Itinerary:
 
 def find_leg(legs: Sequence[Leg], reference: Reference | None) -> Leg | None:
     """Return the law along a reference, or None."""
-    return next((leg for leg in legs if leg.reference is reference), None)
+    for leg in legs:
+        if leg.reference is reference:
+            return leg
+    return None
 
 
 def explain_distance(control: Control, leg: Leg, t: float, x: Sequence[float],
