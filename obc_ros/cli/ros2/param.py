@@ -4,6 +4,7 @@
 
 import argparse
 from array import array
+from collections.abc import Iterator
 from difflib import get_close_matches
 from pathlib import Path
 import re
@@ -13,7 +14,7 @@ from typing import Any
 from obc_ros.cli.ros2.verbs import add_node, add_verbs, run_verb
 from obc_ros.cli.ros_graph import Graph, join_graph
 from obc_ros.core.text.errors import ObcError, quote, StatementError
-from obc_ros.core.text.yaml_files import read_yaml
+from obc_ros.core.text.yaml_files import EXPONENTS, read_yaml
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import (
     DescribeParameters,
@@ -22,11 +23,7 @@ from rcl_interfaces.srv import (
     SetParameters,
     SetParametersAtomically,
 )
-from rclpy.parameter import (
-    get_parameter_value,
-    parameter_dict_from_yaml_file,
-    parameter_value_to_python,
-)
+from rclpy.parameter import get_parameter_value, parameter_value_to_python
 import yaml
 
 # Names of the types in `get` and `describe`.
@@ -43,6 +40,13 @@ TYPES = {
     ParameterType.PARAMETER_STRING_ARRAY: ('String values are:', 'string array'),
 }
 run = run_verb
+
+
+class _Dumper(yaml.SafeDumper):
+    """A dumper that quotes the text '1e-9', which ROS reads as a number without quotes."""
+
+
+_Dumper.add_implicit_resolver(*EXPONENTS)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -161,7 +165,7 @@ def dump(args: argparse.Namespace) -> int:
         for group in groups:
             branch = branch.setdefault(group, {})
         branch[last] = _plain(value)
-    print(yaml.safe_dump({node: {'ros__parameters': tree}}, default_flow_style=False))
+    print(yaml.dump({node: {'ros__parameters': tree}}, Dumper=_Dumper, default_flow_style=False))
     return 0
 
 
@@ -169,7 +173,7 @@ def load(args: argparse.Namespace) -> int:
     """Set all parameters of a file or none, and print the response of the node."""
     with join_graph() as graph:
         node = graph.find_node(args.node_name, args.timeout)
-        wanted = list(_of_file(args.parameter_file, node, not args.no_use_wildcard).values())
+        wanted = _of_file(args.parameter_file, node, not args.no_use_wildcard)
         result = graph.call(
             SetParametersAtomically, f'{node}/set_parameters_atomically',
             SetParametersAtomically.Request(parameters=wanted)).result
@@ -179,20 +183,51 @@ def load(args: argparse.Namespace) -> int:
                default=0)
 
 
-def _of_file(path: Path, node: str, wildcard: bool) -> dict[str, Parameter]:
+def _of_file(path: Path, node: str, wildcard: bool) -> list[Parameter]:
     """Return the parameters of a file for a node, or those of the only other node in it."""
     try:
-        keys = list(read_yaml(path).keys())
+        sections = read_yaml(path, exponents=True)
+        if not isinstance(sections, dict):
+            raise StatementError('it is no mapping of nodes to parameters')
         name = node.rpartition('/')[2]
-        own = [key for key in keys if key in (node, node[1:], name, f'/**/{name}')]
-        others = [key for key in keys if key != '/**']
+        own = [key for key in sections if key in (node, node[1:], name, f'/**/{name}')]
+        others = [key for key in sections if key != '/**']
         if not own and len(others) > 1:
             raise ObcError(f'{path} has nothing for {node}, only for {", ".join(others)}')
-        found: dict[str, Parameter] = parameter_dict_from_yaml_file(
-            str(path), wildcard, own or others)
-    except (StatementError, RuntimeError, TypeError, AttributeError) as error:
+        shared = ['/**'] if wildcard and '/**' in sections else []
+        found: dict[str, Parameter] = {}
+        for key in [*shared, *(own or others)]:
+            section = sections[key]
+            if not isinstance(section, dict) or 'ros__parameters' not in section:
+                raise StatementError(f'{quote(str(key))} has no ros__parameters')
+            found.update((each.name, each) for each in _flatten(section['ros__parameters']))
+    except (StatementError, TypeError, AttributeError) as error:
         raise ObcError(f'{path} is no parameter file: {error}') from error
-    return found
+    return list(found.values())
+
+
+def _flatten(values: dict[str, Any], group: str = '') -> Iterator[Parameter]:
+    """Yield the parameters of a mapping and of the mappings in it."""
+    for key, value in values.items():
+        name = group + key
+        if isinstance(value, dict):
+            yield from _flatten(value, f'{name}.')
+            continue
+        numbers = value if isinstance(value, list) else [value]
+        if any(type(each) is int and not -2**63 <= each < 2**63 for each in numbers):
+            raise StatementError(f'{name}: {quote(str(value))} is too large for a parameter')
+        yield Parameter(name=name, value=_message(value))
+
+
+def _message(value: Any) -> ParameterValue:
+    """Return a value of a file as ROS sends it; numbers of which one is a double are doubles."""
+    numbers = value if isinstance(value, list) else [value]
+    if {float} <= {*map(type, numbers)} <= {int, float}:
+        if value is numbers:
+            return ParameterValue(type=ParameterType.PARAMETER_DOUBLE_ARRAY,
+                                  double_array_value=[float(each) for each in numbers])
+        return ParameterValue(type=ParameterType.PARAMETER_DOUBLE, double_value=value)
+    return get_parameter_value(str(value))
 
 
 def _names(graph: Graph, node: str, prefixes: list[str] | None = None) -> list[str]:

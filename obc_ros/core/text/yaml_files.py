@@ -10,6 +10,7 @@ stand for gigabytes.
 from collections.abc import Hashable
 import itertools
 from pathlib import Path
+import re
 from typing import Any
 
 from obc_ros.core.text.errors import describe_type, quote, StatementError
@@ -20,6 +21,9 @@ FileEntry = dict[str, Any] | StatementError
 MAX_BYTES = 250_000
 MAX_ENTRIES = 1_000  # of a list of mappings
 MAX_BRACKETS = 50    # open at a time; the time that PyYAML needs grows with their square
+# 1e-9 and 1.5e3, which YAML 1.1 reads as texts: a tag, a pattern, and what a number begins with.
+EXPONENTS = ('tag:yaml.org,2002:float',
+             re.compile(r'[-+]?(\d+(\.\d*)?|\.\d+)[eE][-+]?\d+$'), list('-+.0123456789'))
 
 
 class _Loader(yaml.SafeLoader):
@@ -48,7 +52,14 @@ class _Loader(yaml.SafeLoader):
         return super().construct_mapping(node, deep)
 
 
-def read_yaml(path: str | Path) -> Any:
+class _ExponentLoader(_Loader):
+    """A loader that reads ``1e-9`` as a number, as YAML 1.2 and ROS do."""
+
+
+_ExponentLoader.add_implicit_resolver(*EXPONENTS)
+
+
+def read_yaml(path: str | Path, *, exponents: bool = False) -> Any:
     """
     Return the contents of a YAML file.
 
@@ -56,6 +67,8 @@ def read_yaml(path: str | Path) -> Any:
     ----------
     path : str or Path
         The file.
+    exponents : bool
+        Whether ``1e-9`` is a number, as in YAML 1.2; in YAML 1.1, only ``1.0e-9`` is one.
 
     Returns
     -------
@@ -76,15 +89,15 @@ def read_yaml(path: str | Path) -> Any:
         raise StatementError(f'{path}: cannot be read: {error.strerror}') from None
     except ValueError as error:  # the path is not valid
         raise StatementError(f'{path}: cannot be read: {error}') from None
-    return _load(text, str(path))
+    return _load(text, str(path), _ExponentLoader if exponents else _Loader)
 
 
-def _load(text: bytes, path: str) -> Any:
+def _load(text: bytes, path: str, kind: type[_Loader] = _Loader) -> Any:
     """Return the contents of a YAML text; an error begins with `path`."""
     if len(text) > MAX_BYTES:
         raise StatementError(f'{path}: longer than {MAX_BYTES} bytes')
     try:
-        loader = _Loader(text)
+        loader = kind(text)
         node = loader.get_single_node()
         if node is None:
             return None

@@ -89,6 +89,47 @@ def test_load_sets_all_parameters_of_a_file_or_none(lqr: Any, probe: Any, domain
     assert list(probe.get_parameters('/lqr_node', 'Qx')['Qx']) == before
 
 
+def test_load_reads_numbers_as_ros_reads_them(lqr: Any, probe: Any, domain: int, tmp_path: Any
+                                              ) -> None:
+    """YAML 1.1 takes 1e-9 for a text, and a list with 1 and 0.5 has two types."""
+    obc, file = Terminal('obc', domain, tmp_path), tmp_path / 'tuned.yaml'
+    for numbers in ('[1e-9, 1.0, 1.0, 1.0, 1.0, 1.0]', '[1, 1, 1, 1, 1, 1e-9]',
+                    '[1E-9, +1e0, .5e1, 1.e+0, 1.5, 1]', '[1.0e-9, 1, 1, 1, 1, 1]'):
+        file.write_text(f'/lqr_node: {{ros__parameters: {{Qx: {numbers}}}}}\n')
+        done = obc.say_here('param', 'load', '/lqr_node', 'tuned.yaml')
+        assert (done.status, done.out) == (0, 'Set parameter Qx successful\n'), done
+        assert list(probe.get_parameters('/lqr_node', 'Qx')['Qx']) == [
+            float(number) for number in numbers[1:-1].split(',')]
+    file.write_text('/lqr_node: {ros__parameters: {Qx: [1e-9, 1, 1, 1, 1, 1], Qu: [-1e-9, 1]}}\n')
+    done = obc.say_here('param', 'load', '/lqr_node', 'tuned.yaml')
+    assert (done.status, done.out) == (1, '')
+    assert done.err.startswith('No parameter of the file is set: Qu')
+    assert list(probe.get_parameters('/lqr_node', 'Qx')['Qx']) == [1e-9, 1, 1, 1, 1, 1]
+
+
+def test_a_text_that_looks_like_a_number_is_dumped_and_loaded_as_a_text(
+        lqr: Any, probe: Any, domain: int, tmp_path: Any) -> None:
+    obc = Terminal('obc', domain, tmp_path)
+    assert probe.set_parameters('/lqr_node', hardware_id='1e-9')[0].successful
+    dumped = obc.say_here('param', 'dump', '/lqr_node')
+    assert "hardware_id: '1e-9'\n" in dumped.out
+    (tmp_path / 'all.yaml').write_text(dumped.out)
+    assert probe.set_parameters('/lqr_node', hardware_id='other')[0].successful
+    done = obc.say_here('param', 'load', '/lqr_node', 'all.yaml')
+    assert (done.status, done.err) == (0, '')
+    assert probe.get_parameters('/lqr_node', 'hardware_id') == {'hardware_id': '1e-9'}
+
+
+def test_a_number_that_no_parameter_can_hold_is_named(lqr: Any, domain: int, tmp_path: Any
+                                                      ) -> None:
+    obc = Terminal('obc', domain, tmp_path)
+    for number in ('9' * 400, f'[0.5, {"9" * 400}]'):
+        (tmp_path / 'wrong.yaml').write_text(f'/lqr_node: {{ros__parameters: {{Qx: {number}}}}}')
+        done = obc.say_here('param', 'load', '/lqr_node', 'wrong.yaml')
+        assert (done.status, done.out) == (1, '')
+        assert 'is no parameter file: Qx' in done.err
+
+
 def test_errors_name_the_cause_and_the_choices(lqr: Any, domain: int, tmp_path: Any) -> None:
     """The choices are running nodes, similar parameters, and the nodes of a file."""
     obc = Terminal('obc', domain, tmp_path)
