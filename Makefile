@@ -28,9 +28,9 @@ PIP := $(BIN)/python -m pip --disable-pip-version-check
 SHOWN := $(BIN)/python requirements/progress.py
 TESTED := $(addprefix requirements/,run.txt test.txt notebooks.txt)
 REQUIRED := $(addprefix requirements/,$(DISTRO).txt ros.txt web.txt) $(TESTED)
-# Python files are no prerequisite: the installation is editable, a change is seen at once.
+# Other Python files are no prerequisite: the installation is editable, a change is seen at once.
 SOURCES := setup.py pyproject.toml package.xml CMakeLists.txt requirements/build_backend.py \
-	cmake resource \
+	obc_ros/__init__.py cmake resource \
 	$(wildcard cmake/* resource/*) $(foreach folder,msg srv action config launch foxglove rviz,\
 	$(wildcard $(folder) $(folder)/*))
 

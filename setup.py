@@ -92,10 +92,10 @@ class BuildInterfaces(build_py):
             shutil.rmtree(stale, ignore_errors=True)
         shutil.copytree(stage / SITE_PACKAGES / 'obc_ros', package)
         if self.editable:
-            for module in (path.name for path in (ROOT / 'obc_ros').iterdir()):
-                shutil.rmtree(package / module)
-            (package / '__init__.py').write_text(
-                f'__path__.append({str(ROOT / "obc_ros")!r})\n', encoding='utf-8')
+            for folder in (path.name for path in (ROOT / 'obc_ros').iterdir() if path.is_dir()):
+                shutil.rmtree(package / folder, ignore_errors=True)   # no __pycache__ there
+            with open(package / '__init__.py', 'a', encoding='utf-8') as file:
+                file.write(f'__path__.append({str(ROOT / "obc_ros")!r})\n')
         shutil.copytree(stage, data, ignore=shutil.ignore_patterns(
             'python*', 'parent_prefix_path'))
         for entry in (data / 'lib' / 'obc_ros').iterdir():

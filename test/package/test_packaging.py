@@ -143,6 +143,35 @@ def test_the_version_is_the_same_everywhere():
         assert metadata.version('obc-ros') == version
 
 
+def run_sources(program: str) -> str:
+    """Return what a program prints that finds the sources before an installation."""
+    done = subprocess.run(
+        [sys.executable, '-c', program], capture_output=True, text=True, check=False,
+        env={**os.environ, 'PYTHONPATH': os.pathsep.join(
+            filter(None, [str(ROOT), os.environ.get('PYTHONPATH')]))})
+    assert done.returncode == 0, done.stderr
+    return done.stdout.strip()
+
+
+def test_the_package_tells_its_version_and_reads_it_on_first_use():
+    """Without metadata there is none; another name is refused as by any module."""
+    loaded = run_sources('import sys; before = {*sys.modules}; import obc_ros; '
+                         'print(*{*sys.modules} - before); print(obc_ros.__version__)')
+    assert loaded.splitlines() == ['obc_ros', PACKAGE.findtext('version')]
+    assert run_sources('import obc_ros; print(hasattr(obc_ros, "version"))') == 'False'
+    alone = ('import sys; sys.path = [each for each in sys.path if "-packages" not in each]; '
+             'import obc_ros; print(hasattr(obc_ros, "__version__"))')
+    assert run_sources(alone) == 'False'
+
+
+@pytest.mark.ros
+def test_the_sources_find_the_messages_of_the_installation():
+    found = run_sources('import obc_ros.msg, obc_ros.core; print(obc_ros.__file__); '
+                        'print(obc_ros.core.__file__); print(obc_ros.msg.State.__name__)')
+    assert found.splitlines() == [
+        str(ROOT / 'obc_ros/__init__.py'), str(ROOT / 'obc_ros/core/__init__.py'), 'State']
+
+
 @pytest.mark.ros
 @pytest.mark.parametrize('file', INTERFACES, ids=name)
 def test_an_interface_is_installed(file):

@@ -9,6 +9,7 @@ import re
 import shutil
 import subprocess
 import sys
+from xml.etree import ElementTree
 from zipfile import ZipFile
 
 import build_backend  # of requirements/
@@ -112,11 +113,24 @@ def test_the_pure_wheel_has_the_modules_and_nothing_compiled(unpacked, tmp_path)
     assert {each for each in names if each.startswith('obc_ros/')} == {
         path.relative_to(ROOT).as_posix() for path in (ROOT / 'obc_ros').rglob('*')
         if path.is_file() and '__pycache__' not in path.parts}
+    assert 'obc_ros/py.typed' in names
     assert not [each for each in names if each.endswith(('.so', '.pyd', '.dll', '.dylib'))]
     assert any(each.endswith('.dist-info/licenses/LICENSE') for each in names)
     assert any(each.endswith('/data/share/obc_ros/benchmarks/timing.py') for each in names)
     required = [each for each in head.get_all('Requires-Dist') if 'extra' not in each]
     assert required == [*build_backend.DEPENDENCIES]
+    unpack('zipfile', wheel, tmp_path / 'site')
+    assert read_version(tmp_path) == head['Version']
+
+
+def read_version(folder: Path) -> str:
+    """Return ``obc_ros.__version__`` of what is in `site` of a folder."""
+    done = subprocess.run(
+        [sys.executable, '-S', '-c', 'import site; site.addsitedir("site"); import obc_ros; '
+         'print(obc_ros.__version__)'],
+        cwd=folder, capture_output=True, text=True, check=False, env={})
+    assert done.returncode == 0, done.stderr
+    return done.stdout.strip()
 
 
 @builds
@@ -129,6 +143,8 @@ def test_the_editable_pure_wheel_finds_the_modules_in_the_sources(unpacked, tmp_
          'import obc_ros.core.text.errors as each; print(each.__file__)'],
         cwd=tmp_path, capture_output=True, text=True, check=False)
     assert done.stdout.strip() == str(unpacked / 'obc_ros/core/text/errors.py'), done.stderr
+    version = ElementTree.parse(ROOT / 'package.xml').findtext('version')
+    assert read_version(tmp_path) == version
 
 
 @builds
