@@ -7,6 +7,7 @@ The page is for this machine unless `--host` says otherwise; then it asks for a 
 pages of other sites are rejected: a browser sends their origin.
 """
 
+import asyncio
 from collections.abc import Awaitable, Callable, MutableMapping
 import hmac
 from http.cookies import SimpleCookie
@@ -19,6 +20,7 @@ Receive = Callable[[], Awaitable[Any]]
 Send = Callable[[Any], Awaitable[None]]
 
 COOKIE = 'obc_view_token'
+HEADER_TIME = 10.0   # [s] from the first byte of a request, or the connection, to its whole header
 NO_FRAMES = ((b'content-security-policy', b"frame-ancestors 'none'"),
              (b'x-frame-options', b'DENY'))
 FORM = (b'<!doctype html><meta charset=utf-8><title>obc view</title>'
@@ -112,6 +114,46 @@ async def _reject(scope: Scope, send: Send, body: bytes, status: int = 403) -> N
 def make_token() -> str:
     """Return a new token."""
     return secrets.token_urlsafe(16)
+
+
+class HeaderDeadline:
+    """
+    Closes connections that send the header of a request slowly or never.
+
+    A base class to stand before a protocol of uvicorn, which waits without end for the first
+    request, and for a request that has begun.
+    """
+
+    _deadline: asyncio.TimerHandle | None = None
+
+    def connection_made(self, transport: asyncio.Transport) -> None:
+        """Wait for the first request."""
+        super().connection_made(transport)
+        self._watch()
+
+    def data_received(self, data: bytes) -> None:
+        """Read data, and wait for the rest of a header that has begun."""
+        super().data_received(data)
+        self._watch()
+
+    def connection_lost(self, error: Exception | None) -> None:
+        """Wait no more."""
+        self._cancel()
+        super().connection_lost(error)
+
+    def _watch(self) -> None:
+        # A websocket has a protocol of its own, and a request a cycle until it is answered.
+        cycle = self.cycle
+        transport = self.transport
+        if transport.get_protocol() is not self or (cycle and not cycle.response_complete):
+            self._cancel()
+        elif self._deadline is None:
+            self._deadline = asyncio.get_running_loop().call_later(HEADER_TIME, transport.close)
+
+    def _cancel(self) -> None:
+        if self._deadline is not None:
+            self._deadline.cancel()
+            self._deadline = None
 
 
 class Helm:

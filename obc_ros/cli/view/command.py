@@ -180,8 +180,13 @@ def _watch(children: Children, ended: threading.Event) -> None:
 def serve(source: Any, title: str, controls: bool, args: argparse.Namespace) -> None:
     """Serve the pages until the process is asked to end."""
     from nicegui import app, ui
-    from obc_ros.cli.view.access import Gate, Helm, make_token
+    from obc_ros.cli.view.access import Gate, HeaderDeadline, Helm, make_token
     from obc_ros.cli.view.page import Viewer
+    from uvicorn.protocols.http.auto import AutoHTTPProtocol
+
+    class Protocol(HeaderDeadline, AutoHTTPProtocol):
+        """HTTP in which a header has to arrive in time."""
+
     token = '' if args.host in LOCAL else make_token()
     viewer = Viewer(source, Helm(controls), title)
     ui.page('/', title=f'obc view: {title}')(viewer.build)
@@ -192,5 +197,5 @@ def serve(source: Any, title: str, controls: bool, args: argparse.Namespace) -> 
     gc.freeze()   # a later collection skips the objects of the start, and is shorter
     ui.run(host=args.host, port=args.port, title='obc view', reload=False,
            show=address if not args.no_browser else False, show_welcome_message=False,
-           reconnect_timeout=OUTAGE,
+           reconnect_timeout=OUTAGE, http=Protocol,
            favicon='\u2708', fastapi_docs=False, uvicorn_logging_level='warning')

@@ -8,10 +8,13 @@ from pathlib import Path
 import re
 import shutil
 import socket
+import time
 from typing import Any
+from urllib.parse import urlsplit
 
 import numpy as np
 from obc_ros.cli.processes import reserve_domain
+from obc_ros.cli.view.access import HEADER_TIME
 from obc_ros.cli.view.command import LOOP_PRIORITY
 from obc_ros.core.text.example_files import find_example
 from obc_ros.msg import Estimate, LqrDesign, State, Trajectory
@@ -396,6 +399,16 @@ def test_the_mode_is_shown_on_every_page_and_stays(site, page):
     start(page)
     second.locator('.obc-stopped').wait_for(state='detached')
     second.context.close()
+
+
+def test_a_connection_without_a_whole_header_is_closed(site):
+    address = urlsplit(site.address)
+    with socket.create_connection((address.hostname, address.port)) as client:
+        client.settimeout(HEADER_TIME + 10.0)
+        client.sendall(f'GET / HTTP/1.1\r\nHost: {address.netloc}\r\n'.encode())
+        begun = time.monotonic()
+        assert client.recv(1) == b''
+        assert HEADER_TIME - 0.5 < time.monotonic() - begun < HEADER_TIME + 5.0
 
 
 def test_a_second_page_watches_until_it_takes_the_control(site, page):

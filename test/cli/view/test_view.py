@@ -3,7 +3,7 @@
 """What the page shows and whom it serves, without a browser."""
 
 import asyncio
-from contextlib import closing
+from contextlib import closing, suppress
 import math
 import threading
 import time
@@ -29,6 +29,7 @@ from scipy.stats import chi2, norm
 from std_srvs.srv import Trigger
 
 pytest.importorskip('nicegui', reason='NiceGUI is not installed')
+from obc_ros.cli.view import access
 from obc_ros.cli.view.access import COOKIE, Gate, Helm, make_token
 from obc_ros.cli.view.canvas import describe_scene, LoopCanvas
 from obc_ros.cli.view.charts import (
@@ -53,6 +54,7 @@ from obc_ros.cli.view.telemetry import (
     ShownMode,
 )
 from obc_ros.cli.view.weights_panel import convert_weights
+import uvicorn
 from view_recording import record
 
 HOSTILE = '</script><img src=x onerror=alert(1)>{{ 7*7 }}'
@@ -142,6 +144,92 @@ def test_another_address_asks_for_the_token():
     assert ask(gate, 'websocket', cookie=cookie, **host)[0] == 0
     assert ask(gate, cookie=cookie, origin='http://evil.example', **host)[0] == 403
     assert make_token() != token
+
+
+async def answer_slowly(scope: Any, receive: Any, send: Any) -> None:
+    """Answer a request, and the messages of a websocket, after longer than a header may take."""
+    if scope['type'] == 'http':
+        await asyncio.sleep(1.5 * access.HEADER_TIME)
+        await send({'type': 'http.response.start', 'status': 200,
+                    'headers': [(b'content-length', b'2')]})
+        await send({'type': 'http.response.body', 'body': b'ok'})
+        return
+    await receive()
+    await send({'type': 'websocket.accept'})
+    while (await receive())['type'] == 'websocket.receive':
+        await send({'type': 'websocket.send', 'text': 'ok'})
+
+
+async def exchange(protocol: type, client: Any) -> Any:
+    """Run a server with a protocol of HTTP, and a client of it; return what the client returns."""
+    server = uvicorn.Server(uvicorn.Config(
+        answer_slowly, port=0, http=protocol, ws='wsproto', lifespan='off', log_level='error'))
+    task = asyncio.create_task(server.serve())
+    while not server.started:
+        await asyncio.sleep(0.01)
+    reader, writer = await asyncio.open_connection(
+        *server.servers[0].sockets[0].getsockname())
+    try:
+        return await client(reader, writer)
+    finally:
+        writer.close()
+        server.should_exit = True
+        await task
+
+
+@pytest.fixture(params=['httptools', 'h11'])
+def protocol(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> type:
+    """Return a protocol with a short deadline."""
+    monkeypatch.setattr(access, 'HEADER_TIME', 0.4)
+    module = pytest.importorskip(f'uvicorn.protocols.http.{request.param}_impl')
+    base = {'httptools': 'HttpToolsProtocol', 'h11': 'H11Protocol'}[request.param]
+    return type('Protocol', (access.HeaderDeadline, getattr(module, base)), {})
+
+
+REQUEST = b'GET / HTTP/1.1\r\nHost: localhost\r\n\r\n'
+UPGRADE = (b'GET / HTTP/1.1\r\nHost: localhost\r\nConnection: Upgrade\r\nUpgrade: websocket\r\n'
+           b'Sec-WebSocket-Version: 13\r\nSec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\n\r\n')
+
+
+@pytest.mark.parametrize(('sent', 'answered'), [
+    (b'', 0), (REQUEST[:-4], 0), (REQUEST[:-4], 1), (b'slowly', 0), (b'slowly', 1)])
+def test_a_header_that_does_not_arrive_ends_the_connection(protocol, sent, answered):
+    """Also after a request that was answered, where half a header begins the wait."""
+    async def client(reader: Any, writer: Any) -> float:
+        for _ in range(answered):
+            writer.write(REQUEST)
+            assert (await reader.readuntil(b'ok')).startswith(b'HTTP/1.1 200')
+        begun = time.monotonic()
+        if sent == b'slowly':
+            for byte in REQUEST[:-4]:
+                writer.write(bytes([byte]))
+                with suppress(TimeoutError):
+                    assert await asyncio.wait_for(reader.read(), 0.05) == b''
+                    return time.monotonic() - begun
+        writer.write(sent)
+        assert await asyncio.wait_for(reader.read(), 20.0) == b''
+        return time.monotonic() - begun
+    assert 0.35 < asyncio.run(exchange(protocol, client)) < 3.0
+
+
+def test_a_request_that_arrived_and_a_websocket_have_all_time(protocol):
+    async def ask_twice(reader: Any, writer: Any) -> None:
+        for _ in range(2):
+            writer.write(REQUEST[:-4])
+            await asyncio.sleep(0.1)
+            writer.write(REQUEST[-4:])
+            assert (await reader.readuntil(b'ok')).startswith(b'HTTP/1.1 200')
+
+    async def converse(reader: Any, writer: Any) -> None:
+        writer.write(UPGRADE)
+        assert b' 101 ' in await reader.readuntil(b'\r\n\r\n')
+        for _ in range(2):
+            await asyncio.sleep(0.6)
+            writer.write(b'\x81\x82\0\0\0\0hi')
+            assert await asyncio.wait_for(reader.readexactly(4), 5.0) == b'\x81\x02ok'
+
+    asyncio.run(exchange(protocol, ask_twice))
+    asyncio.run(exchange(protocol, converse))
 
 
 def test_one_page_controls_at_a_time():
