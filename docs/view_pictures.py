@@ -66,10 +66,12 @@ def keep(page: Any, name: str, **options: Any) -> None:
 
 
 def open_page(browser: Any, **options: Any) -> Any:
-    """Open the page, and wait for its sliders."""
+    """Open the page, wait for its sliders, and take the control."""
     page = browser.new_page(**options)
     page.goto(ADDRESS)
     page.get_by_label('weight of px, as a number').wait_for()
+    page.get_by_role('button', name='watching: take control').click()
+    page.get_by_role('button', name='this page controls').wait_for()
     return page
 
 

@@ -158,7 +158,7 @@ class HeaderDeadline:
 
 class Helm:
     """
-    Which page controls the loop: one at a time.
+    Which page controls the loop: one at a time, after a click.
 
     Parameters
     ----------
@@ -169,17 +169,16 @@ class Helm:
 
     def __init__(self, allowed: bool) -> None:
         self.allowed = allowed
-        self._holder = ''
-
-    def take(self, page: str) -> bool:
-        """Give the control to a page, if nobody has it; return whether it has it."""
-        if self.allowed and not self._holder:
-            self._holder = page
-        return self.has(page)
+        self._holder = self._last = ''   # `_last` had the control, and nobody has taken it since
 
     def seize(self, page: str) -> None:
-        """Give the control to a page, whoever has it."""
+        """Give the control to a page whose user asks for it, whoever has it."""
         if self.allowed:
+            self._holder = self._last = page
+
+    def resume(self, page: str) -> None:
+        """Give the control back to a page that had it when its connection broke."""
+        if page == self._last:
             self._holder = page
 
     def leave(self, page: str) -> None:

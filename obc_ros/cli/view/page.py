@@ -95,9 +95,9 @@ class Viewer:
         LoopPage(self)
 
     def add(self, page: str, canvas: LoopCanvas) -> None:
-        """Send frames to a page that has connected; it controls, if no other one does."""
+        """Send frames to a page that has connected; it watches, unless it had the control."""
         self._canvases[page] = canvas
-        self.helm.take(page)
+        self.helm.resume(page)
 
     def remove(self, page: str) -> None:
         """Forget a page that has closed or lost its connection; the loop goes on as it is."""

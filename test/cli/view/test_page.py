@@ -156,11 +156,8 @@ def page(site: Site) -> Iterator[Any]:
 
 
 def take_control(page: Any) -> None:
-    """Take the control from other pages."""
-    role = page.get_by_role('button', name=re.compile('this page controls|take control'))
-    role.wait_for()
-    if 'watching' in role.inner_text().lower():
-        role.click()
+    """Take the control, from other pages too."""
+    page.get_by_role('button', name='watching: take control').click()
     page.get_by_role('button', name='this page controls').wait_for()
 
 
@@ -426,6 +423,19 @@ def test_a_second_page_watches_until_it_takes_the_control(site, page):
     second.context.close()
 
 
+def test_the_first_page_of_a_loop_watches_until_it_takes_the_control(site, tmp_path):
+    """As a page that a program has opened, or that was left open in another window."""
+    page = site.open(serve(site.spawner, tmp_path, site.domain, '--namespace', '/', '--control'))
+    number(page, 'weight of px').wait_for()
+    for name in ('Apply', 'Start'):
+        assert page.get_by_role('button', name=name).is_disabled()
+    take_control(page)
+    page.get_by_role('button', name='Start', disabled=False).wait_for()
+    page.reload()
+    page.get_by_role('button', name='watching: take control').wait_for()
+    page.context.close()
+
+
 def test_a_page_whose_connection_breaks_keeps_what_was_typed_and_the_control(site, page):
     tab(page, 'Plan')
     field = page.get_by_label('duration [s], 0: chosen')
@@ -583,6 +593,7 @@ def test_the_loop_of_obc_view_has_a_priority_that_leaves_time_to_others(site, tm
     raised = not words and not find_priority_refusal(LOOP_PRIORITY)
     page = site.open(address)
     number(page, 'weight of px').wait_for()
+    take_control(page)
     expected = (os.SCHED_FIFO, LOOP_PRIORITY - 1) if raised else (os.SCHED_OTHER, 0)
     support.wait_for(lambda: find_schedulers(process.pid) == {
         'plant_simulator': expected, 'lqr_node': expected,

@@ -232,21 +232,33 @@ def test_a_request_that_arrived_and_a_websocket_have_all_time(protocol):
     asyncio.run(exchange(protocol, converse))
 
 
-def test_one_page_controls_at_a_time():
+def test_one_page_controls_at_a_time_after_a_click():
+    """A page that comes back has the control again only if nobody has taken it since."""
     helm = Helm(True)
-    assert helm.take('a') and not helm.take('b')
+    helm.resume('a')
+    assert not helm.has('a')
+    helm.seize('a')
     helm.leave('b')
     assert helm.has('a')
     helm.seize('b')
     assert helm.has('b') and not helm.has('a')
     helm.leave('b')
-    assert helm.take('a')
+    helm.resume('a')
+    assert not helm.has('a') and not helm.has('b')
+    helm.resume('b')
+    assert helm.has('b')
+    helm.leave('b')
+    helm.seize('a')
+    helm.leave('a')
+    helm.resume('b')
+    assert not helm.has('b')
 
 
 def test_nobody_controls_what_is_read_only():
     helm = Helm(False)
     helm.seize('a')
-    assert not helm.take('a') and not helm.has('a')
+    helm.resume('a')
+    assert not helm.has('a')
 
 
 def design_of(name: str, qx: list[float], qu: list[float]) -> LqrDesign:
