@@ -2,10 +2,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """What surrounds the work of a worker: which one gets a request, and what is answered without."""
 
+from contextlib import closing
 import json
+from queue import SimpleQueue
 import re
+from typing import Any
 
-from obc_ros.workers.pool import RequestAnswer, RequestOutcome
+from obc_ros.core.ocp.solution import Report, Solution
+from obc_ros.core.text.errors import ObcError
+from obc_ros.workers.pool import Job, Pool, RequestAnswer, RequestOutcome
+from obc_ros.workers.unpacking import unpack_solution
 from obc_ros.workers.wire import Packet
 
 STATUS = {RequestOutcome.REFUSED: 'cancelled', RequestOutcome.TIMED_OUT: 'timed_out',
@@ -35,6 +41,51 @@ def respond(answer: RequestAnswer) -> Packet:
         filter(None, (answer.message, kept.plain.get('message'))))
     return Packet({**kept.plain, 'status': STATUS[answer.outcome], 'message': message},
                   kept.arrays)
+
+
+def solve_in_process(request: dict[str, Any], time_limit: float, report: Report | None = None
+                     ) -> tuple[Solution, tuple[str, ...], tuple[str, ...]]:
+    """
+    Solve a problem in a process of its own, which ends with it.
+
+    Parameters
+    ----------
+    request : dict
+        As `solving.solve_statement` wants it.
+    time_limit : float
+        From the start of the process on [s]. Then the process is ended, whatever it does.
+    report : callable, optional
+        Called as report(phase, iteration, cost, infeasibility); True cancels.
+
+    Returns
+    -------
+    solution : Solution
+        With the status 'malformed' if the request is invalid. It has no multipliers of state
+        bounds and path constraints.
+    states, inputs : tuple of str
+        Names of its columns; empty if the process was ended without a path.
+
+    Raises
+    ------
+    ObcError
+        If no process starts.
+
+    """
+    arrived: SimpleQueue[Any] = SimpleQueue()   # progress or the answer, of a thread of the pool
+    with closing(Pool('obc_ros.workers.solving', 1, niceness=0)) as pool:
+        while not pool.wait_for_start(1.0):
+            pass
+        if pool.fault:
+            raise ObcError(f'no process starts: {pool.fault}')
+        job = Job('solve', Packet(request), time_limit, done=arrived.put,
+                  progress=lambda *progress: arrived.put(progress))
+        pool.submit(job)
+        while not isinstance(found := arrived.get(), RequestAnswer):
+            if report is not None and report(*found):
+                pool.cancel(job)
+    response = respond(found)
+    states, inputs = (tuple(response.plain.get(name, ())) for name in ('states', 'inputs'))
+    return unpack_solution(response), states, inputs
 
 
 def compute_affinity(request: Packet) -> str:

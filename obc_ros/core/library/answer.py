@@ -17,6 +17,7 @@ from obc_ros.core.library.search_tree import SearchTree
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.ocp.solution import Certificate, Optimality, Solution
+from obc_ros.core.ocp.statement import build_problem
 from obc_ros.core.text.errors import describe_type, ObcError, quote
 from obc_ros.core.text.tables import format_html_table
 
@@ -53,6 +54,8 @@ class Answer:
         The problem, which `plot` and `at` need.
     title : str
         Heading of figures; empty: the name.
+    statement : mapping or None
+        In place of the problem, from which it is built when it is needed.
 
     """
 
@@ -62,6 +65,7 @@ class Answer:
     solution: Solution
     problem: Problem | None = None
     title: str = ''
+    statement: Mapping[str, Any] | None = None
 
     @property
     def status(self) -> str:
@@ -303,8 +307,14 @@ class Answer:
     def _require_problem(self) -> Problem:
         if not self.has_path:
             raise ObcError(f'there is no path: {self.message}')
-        if self.problem is None:
+        if self._built is None:
             raise ObcError('the answer does not have its problem; give it as Answer(..., problem)')
+        return self._built
+
+    @cached_property
+    def _built(self) -> Problem | None:
+        if self.problem is None and self.statement is not None:
+            return build_problem(dict(self.statement))
         return self.problem
 
 

@@ -176,12 +176,32 @@ def require_problem(problem: object, keys: Mapping[str, Any]) -> Problem:
         If it is something else, or the statement is invalid.
 
     """
+    if isinstance(problem, Problem) and not keys:
+        return problem
+    return Problem.from_dict(combine_statement(problem, keys))
+
+
+def combine_statement(problem: object, keys: Mapping[str, Any]) -> dict[str, Any]:
+    """
+    Return the statement that a function was called with, unchecked.
+
+    Parameters
+    ----------
+    problem, keys
+        As those of `require_problem`.
+
+    Raises
+    ------
+    StatementError
+        If the problem is neither a Problem nor a mapping nor None.
+
+    """
     if problem is None:
-        return Problem.from_dict(keys)
+        return dict(keys)
     if isinstance(problem, Problem):
-        return problem.replace(**keys) if keys else problem
+        return {**problem.statement, **keys}
     if isinstance(problem, Mapping):
-        return Problem.from_dict({**problem, **keys})
+        return {**problem, **keys}
     raise StatementError('problem: wanted a Problem, a mapping or the keys of a statement, found '
                          f'a {type(problem).__name__}; Problem.from_file reads a file')
 

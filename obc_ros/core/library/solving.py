@@ -4,6 +4,8 @@
 
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
+from importlib import import_module
+import json
 import math
 from typing import Any
 
@@ -12,7 +14,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 from obc_ros.core.library.answer import Answer
 from obc_ros.core.library.interpolation import restore_added_costates
-from obc_ros.core.library.problem import Problem, require_problem
+from obc_ros.core.library.problem import (
+    combine_statement,
+    convert_numbers,
+    Problem,
+    require_problem,
+)
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.numerics.vectorized import VectorizedFunction
 from obc_ros.core.ocp import problem as ocp
@@ -31,7 +38,7 @@ _cache = solver.Cache()   # programs of the problems solved last in this process
 
 def solve(problem: Problem | Mapping[str, Any] | None = None, *, time_limit: float = 60.0,
           method: str = '', options: Mapping[str, Any] | Iterable[str] = (),
-          report: Report | None = None, **keys: Any) -> Answer:
+          report: Report | None = None, isolated: bool = False, **keys: Any) -> Answer:
     """
     Solve an optimal control problem and certify the solution.
 
@@ -40,7 +47,10 @@ def solve(problem: Problem | Mapping[str, Any] | None = None, *, time_limit: flo
     problem : Problem or mapping, optional
         The problem, or the keys of a problem file.
     time_limit : float
-        Limit of the wall-clock time [s].
+        Limit of the wall-clock time of the search [s]. Reading the statement and making its
+        expressions come before and are not counted. The search looks at the clock between its
+        steps: one that has begun is finished, such as an iteration, or the derivatives of the
+        expressions. With many thousand symbols, each of these may take minutes; see `isolated`.
     method : str
         'auto', 'riccati', 'time_optimal', 'reeds_shepp', 'transcription', 'arcs' or 'indirect';
         empty: that of the problem.
@@ -49,6 +59,11 @@ def solve(problem: Problem | Mapping[str, Any] | None = None, *, time_limit: flo
         ``['multistart.most=20']``. ``obc solve --list-options`` lists them.
     report : callable, optional
         Called as report(phase, iteration, cost, infeasibility); True cancels.
+    isolated : bool
+        Whether to solve the problem in a process of its own, which is ended at the time limit,
+        whatever it does. The limit then counts all but the start of the process, about a second.
+        The process may use 2 GiB, and keeps nothing for the next problem. Expressions must be
+        texts, and a system its name. Needs Linux or macOS.
     **keys
         Keys of the statement: the problem, or changes of it.
 
@@ -68,15 +83,39 @@ def solve(problem: Problem | Mapping[str, Any] | None = None, *, time_limit: flo
     if not (isinstance(time_limit, (int, float)) and 0.0 < time_limit < math.inf):
         raise StatementError('time_limit: wanted a positive number of seconds, found '
                              f'{describe_type(time_limit)}')
-    chosen = read_options(f'{name}={_write(value)}' for name, value in options.items()
-                          ) if isinstance(options, Mapping) else read_options(options)
+    written = [f'{name}={_write(value)}' for name, value in options.items()
+               ] if isinstance(options, Mapping) else list(options)
+    chosen = read_options(written)
     get_method(method)
+    if isolated:
+        return _solve_isolated(problem, keys, report, float(time_limit),
+                               {'method': method, 'options': written})
     stated = require_problem(problem, keys)
     solution = solver.solve(stated.built, method=method, time_limit=float(time_limit),
                             report=report, cache=_cache, options=chosen)
     return Answer(stated.name, stated.states, stated.inputs,
                   hide_added_states(stated.built, solution), stated.built,
                   str(stated.statement.get('title') or ''))
+
+
+def _solve_isolated(problem: Problem | Mapping[str, Any] | None, keys: Mapping[str, Any],
+                    report: Report | None, time_limit: float, request: Mapping[str, Any]
+                    ) -> Answer:
+    """Return the answer of another process; this one does not build the problem."""
+    statement = convert_numbers(combine_statement(problem, keys))
+    try:
+        json.dumps(statement)
+    except (TypeError, ValueError, RecursionError):
+        raise StatementError('isolated: another process gets the statement; wanted expressions as '
+                             'texts, not as functions, and a system by its name') from None
+    # The folder of the processes imports this one: it is loaded only on request.
+    solve_in_process = import_module('obc_ros.workers.responses').solve_in_process
+    solution, states, inputs = solve_in_process(
+        {**request, 'statement': statement, 'cache_size': 1}, time_limit, report)
+    if solution.status is Status.MALFORMED:
+        raise StatementError(solution.message)
+    return Answer(str(statement.get('name', 'problem')), states, inputs, solution,
+                  title=str(statement.get('title') or ''), statement=statement)
 
 
 def certify(problem: Problem | Mapping[str, Any], answer: Answer | None = None, *,

@@ -7,11 +7,14 @@ import math
 from pathlib import Path
 import subprocess
 import sys
+import time
 
 import casadi as ca
 import numpy as np
 import obc_ros.core as obc
 from obc_ros.core.text.errors import StatementError
+from obc_ros.core.text.example_files import find_example
+from obc_ros.workers.pool import Pool
 import pytest
 
 LEAST_TIME = {
@@ -45,6 +48,60 @@ def test_the_least_time_from_1_to_rest_is_2(given):
     assert (middle.x['p'], middle.u['u'], middle.costates['p']) == pytest.approx((0.875, -1, 1))
     assert json.loads(json.dumps(answer.as_json(), allow_nan=False))['status'] == 'solved'
     assert 'exact method: time_optimal' in str(answer.trace)
+
+
+@pytest.mark.slow
+def test_a_process_of_its_own_gives_the_same_answer():
+    """Also its progress, its figures and values between samples, and errors in the same words."""
+    seen = []
+    answer = obc.solve(obc.Problem(**LEAST_TIME), initial_state={'p': np.float64(4), 'v': 0},
+                       isolated=True, report=lambda *progress: bool(seen.append(progress)))
+    assert (answer.status, answer.name) == ('solved', 'least_time')
+    assert (answer.states, answer.inputs) == (('p', 'v'), ('u',))
+    assert answer.objective == pytest.approx(4, abs=1e-9)   # 2 sqrt(p)
+    assert answer.at(1.0).x['p'] == pytest.approx(3.5)
+    assert answer.certificate.holds
+    assert obc.certify({**LEAST_TIME, 'initial_state': {'p': 4, 'v': 0}}, answer).holds
+    assert answer.plot().axes
+    for changes, word in (({'dynamics': {'p': 'v', 'v': 'w'}}, 'dynamics.v'),
+                          ({'dynamics': lambda x, u: {'p': x.v, 'v': u.u}}, 'isolated: '),
+                          ({'options': ['no=1']}, 'no')):
+        with pytest.raises(StatementError, match=word):
+            obc.solve(LEAST_TIME, isolated=True, **changes)
+
+
+@pytest.mark.slow
+def test_a_process_of_its_own_ends_at_the_limit(monkeypatch):
+    """129 products of sines in each of 40 states, of which the derivatives take minutes."""
+    names = [f'x{k}' for k in range(40)]
+    large = {
+        'name': 'large', 'states': names, 'inputs': ['u'], 'running_cost': 'u**2',
+        'dynamics': {name: ' + '.join(
+            f'{k}*sin({names[(row + k) % 40]}*{names[(row * k + 1) % 40]})*u'
+            for k in range(1, 130)) for row, name in enumerate(names)},
+        'initial_state': dict.fromkeys(names, 0.1), 'terminal_constraints': ['x0'],
+        'final_time': {'free': False, 'value': 1}}
+    begun, submit = [], Pool.submit
+
+    def note_start(pool, job):
+        begun.append(time.monotonic())
+        submit(pool, job)
+
+    monkeypatch.setattr(Pool, 'submit', note_start)
+    answer = obc.solve(large, isolated=True, time_limit=2.0)
+    assert 1.9 < time.monotonic() - begun[0] < 5.0
+    assert (answer.status, answer.has_path) == ('timed_out', False)
+    assert answer.message == 'no answer within 2 s'
+
+
+@pytest.mark.slow
+def test_a_process_of_its_own_can_be_cancelled():
+    answer = obc.solve(obc.Problem.from_file(find_example('goddard')), isolated=True,
+                       report=lambda *progress: True)
+    assert answer.status == 'cancelled'
+    with pytest.raises(ZeroDivisionError):
+        obc.solve(obc.Problem.from_file(find_example('goddard')), isolated=True,
+                  report=lambda *progress: 1 / 0)
 
 
 @pytest.mark.slow
