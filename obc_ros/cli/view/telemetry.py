@@ -297,4 +297,5 @@ def measure_cost(design: LqrDesign, x: Sequence[float]) -> float:
     if len(x) != len(design.xe):
         return math.nan
     error = np.asarray(x) - np.asarray(design.xe)
-    return float(error @ np.reshape(design.p, (len(x), len(x))) @ error)
+    with np.errstate(over='ignore', invalid='ignore'):   # the page leaves out what is not finite
+        return float(error @ np.reshape(design.p, (len(x), len(x))) @ error)

@@ -17,6 +17,7 @@ from obc_ros.core.systems.equilibrium import Equilibrium, find_equilibrium, line
 from obc_ros.core.systems.file import build_system
 from obc_ros.core.text.errors import describe_type, DynamicsError, quote, StatementError
 from obc_ros.core.text.expressions import check_name
+from obc_ros.core.text.stated_functions import call_with_symbols
 from obc_ros.core.text.tables import format_table
 
 # Errors of a function that was written for numbers and is called with symbols.
@@ -146,7 +147,7 @@ class System:
         def symbolic(x: list[ca.SX], u: list[ca.SX], p: list[ca.SX]) -> list[Any]:
             x_, u_ = (np.empty(len(each), dtype=object) for each in (x, u))
             x_[:], u_[:] = x, u
-            return [ca.SX(each) for each in rates(x_, u_)]
+            return [ca.SX(each) for each in call_with_symbols(rates, x_, u_)]
 
         numeric = cls.__new__(cls)._set(
             None, str(system.name), states, inputs,

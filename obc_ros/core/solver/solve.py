@@ -13,6 +13,7 @@ from collections.abc import Callable
 from dataclasses import replace
 import time
 
+import numpy as np
 from obc_ros.core.ocp.method_names import get_method
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.ocp.solution import Attempt, MAX_INTERVALS, Report, Solution
@@ -59,6 +60,7 @@ class Cache:
         return programs.restated(problem), programs
 
 
+@np.errstate(all='ignore')   # the certificate rejects a path with an overflow
 def solve(problem: Problem, *, method: str = '', time_limit: float = 60.0,
           report: Report | None = None, cache: Cache | None = None,
           max_intervals: int = MAX_INTERVALS,

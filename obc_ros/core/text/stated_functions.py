@@ -10,6 +10,7 @@ takes its place in the statement: CasADi expressions where a file has texts.
 from collections.abc import Callable, Collection, Iterator, Mapping
 import inspect
 from typing import Any
+import warnings
 
 import casadi as ca
 import numpy as np
@@ -108,6 +109,26 @@ def call_functions(given: Mapping[Any, Any], keys: Collection[str], x: _Symbols,
     return found
 
 
+def call_with_symbols(function: Callable[..., Any], *symbols: Any) -> Any:
+    """
+    Return what a function of the user returns for CasADi symbols.
+
+    CasADi warns if the function calls one of NumPy, such as numpy.sin. The expression is the same
+    as with the function of CasADi.
+
+    Parameters
+    ----------
+    function : callable
+        The function; its errors are those of this function.
+    *symbols : object
+        Its arguments.
+
+    """
+    with warnings.catch_warnings():
+        warnings.filterwarnings('ignore', r'\s*casadi: a numpy function', FutureWarning)
+        return function(*symbols)
+
+
 def _call(key: str, function: Callable[..., Any], symbols: Mapping[str, Any]) -> object:
     """Call a function with the symbols that it takes."""
     required, more = _ARGUMENTS[key]
@@ -126,7 +147,7 @@ def _call(key: str, function: Callable[..., Any], symbols: Mapping[str, Any]) ->
         raise StatementError(f"{key}: the function takes the time, but the statement gives the "
                              "name 't' another meaning")
     try:
-        found = function(*(symbols[letter] for letter in letters[:count]))
+        found = call_with_symbols(function, *(symbols[letter] for letter in letters[:count]))
     except StatementError as error:
         raise StatementError(f'{key}: {error}') from None
     except _FAULTS as error:

@@ -493,6 +493,7 @@ def test_what_is_no_recording_is_rejected(tmp_path, contents, why):
         Playback(file)
 
 
+@pytest.mark.filterwarnings('error::RuntimeWarning')
 def test_a_recording_with_a_flipped_byte_plays_or_is_rejected_in_words(tmp_path):
     design = design_of('double_integrator', [1.0, 1.0], [1.0])
     plan = Trajectory(state_names=['px', 'v'], t=[0.0, 1.0], x=[0.0, 1.0, 2.0, 3.0])

@@ -41,6 +41,7 @@ def test_every_way_states_the_same_system(way, q, w, tau):
                                atol=1e-12)
 
 
+@pytest.mark.filterwarnings('error')
 def test_a_function_of_numpy_becomes_symbolic():
     system = WAYS[4]()
     A, B = system.linearize([0, 0])

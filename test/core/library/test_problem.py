@@ -181,6 +181,16 @@ def test_a_function_may_return_columns_and_numbers_of_numpy():
     assert [value.full().ravel().tolist() for value in values] == [[5, 2.5], [3, 5], [3]]
 
 
+@pytest.mark.filterwarnings('error')
+def test_functions_of_numpy_are_those_of_casadi():
+    built = [Problem(**GOOD | {'running_cost': root}).built for root in (
+        lambda x, u: np.sqrt(1 + u.u**2) * np.sin(x.h),
+        lambda x, u: ca.sqrt(1 + u.u**2) * ca.sin(x.h))]
+    one, other = (ca.Function('L', [each.x, each.u, each.p], [each.L])([0.3, 5], [2], each.p_value)
+                  for each in built)
+    assert one == other
+
+
 def test_functions_may_take_free_parameters_and_the_time():
     """J = the integral of (x - k t)^2 + u^2 with k to be found; V0 = k^2."""
     problem = Problem(

@@ -18,6 +18,7 @@ MOTORS = Path(__file__).parents[2] / 'collections' / 'practical'
 
 
 @pytest.mark.slow
+@pytest.mark.filterwarnings('error')   # costates of motor_c overflow on the first meshes
 @pytest.mark.parametrize('name', [
     'motor_a',   # linear quadratic with bounded voltage: convex
     'motor_c',   # the power u*i is not convex
