@@ -19,7 +19,7 @@ from dataclasses import dataclass, field, replace
 
 import casadi as ca
 import numpy as np
-from obc_ros.core.ocp.phases import name_phases, PhaseLayout
+from obc_ros.core.ocp.phases import PhaseLayout
 from obc_ros.core.ocp.problem import FreeStart, Problem
 from obc_ros.core.ocp.solution import Solution
 
@@ -130,8 +130,11 @@ def hide_added_states(problem: Problem, solution: Solution) -> Solution:
     """
     n, x = problem.stated, solution.x
     if problem.phases is not None:
-        solution = replace(solution, message=name_phases(solution.message),
-                           remark=name_phases(solution.remark))
+        name = problem.phases.name_phases
+        solution = replace(
+            solution, message=name(solution.message), remark=name(solution.remark), attempts=tuple(
+                replace(each, what=name(each.what), why=name(each.why))
+                for each in solution.attempts))
     if not solution.t.size or x.shape[1] != problem.n or not problem.added:
         return solution
     multipliers, H = solution.state_multipliers, solution.hamiltonian

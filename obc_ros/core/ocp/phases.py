@@ -13,8 +13,9 @@ conditions of the certificate are then those of the phases: for x_(k+1)(0) = g(x
 and, for a free duration, the derivative of the cost by it vanishes.
 """
 
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 import re
 from typing import Any
 
@@ -24,13 +25,21 @@ from obc_ros.core.text.errors import quote, StatementError, suggest_name
 from obc_ros.core.text.fields import check_keys, list_of, read_mapping, read_names, read_section
 
 MOST_PHASES = 20
+Rename = Callable[[str], str]
 # What a phase may have for itself; in its absence that of the file holds.
 _SHARED = 'dynamics', 'running_cost', 'path_constraints', 'input_bounds', 'state_bounds'
 _OWN = 'name', 'duration', 'link', 'terminal_cost', 'terminal_constraints', 'initial_guess'
 _UNUSED = 'system', 'final_time', 'periodic', 'boundary_constraints', 'initial_guess'
 _DURATION = 'duration'
 _IDENTIFIER = re.compile(r'(?<![\w.])[A-Za-z_]\w*', re.ASCII)
-_INDEXED = re.compile(r'\b([A-Za-z_]\w*?)__(\d+)(_0)?\b', re.ASCII)
+_INDEXED = re.compile(r'\b([A-Za-z_]\w*?)__(\d+)(_0\b|\(0\)|\b)', re.ASCII)
+_ROW = re.compile(r'\b(?:(?:terminal|path|boundary)_constraints\[\d+\]|'
+                  r'(?:free_)?parameters\.duration__\d+)', re.ASCII)
+# Times of the joined statement, of which T = 1 is given: all phases run at the same time.
+_MOMENT = re.compile(r'\bt = (\d[\d.e+-]*)')
+_LENGTH = re.compile(r'\bT = (\d[\d.e+-]*\d|\d)')
+_CLOCK = re.compile(r' \(t stays between 0 and 1\)|\bt stays between 0 and 1, |'
+                    r', t stays between 0 and 1\b')
 
 
 @dataclass(frozen=True)
@@ -39,12 +48,14 @@ class PhaseLayout:
     Names of the phases, the states and the inputs of a statement with phases.
 
     The states of the problem begin with those of the first phase, then those of the second one,
-    and so on, and so do its inputs.
+    and so on, and so do its inputs. `rows`: what the statement has for keys of constraints of the
+    problem.
     """
 
     names: tuple[str, ...]
     states: tuple[str, ...]
     inputs: tuple[str, ...]
+    rows: Mapping[str, str]
 
     @property
     def durations(self) -> tuple[str, ...]:
@@ -75,6 +86,19 @@ class PhaseLayout:
         count = len(self.names)
         t = (starts[:, None] + durations[:, None] * times).ravel()
         return t, *(np.concatenate(np.split(each, count, axis=1)) for each in columns)
+
+    def name_phases(self, message: str) -> str:
+        """Return a message about the problem in the words of the statement."""
+        message = _CLOCK.sub('', message)
+        message = _ROW.sub(lambda found: self.rows.get(found[0], found[0]), message)
+        message = _MOMENT.sub(r'\1 of each phase', message)
+        message = _LENGTH.sub(lambda found: (
+            'the end' if float(found[1]) == 1 else f'{found[1]} times the durations'), message)
+        return _INDEXED.sub(lambda found: f'{found[1]} of phase {self._label(int(found[2]))}' + (
+            ' at its start' if found[3] else ''), message)
+
+    def _label(self, number: int) -> str:
+        return self.names[number - 1] if 0 < number <= len(self.names) else str(number)
 
 
 def state_as_one_phase(given: Mapping[Any, Any]) -> tuple[dict[str, Any], PhaseLayout]:
@@ -117,14 +141,82 @@ def state_as_one_phase(given: Mapping[Any, Any]) -> tuple[dict[str, Any], PhaseL
             raise StatementError(f"phases: '{quote(name)}' contains __, which stands between a "
                                  'name and the number of a phase; choose another name')
     joined = _Joined(given, phases, states, inputs, own)
-    names = tuple(str(phase.get('name') or k + 1) for k, phase in enumerate(phases))
-    return joined.statement(), PhaseLayout(names, states, inputs)
+    names = tuple(quote(str(phase.get('name') or k + 1)) for k, phase in enumerate(phases))
+    for name in (*states, *inputs):
+        if name in own:
+            raise StatementError(f"phases: '{name}' is both a parameter and a state or an input")
+    return joined.statement(), PhaseLayout(names, states, inputs, joined.name_rows(names))
 
 
-def name_phases(message: str) -> str:
-    """Return a message about a joined statement in the names of its phases."""
-    return _INDEXED.sub(lambda found: (
-        f'{found[1]} of phase {found[2]}{" at its start" if found[3] else ""}'), message)
+def state_each_phase(given: Mapping[Any, Any]) -> Iterator[tuple[dict[str, Any], Rename]]:
+    """
+    Yield the parts of a statement with phases as statements of their own.
+
+    An error in one of them is an error of the statement, in its own names and texts.
+
+    Parameters
+    ----------
+    given : mapping
+        With the key `phases`, which `state_as_one_phase` accepts.
+
+    Yields
+    ------
+    statement : dict
+        Without it: a phase, a link, or the end of the last phase.
+    rename : callable
+        Returns a message about this part as one about the whole statement.
+
+    """
+    phases = given['phases']
+    for k, phase in enumerate(phases):
+        part = _state_phase(given, k)
+        own = part | {key: phase.get(key) for key in ('terminal_cost', 'terminal_constraints')}
+        yield own, partial(_rename_phase, k, phase)
+        for name, text in (phases[k + 1].get('link') or {} if k + 1 < len(phases) else {}).items():
+            yield part | {'terminal_cost': text}, partial(
+                _replace_key, 'terminal_cost', f'phases[{k + 1}].link.{name}')
+    yield part | {key: given.get(key) for key in (
+        'terminal_cost', 'terminal_constraints')}, str
+
+
+def _state_phase(given: Mapping[Any, Any], k: int) -> dict[str, Any]:
+    """Return a phase as a statement without costs and constraints at its end."""
+    phase, states = given['phases'][k], read_names(given, 'states')
+    duration, guess = phase['duration'], dict(phase.get('initial_guess') or {})
+    start = given.get('initial_state')
+    if k:
+        known = start if isinstance(start, Mapping) else {}
+        guess['states'] = {name: value for name, value in known.items() if name in states
+                           and isinstance(value, (int, float, str))} | (guess.get('states') or {})
+        start = dict.fromkeys(states)
+    part = {key: given[key] for key in (
+        'states', 'inputs', 'parameters', 'free_parameters') if key in given} | {
+        key: given.get(key) if phase.get(key) is None else phase[key] for key in _SHARED} | {
+        'initial_state': start, 'initial_guess': guess,
+        'final_time': duration if isinstance(duration, Mapping) else {
+            'free': False, 'value': duration}}
+    if not k:
+        part |= {key: given.get(key) for key in ('initial_cost', 'initial_constraints')}
+    names = {*states, *read_names(given, 'inputs'), *read_section(given, 'parameters')}
+    if 't' not in names and any(isinstance(each['duration'], Mapping)
+                                for each in given['phases'][:k + 1]):
+        # at the end of the phase it is as free as a state
+        part |= {'states': [*states, 't'], 'dynamics': {**part['dynamics'], 't': '1'},
+                 'initial_state': {**start, 't': 0} if isinstance(start, Mapping) else start}
+    return part
+
+
+def _rename_phase(k: int, phase: Mapping[Any, Any], message: str) -> str:
+    key = re.split(r'\W', message, maxsplit=1)[0]
+    if key == 'final_time':
+        of = 'final_time' if isinstance(phase['duration'], Mapping) else 'final_time.value'
+        return _replace_key(of, f'phases[{k}].duration', message)
+    message = message.replace('in initial_guess', f'in phases[{k}].initial_guess')
+    return message if phase.get(key) is None else f'phases[{k}].{message}'
+
+
+def _replace_key(key: str, by: str, message: str) -> str:
+    return by + message.removeprefix(key) if message.startswith(key) else message
 
 
 def _indexed(name: str, k: int) -> str:
@@ -165,18 +257,45 @@ class _Joined:
             'initial_cost': self._text(self._given.get('initial_cost') or 0, 0, timed=False),
             'initial_constraints': self._list(self._given, 'initial_constraints', 0, timed=False),
             'terminal_constraints': [
-                *(row for k in count for row in self._list(
-                    self._phases[k], 'terminal_constraints', k)),
-                *self._list(self._given, 'terminal_constraints', len(self._phases) - 1)],
-            'boundary_constraints': [row for k in count[1:] for row in self._links(k)],
+                self._text(row, k) for _, k, row in self._rows('terminal_constraints')],
+            'boundary_constraints': [row for k in count[1:] for _, row in self._links(k)],
             'initial_state': self._initial_state(),
-            'path_constraints': [row for k in count for row in self._path(k)],
+            'path_constraints': [
+                row if not isinstance(row, Mapping) else {
+                    **row, 'expr': self._text(row.get('expr'), k)}
+                for _, k, row in self._rows('path_constraints')],
             'input_bounds': {name: pair for k in count
                              for name, pair in self._bounds(k, 'input_bounds', self._inputs)},
             'state_bounds': {name: pair for k in count
                              for name, pair in self._bounds(k, 'state_bounds', self._states)},
             'final_time': {'free': False, 'value': 1},
             'initial_guess': {key: value for key, value in self._guess.items() if value}}
+
+    def name_rows(self, labels: Sequence[str]) -> dict[str, str]:
+        """Return keys of the statement by those of the joined one, where they differ."""
+        found = {f'{key}[{row}]': name for key in ('terminal_constraints', 'path_constraints')
+                 for row, (name, _, _) in enumerate(self._rows(key))}
+        found |= {f'path_constraints[{row}]': f'{name} of phase {labels[k]}' for row, (
+            name, k, _) in enumerate(self._rows('path_constraints'))
+            if name.startswith('path_constraints')}
+        found |= {f'{key}.{_indexed(_DURATION, k)}': f'phases[{k}].{_DURATION}'
+                  for key in ('parameters', 'free_parameters') for k in range(len(labels))}
+        links = [f'phases[{k}].link.{name}' for k in range(1, len(self._phases))
+                 for name, _ in self._links(k)]
+        return found | {f'boundary_constraints[{row}]': name for row, name in enumerate(links)}
+
+    def _rows(self, key: str) -> list[tuple[str, int, Any]]:
+        """Return the key, the phase and the text of each row of a list."""
+        lists = [(f'phases[{k}].{key}', k, phase.get(key))
+                 for k, phase in enumerate(self._phases)]
+        shared, last = self._given.get(key), len(self._phases) - 1
+        if key in _SHARED:   # it holds where a phase has none of its own
+            lists = [(key, k, shared) if value is None else (name, k, value)
+                     for name, k, value in lists]
+        else:
+            lists.append((key, last, shared))
+        return [(f'{name}[{row}]', k, each) for name, k, value in lists if value is not None
+                for row, each in enumerate(list_of(value, name))]
 
     def _get(self, k: int, key: str) -> Any:
         value = self._phases[k].get(key)
@@ -251,15 +370,15 @@ class _Joined:
             if name in self._states and isinstance(value, (int, float, str)):
                 self._guess['states'].setdefault(_indexed(name, k), value)
 
-    def _links(self, k: int) -> list[str]:
-        """Return what the states at the start of a phase are."""
+    def _links(self, k: int) -> list[tuple[str, str]]:
+        """Return the names and the constraints of the states at the start of a phase."""
         where = f'phases[{k}].link'
         link = self._phases[k].get('link')
         link = {} if link is None else read_mapping(link, where)
         for name in link:
             self._known(name, self._states, where)
         rows = {name: link.get(name, name) for name in self._states}
-        return [f'{_indexed(name, k)}_0 - ({self._text(text, k - 1)})'
+        return [(name, f'{_indexed(name, k)}_0 - ({self._text(text, k - 1)})')
                 for name, text in rows.items() if text is not None]
 
     def _initial_state(self) -> dict[str, Any]:
@@ -270,12 +389,6 @@ class _Joined:
                  for name, value in start.items()}
         return first | {_indexed(name, k): None for k in range(1, len(self._phases))
                         for name in self._states}
-
-    def _path(self, k: int) -> list[Any]:
-        value = self._get(k, 'path_constraints')
-        rows = [] if value is None else list_of(value, f'phases[{k}].path_constraints')
-        return [row if not isinstance(row, Mapping) else
-                {**row, 'expr': self._text(row.get('expr'), k)} for row in rows]
 
     def _bounds(self, k: int, key: str, names: tuple[str, ...]) -> list[tuple[str, Any]]:
         return [(_indexed(self._known(name, names, f'phases[{k}].{key}'), k), pair)

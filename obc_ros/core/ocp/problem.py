@@ -122,6 +122,8 @@ class Problem:
         Whether the first of the added states is the time.
     phases : PhaseLayout or None
         What the states and the inputs are if the statement has phases; T is 1 then.
+    ends : tuple of str
+        The keys of the statement that the rows of psi are from.
     units : mapping
         Units by name, of states, inputs and parameters; for figures only.
 
@@ -157,6 +159,7 @@ class Problem:
     free_parameters: tuple[str, ...] = ()
     has_clock: bool = False
     phases: PhaseLayout | None = None
+    ends: tuple[str, ...] = ()
     units: Mapping[str, str] = field(default_factory=dict)
 
     @property

@@ -22,7 +22,7 @@ from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.ocp.augmentation import Augmentation
 from obc_ros.core.ocp.guess import Guess
 from obc_ros.core.ocp.method_names import get_method
-from obc_ros.core.ocp.phases import name_phases, state_as_one_phase
+from obc_ros.core.ocp.phases import state_as_one_phase, state_each_phase
 from obc_ros.core.ocp.problem import FinalTime, FreeStart, Problem
 from obc_ros.core.systems import registry
 from obc_ros.core.systems.file import FOR_PEOPLE, OF_A_PLANT
@@ -120,9 +120,19 @@ def build_problem(mapping: object) -> Problem:
         try:
             problem = replace(_build_problem(joined), phases=layout)
         except StatementError as error:
-            raise StatementError(name_phases(str(error))) from None
+            _check_each_phase(given)
+            raise StatementError(layout.name_phases(str(error))) from None
         _check_durations(given['phases'], problem)
     return replace(problem, units={**problem.units, **_read_units(given)})
+
+
+def _check_each_phase(given: Mapping[Any, Any]) -> None:
+    """Raise the error of the first phase, or link, that is invalid by itself."""
+    for part, rename in state_each_phase(given):
+        try:
+            _build_problem(part)
+        except StatementError as error:
+            raise StatementError(rename(str(error))) from None
 
 
 def _read_units(given: Mapping[Any, Any]) -> dict[str, str]:
@@ -152,24 +162,25 @@ def _build_problem(given: Mapping[Any, Any]) -> Problem:
     time = plant.time if plant.time is not None and ca.depends_on(
         ca.vertcat(plant.f, L, V, path, *psi), plant.time) else None
     added = more.augment(time, guess)
+    ends = (*(f'terminal_constraints[{k}]' for k in range(len(psi))), *more.keys)
     V, psi, literals = V + more.cost, [*psi, *more.rows], [*literals, *more.literals]
     unlimited = np.full(added.count, np.inf)
     x, u = _column(added.x.values()), _column(plant.u.values())
     p = _column([*plant.p.values(), *(symbol for symbol, _ in literals)])
-    f, ends = ca.vertcat(plant.f, added.rates), _column(psi)
-    functions = ca.Function('problem', [x, u, p], [f, L, path, V, ends])
+    f, rows = ca.vertcat(plant.f, added.rates), _column(psi)
+    functions = ca.Function('problem', [x, u, p], [f, L, path, V, rows])
     bounds = (np.append(x_lower, -unlimited), np.append(x_upper, unlimited), u_lower, u_upper,
               path_lower, path_upper)
     problem = Problem(
         name=_name(given), states=tuple(added.x), inputs=plant.inputs,
         parameters=(*plant.p, *(symbol.name() for symbol, _ in literals)),
-        x=x, u=u, p=p, f=f, L=L, V=V, psi=ends, path=path, x_lower=bounds[0], x_upper=bounds[1],
+        x=x, u=u, p=p, f=f, L=L, V=V, psi=rows, path=path, x_lower=bounds[0], x_upper=bounds[1],
         u_lower=u_lower, u_upper=u_upper, path_lower=path_lower, path_upper=path_upper,
         p_value=np.array([*plant.values.values(), *(value for _, value in literals)]),
         x0=np.array(added.x0), start=added.start, added=added.count,
         free_parameters=tuple(plant.free), has_clock=time is not None, final_time=final_time,
         guess=guess, angles=plant.angles + (False,) * added.count,
-        method=get_method(given.get('method')), units=plant.units,
+        method=get_method(given.get('method')), units=plant.units, ends=ends,
         structure=_structure(functions, bounds, final_time, added.start))
     _defined_at_start(problem, functions)
     return problem
@@ -453,7 +464,8 @@ class _Start:
     """
     What a statement says of x(0), and of free parameters.
 
-    `cost`, `rows`, `literals`: additional terminal cost and constraints, after `augment`.
+    `cost`, `rows`, `literals`: additional terminal cost and constraints, after `augment`; `keys`:
+    those of the rows.
     """
 
     def __init__(self, given: Mapping[Any, Any], plant: _Plant) -> None:
@@ -470,6 +482,9 @@ class _Start:
             given, plant, 'boundary_constraints', self._first)
         self.literals = self.literals + literals
         self.cost, self.rows = ca.SX(0), list[ca.SX]()
+        self.keys = (*(f'initial_constraints[{k}]' for k in range(len(self._rows))),
+                     *(f'boundary_constraints[{k}]' for k in range(len(self._between))),
+                     *(f'periodic: {name}' for name in self._periodic))
 
     def augment(self, time: ca.SX | None, guess: Guess) -> Augmentation:
         """Return the states with the additional ones; `time`: its symbol, if it occurs."""

@@ -50,7 +50,7 @@ def describe_terminal(problem: Problem, row: int) -> str:
     """
     rows = find_affine_rows(problem)
     if rows is None or not rows.affine[row]:
-        return f'terminal_constraints[{row}]'
+        return problem.ends[row]
     names = [(name, a) for name, a in zip(problem.states, rows.A[row], strict=True) if a]
     if len(names) == 1:
         return f'{names[0][0]} = {format_number(-rows.b[row] / names[0][1])}'

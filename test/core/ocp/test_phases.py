@@ -3,6 +3,7 @@
 """Phases and what links them: closed forms, jump conditions, errors."""
 
 import math
+import re
 
 import numpy as np
 from obc_ros.core.ocp.augmentation import hide_added_states
@@ -116,7 +117,31 @@ def test_the_time_goes_on_in_later_phases():
      r"^phases\[1\]\.link: 'z' is not known; there is x"),
     ({'phases': [{'duration': 1}, {'duration': 1, 'link': {'x': 'q'}}]}, "unknown name 'q'"),
     ({'phases': [{'duration': 1}, {'duration': 1, 'dynamics': {'x': 'q'}}]},
-     "^dynamics.x of phase 2: unknown name 'q'"),
+     r"^phases\[1\]\.dynamics\.x: unknown name 'q'; known names: x, u, t$"),
+    ({'running_cost': 'q', 'phases': [{'duration': 1}, {'duration': 1}]},
+     "^running_cost: unknown name 'q'; known names: x, u, t$"),
+    ({'phases': [{'duration': 1}, {'duration': FREE, 'running_cost': 'u**'}]},
+     r"^phases\[1\]\.running_cost: 'u\*\*' is not an expression"),
+    ({'phases': [{'duration': 1, 'terminal_cost': 'u'}, {'duration': 1}]},
+     r"^phases\[0\]\.terminal_cost: 'u' is an input"),
+    ({'phases': [{'duration': 1, 'terminal_constraints': ['x']}, {
+        'duration': FREE, 'terminal_constraints': ['t - 1', '3']}]},
+     r"^phases\[1\]\.terminal_constraints\[1\]: '3' does not depend on any state"),
+    ({'terminal_constraints': ['x - 1', 'q']}, r"^terminal_constraints\[1\]: unknown name 'q'"),
+    ({'phases': [{'duration': 1, 'path_constraints': [{'expr': 'x', 'upper': 1}]},
+                 {'duration': 1, 'path_constraints': [{'expr': 'x'}]}]},
+     r'^phases\[1\]\.path_constraints\[0\]: wanted a lower or an upper bound'),
+    ({'phases': [{'duration': 1}, {'duration': 1, 'link': {'x': 'u'}}]},
+     r"^phases\[1\]\.link\.x: 'u' is an input"),
+    ({'phases': [{'duration': 1}, {'duration': 1, 'state_bounds': {'x': [3, 1]}}]},
+     r'^phases\[1\]\.state_bounds\.x: the bounds cross'),
+    ({'phases': [{'duration': 1}, {'duration': 'long'}]},
+     r"^phases\[1\]\.duration: unknown name 'long'"),
+    ({'phases': [{'duration': 1}, {'duration': 1, 'dynamics': {'x': 'u/x'}}]},
+     r'^phases\[1\]\.dynamics\.x: undefined at the initial guess of the initial state \(x = 0\); '
+     r'give one in phases\[1\]\.initial_guess$'),
+    ({'initial_state': {}}, "^initial_state: no value for the state 'x'$"),
+    ({'parameters': {'x': 1}}, "^phases: 'x' is both a parameter and a state or an input"),
     ({'final_time': {'free': False, 'value': 1}}, '^final_time: not for a problem with phases'),
     ({'states': ['x__1'], 'dynamics': {'x__1': 'u'}}, "^phases: 'x__1' contains __"),
 ])
@@ -138,6 +163,51 @@ def test_boundary_constraints_link_both_ends():
             'states': ['x', 'x_0'], 'inputs': ['u'], 'dynamics': {'x': 'u', 'x_0': 'u'},
             'boundary_constraints': ['x - x_0'], 'initial_state': {'x': None, 'x_0': 0},
             'final_time': {'free': False, 'value': 1}})
+
+
+CLIMB, GLIDE = {'name': 'climb', 'duration': 1}, {'name': 'glide', 'duration': 1}
+LATE = {'free': True, 'lower': 0.1, 'upper': 5}
+
+
+@pytest.mark.parametrize(('change', 'said'), [
+    ({'phases': [CLIMB, GLIDE | {'terminal_constraints': ['x**2 + 1']}]},
+     r'^phases\[1\]\.terminal_constraints\[0\] is 2 and not 0 where .* \(x of phase glide = 1\)'),
+    ({'phases': [CLIMB | {'terminal_constraints': ['x - 0.5']}, GLIDE],
+      'terminal_constraints': ['x**2 + 1']},
+     r'^the terminal constraint terminal_constraints\[0\] cannot be met'),
+    ({'phases': [CLIMB, GLIDE], 'path_constraints': [{'expr': 'x**2', 'lower': 2}],
+      'initial_state': {'x': 2}}, r'^path_constraints\[0\] of phase glide is 1 at the state'),
+    ({'phases': [CLIMB, GLIDE | {'path_constraints': [{'expr': 'x**2', 'lower': 2}]}]},
+     r'^phases\[1\]\.path_constraints\[0\] is 1 at the state'),
+    ({'phases': [CLIMB, GLIDE], 'initial_state': {'x': None}, 'initial_constraints': ['x**2 + 1']},
+     r'^the terminal constraint initial_constraints\[0\] cannot be met'),
+    ({'phases': [CLIMB | {'duration': LATE}, GLIDE | {
+        'duration': LATE, 'terminal_constraints': ['t - 20']}]},
+     r'phases\[1\]\.terminal_constraints\[0\] cannot be met by the end \('
+     'duration of phase climb stays between 0.1 and 5, duration of phase glide stays')])
+def test_a_proof_names_what_the_statement_has(change, said):
+    problem = build_problem(LINE | {'running_cost': 'u**2'} | change)
+    found = hide_added_states(problem, solve(problem))
+    assert found.status == 'infeasible'
+    assert re.search(said, found.message), found.message
+
+
+def test_a_message_has_the_words_of_the_statement():
+    phases = build_problem(LINE | {'phases': [CLIMB, GLIDE | {'link': {'x': 'x**2'}}]}).phases
+    for message, shown in (
+            ('x__2 exceeds 9 by t = 0.35, before T = 1', 'x of phase glide exceeds 9 by 0.35 of '
+                                                         'each phase, before the end'),
+            ('a path meets them at T = 1.35', 'a path meets them at 1.35 times the durations'),
+            ('boundary_constraints[0] is missed', 'phases[1].link.x is missed'),
+            ('x__2(0) = 1', 'x of phase glide at its start = 1')):
+        assert phases.name_phases(message) == shown
+
+
+def test_a_row_of_the_start_is_named_by_its_key():
+    problem = build_problem(LINE | {
+        'running_cost': 'u**2', 'initial_state': {'x': None}, 'initial_constraints': ['x**2 + 1'],
+        'final_time': {'free': False, 'value': 1}})
+    assert 'the terminal constraint initial_constraints[0] cannot' in solve(problem).message
 
 
 def test_a_reason_names_the_phase():

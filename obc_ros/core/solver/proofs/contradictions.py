@@ -180,7 +180,7 @@ def _where_pinned(problem: Problem, end: End) -> Iterator[str]:
                               name in enumerate(
                 problem.states) if used[index])
             yield (
-                f'terminal_constraints[{row}] is {format_number(0.5 * (value.low + value.high))} '
+                f'{problem.ends[row]} is {format_number(0.5 * (value.low + value.high))} '
                 f'and not 0 where the other terminal constraints hold ({where})')
 
 

@@ -183,7 +183,7 @@ def explain_level_terminal(problem: Problem, x: Array) -> str:
         if len(parts) == _NEWTON - 1 and all(
                 _MULTIPLE[0] < part < _MULTIPLE[1] for part in parts):
             what = _quoted(problem, problem.psi[row])
-            return (f'terminal_constraints[{row}], {what}, has zero gradient where it is met, '
+            return (f'{problem.ends[row]}, {what}, has zero gradient where it is met, '
                     'so that it has no finite multiplier; constrain the expression itself, not '
                     'its power: x - 1 instead of (x - 1)**2')
     return ''
