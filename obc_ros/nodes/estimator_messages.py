@@ -18,6 +18,7 @@ from obc_ros.ros.conversions import set_stamp
 COUNTS = ('used', 'late', 'out of order', 'too late', 'repeated', 'missing', 'not used',
           'not finite', 'out of range', 'malformed', 'outliers', 'restarts', 'faults', 'future')
 UNUSABLE = ('not finite', 'out of range')   # entries that are no measurements
+DROPPED = (*UNUSABLE, 'malformed', 'future')
 
 
 class EstimateMessages:
@@ -161,11 +162,11 @@ def _judge(candidate: EstimatorCandidate, delayed: DelayedFilter, grown: Counter
     """Return level and words while estimates are published."""
     consistency = delayed.monitor.judge()
     unseen = [each for each in candidate.outputs if each not in delayed.measured]
-    dropped = ', '.join(f'{grown[kind]} {kind}' for kind in UNUSABLE if grown[kind])
+    dropped = ', '.join(f'{grown[kind]} {kind}' for kind in DROPPED if grown[kind])
     for words in (
             f'the filter was restarted: {delayed.reason}' * bool(grown['restarts']),
             f'not measured: {", ".join(unseen)}' * bool(unseen),
-            f'entries of measurements were dropped: {dropped}' * bool(dropped),
+            f'measurements or commands were dropped: {dropped}' * bool(dropped),
             str(consistency) * (consistency.ratio > consistency.upper)):
         if words:
             return DiagnosticStatus.WARN, words

@@ -20,7 +20,6 @@ from itertools import islice
 import sys
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticArray
 from nav_msgs.msg import Odometry
 import numpy as np
 from obc_ros.core.estimation.delayed_filter import DelayedFilter
@@ -40,9 +39,9 @@ from obc_ros.nodes.estimator_settings import (
 from obc_ros.nodes.noise_suggestions import fill_noise, suggest_noise
 from obc_ros.ros.clock_watch import ClockWatch
 from obc_ros.ros.conversions import OdometryMap, read_nanoseconds
+from obc_ros.ros.diagnostics import Diagnostics
 from obc_ros.ros.execution.callback_guards import guard_callbacks
 from obc_ros.ros.execution.executor import run
-from obc_ros.ros.hardware_id import identify
 from obc_ros.ros.parameters.node_parameters import Parameters
 from obc_ros.ros.throttled_log import ThrottledLog
 from obc_ros.srv import SuggestNoise
@@ -77,7 +76,7 @@ class EstimatorNode(Node):  # type: ignore[misc] # rclpy's classes are untyped
 
     def __init__(self, **options: Any) -> None:
         super().__init__('estimator_node', allow_undeclared_parameters=True, **options)
-        self._log, self._clock_watch = ThrottledLog(self), ClockWatch(self)
+        self._log = ThrottledLog(self)
         self._adopted: EstimatorCandidate | None = None
         self._table = Parameters(self, Settings, self._judge, self._adopt, opening=str)
         self._adopted = candidate = self._table.candidate
@@ -97,7 +96,7 @@ class EstimatorNode(Node):  # type: ignore[misc] # rclpy's classes are untyped
         self._estimates = self.create_publisher(Estimate, '~/estimate', BACKLOG)
         self._odom = self.create_publisher(
             Odometry, 'odom', BACKLOG) if self._map.complete else None
-        self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
+        self._diagnostics = Diagnostics(self, ClockWatch(self))
         # The executor needs more time for a message than the filter. It does not get the events
         # of these subscriptions either: unread messages wake it through them.
         group = ReadByTimer() if settings.rate else None
@@ -240,15 +239,11 @@ class EstimatorNode(Node):  # type: ignore[misc] # rclpy's classes are untyped
         traffic = Traffic(self._received, self._published, counts,
                           1e-9 * (now.nanoseconds - self._arrived), 1e-9 * self._ahead,
                           self._age(now.nanoseconds))
-        array = DiagnosticArray()
-        array.header.stamp = now.to_msg()
-        array.status = [estimator_status(self.get_fully_qualified_name()[1:], self._adopted,
-                                         self._filter, traffic, self._reported)]
-        self._clock_watch.judge(array.status[0])
+        status = estimator_status(self.get_fully_qualified_name()[1:], self._adopted,
+                                  self._filter, traffic, self._reported)
         self._reported = traffic
-        identify(array.status, self, self._adopted.settings.hardware_id,
-                 self._adopted.system.name)
-        self._diagnostics.publish(array)
+        self._diagnostics.publish([status], now.to_msg(), self._adopted.settings.hardware_id,
+                                  self._adopted.system.name)
 
 
 def main() -> int:

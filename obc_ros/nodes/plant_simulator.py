@@ -22,6 +22,7 @@ Stamps are simulated time from 0 with ``publish_clock``, ``lockstep`` or a speed
 the node's clock. A node with ``use_sim_time`` that publishes no clock follows the one on /clock.
 """
 
+from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 import sys
@@ -29,9 +30,15 @@ from threading import Lock
 import time
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from nav_msgs.msg import Odometry
-from obc_ros.core.simulation.paced_plant import choose_step, PacedPlant, Pacing
+from obc_ros.core.simulation.paced_plant import (
+    ANSWERED,
+    choose_step,
+    OLDER,
+    PacedPlant,
+    Pacing,
+)
 from obc_ros.core.simulation.sensors import OutputConditions, Sensors
 from obc_ros.core.simulation.simulation_settings import (
     Conditions,
@@ -53,9 +60,10 @@ from obc_ros.nodes.views.plant_view import (
 )
 from obc_ros.ros import conversions
 from obc_ros.ros.clock_watch import ClockWatch
+from obc_ros.ros.diagnostics import Diagnostics
 from obc_ros.ros.execution.executor import run
 from obc_ros.ros.execution.subscription_thread import Apart, OwnThread, PRIORITY
-from obc_ros.ros.hardware_id import HARDWARE, identify
+from obc_ros.ros.hardware_id import HARDWARE
 from obc_ros.ros.messages import flatten_doubles
 from obc_ros.ros.parameters.node_parameters import (
     declare_field,
@@ -259,7 +267,7 @@ class PlantSimulator(Node):
         super().__init__('plant_simulator', allow_undeclared_parameters=True, **options)
         # first: rclpy 9 also destroys a node with rejected parameters
         self._thread: OwnThread | None = None
-        self._log, self._clock_watch = ThrottledLog(self), ClockWatch(self)
+        self._log = ThrottledLog(self)
         self._settings = Parameters(self, Settings, self._judge, self._adopt)
         settings, candidate = self._settings.settings, self._settings.candidate
         self._follows = self.get_parameter('use_sim_time').value and not settings.simulated_stamps
@@ -277,6 +285,7 @@ class PlantSimulator(Node):
         self._odometry = self._map.message(candidate.conditions.noise)
         self._warned: set[str] = set()
         self._looked, self._contested = (time.monotonic(), 0.0), 0
+        self._counted = 0, Counter[str]()   # commands taken and dropped at the last diagnostics
         self._lock = Lock()
         self._offer(settings)
         self._view = PlantView(self, candidate.system, candidate.view, self._observe)
@@ -295,7 +304,7 @@ class PlantSimulator(Node):
             self._odom = self.create_publisher(Odometry, 'odom', BACKLOG)
         if settings.publish_clock or settings.speed == 0.0:
             self._clock_out = self.create_publisher(ClockMessage, '/clock', CLOCK_QOS)
-        self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
+        self._diagnostics = Diagnostics(self, ClockWatch(self))
         self._commands = self.create_subscription(
             Command, 'command', lambda message: None, 10, callback_group=Apart())
         self.create_service(Trigger, '~/reset', self._on_reset)
@@ -332,8 +341,6 @@ class PlantSimulator(Node):
         with self._lock:
             if self._plant.poll(*self._now()):
                 self._publish()
-            elif self._plant.fault:
-                self._warn_once('fault', self._plant.fault)
             return min(self._plant.wait(self._now()[0]), LONGEST_WAIT)
 
     def _publish(self) -> None:
@@ -476,10 +483,8 @@ class PlantSimulator(Node):
         now, simulated = time.monotonic(), plant.simulator.time
         factor = (simulated - self._looked[1]) / (now - self._looked[0])
         self._looked = now, simulated
-        array = DiagnosticArray()
-        array.header.stamp = self.get_clock().now().to_msg()
         level, text = self._health()
-        array.status = [DiagnosticStatus(
+        status = DiagnosticStatus(
             name=f'{self.get_fully_qualified_name()[1:]}: plant', level=level, message=text,
             values=[
                 KeyValue(key=key, value=str(value)) for key, value in (
@@ -491,25 +496,27 @@ class PlantSimulator(Node):
                     ('times without commands', plant.rests), ('times held up', plant.held_up),
                     ('commands dropped', plant.dropped.total()),
                     *((f'commands dropped, {reason}', count)
-                      for reason, count in sorted(plant.dropped.items())))])]
-        identify(array.status, self, self._settings.settings.hardware_id,
-                 plant.simulator.system.name)
-        self._diagnostics.publish(array)
+                      for reason, count in sorted(plant.dropped.items())))])
+        self._diagnostics.publish([status], self.get_clock().now().to_msg(),
+                                  self._settings.settings.hardware_id,
+                                  plant.simulator.system.name)
 
     def _health(self) -> tuple[bytes, str]:
-        plant, clock = self._plant, self._clock_watch.find_fault()
-        if plant.fault or clock:
-            return DiagnosticStatus.ERROR, plant.fault or clock
+        plant = self._plant
+        taken, dropped = plant.accepted, Counter(plant.dropped)
+        before, self._counted = self._counted, (taken, dropped)
+        if plant.fault:
+            return DiagnosticStatus.ERROR, plant.fault
         contested, self._contested = self._contested, plant.contested
         publishers = self.count_publishers('command')  # killed ones are counted for a while
         if publishers > 1 and plant.contested > contested:
             sentence = f'{publishers} nodes publish commands; the latest one is followed'
-            self._warn_once('publishers', sentence)
             return DiagnosticStatus.WARN, sentence
         if self._clock_out and self.count_publishers('/clock') > 1:
             sentence = 'another node also publishes /clock'
-            self._warn_once('clock', sentence)
             return DiagnosticStatus.WARN, sentence
+        if fault := judge_commands(taken - before[0], dropped - before[1]):
+            return fault
         if plant.paused:
             return DiagnosticStatus.OK, 'paused'
         if plant.held:
@@ -517,6 +524,16 @@ class PlantSimulator(Node):
         if not plant.accepted:
             return DiagnosticStatus.OK, 'no command yet'
         return DiagnosticStatus.OK, 'running'
+
+
+def judge_commands(taken: int, dropped: Counter[str]) -> tuple[bytes, str] | None:
+    """Return level and words if commands were dropped that should be taken; None: none was."""
+    words = ', '.join(f'{count} {reason}' for reason, count in sorted(dropped.items()))
+    if dropped and not taken:
+        return DiagnosticStatus.ERROR, f'all commands are dropped: {words}'
+    if dropped.keys() - {ANSWERED, OLDER}:   # answers to a state that was sent again are not used
+        return DiagnosticStatus.WARN, f'commands dropped: {words}'
+    return None
 
 
 def _listed(values: tuple[float, ...]) -> str:

@@ -25,7 +25,7 @@ from time import monotonic
 from types import MappingProxyType
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from obc_ros.action import SolveOptimalControl as SolveAction
 from obc_ros.core.ocp.solution import MAX_INTERVALS
 from obc_ros.core.text.errors import ObcError, quote, StatementError
@@ -36,9 +36,9 @@ from obc_ros.nodes.motions.plant_files import load_plants
 from obc_ros.nodes.motions.present_state import PresentState
 from obc_ros.nodes.views.plan_view import PlanView
 from obc_ros.ros import messages
+from obc_ros.ros.diagnostics import Diagnostics
 from obc_ros.ros.execution.callback_guards import guard_callbacks
 from obc_ros.ros.execution.executor import run
-from obc_ros.ros.hardware_id import identify
 from obc_ros.ros.parameters.node_parameters import declare_field, Parameters
 from obc_ros.ros.service_qos import be_patient, BURST
 from obc_ros.ros.state_sources import SOURCES, STATE_SOURCE
@@ -129,7 +129,7 @@ class TrajectoryServer(Node):
         self._statuses: Counter[str] = Counter()
         self._log = ThrottledLog(self)
         self._motions = self._plan_motions()
-        self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
+        self._diagnostics = Diagnostics(self)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(1.0, self._diagnose, clock=steady)
         self._action: ActionServer | None = None
@@ -360,10 +360,8 @@ class TrajectoryServer(Node):
             'requests': sum(self._statuses.values()),
             **{f'requests {name}': self._statuses[name] for name in sorted(self._statuses)}}
         status.values = [KeyValue(key=key, value=str(value)) for key, value in values.items()]
-        array = DiagnosticArray(status=[status])
-        identify(array.status, self, self._settings.settings.hardware_id, self.get_name())
-        array.header.stamp = self.get_clock().now().to_msg()
-        self._diagnostics.publish(array)
+        self._diagnostics.publish([status], self.get_clock().now().to_msg(),
+                                  self._settings.settings.hardware_id, self.get_name())
 
 
 def _judge(settings: Settings) -> Settings:

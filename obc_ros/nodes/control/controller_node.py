@@ -18,7 +18,7 @@ from time import monotonic, time_ns
 from typing import Any
 
 from builtin_interfaces.msg import Time
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticStatus
 from lifecycle_msgs.srv import ChangeState
 from obc_ros.core.closed_loop.control import Control
 from obc_ros.core.closed_loop.loop import ControlLoop
@@ -40,9 +40,9 @@ from obc_ros.nodes.control.source_watch import Source, SourceWatch
 from obc_ros.ros import state_sources
 from obc_ros.ros.clock_watch import ClockWatch
 from obc_ros.ros.conversions import make_body_reader, read_nanoseconds
+from obc_ros.ros.diagnostics import Diagnostics
 from obc_ros.ros.execution.subscription_thread import Apart, OwnThread
 from obc_ros.ros.execution.worker_thread import WorkerThread
-from obc_ros.ros.hardware_id import identify
 from obc_ros.ros.parameters.node_parameters import Parameters
 from obc_ros.ros.throttled_log import ThrottledLog
 from rclpy.clock import Clock
@@ -85,7 +85,6 @@ class ControllerNode(LifecycleNode):  # type: ignore[misc] # rclpy's classes are
         self._monitor, self._log = LoopMonitor(), ThrottledLog(self)
         self._desk, self._source = WorkerThread(self), SourceWatch()
         self._adopted: Any = None
-        self._clock_watch = ClockWatch(self)
         self._idle_reason = ''   # why the node is not active although it should be
         self._prepare()
         self._table: Parameters[Any, Any] = Parameters(
@@ -147,7 +146,7 @@ class ControllerNode(LifecycleNode):  # type: ignore[misc] # rclpy's classes are
             self._sink.type, settings.command_sink, SINK,
             qos_overriding_options=overrides)
         self._designs = self.create_publisher(LqrDesign, '~/design', LATCHED_QOS)
-        self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
+        self._diagnostics = Diagnostics(self, ClockWatch(self))
         self._thread = OwnThread(
             self, self._states, self._answer, self._watch, self._deadline_events(),
             settings.priority)
@@ -387,15 +386,11 @@ class ControllerNode(LifecycleNode):  # type: ignore[misc] # rclpy's classes are
                 self, [self._states.topic_name, self._commands.topic_name],
                 self._shared_topics())):
             self.get_logger().warning(sentence)
-        array = DiagnosticArray()
-        array.header.stamp = self._time()
         error = self._loop.error
-        array.status = self._monitor.statuses(
+        statuses = self._monitor.statuses(
             self.get_fully_qualified_name()[1:], self._loop, self._revision, self._is_active,
             None if error is None else self._adopted.design.cost_to_go(error),
             self._idle_reason, predict_error(self._adopted.design.plant.system, self._loop))
-        self._clock_watch.judge(array.status[0])
-        array.status += self._statuses()
-        identify(array.status, self, self._table.settings.hardware_id,
-                 self._adopted.design.plant.system.name)
-        self._diagnostics.publish(array)
+        self._diagnostics.publish(
+            [*statuses, *self._statuses()], self._time(), self._table.settings.hardware_id,
+            self._adopted.design.plant.system.name, self._monitor.told)

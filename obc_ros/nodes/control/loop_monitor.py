@@ -38,6 +38,7 @@ class LoopMonitor:
     design: str = ''
     topic: str = ''
     faults: dict[str, str] = field(default_factory=dict)
+    told: set[str] = field(default_factory=set)   # statuses of which the loop's own log speaks
     _costs: deque[float] = field(default_factory=lambda: deque(maxlen=LOOKS + 1))
     _worst: float = 0.0
     _control: Control | None = None
@@ -103,6 +104,7 @@ class LoopMonitor:
         now, counts = monotonic(), Counter(loop.counts)
         elapsed, self._looked = now - self._looked, now
         new, self._before = counts - self._before, counts
+        self.told = set()
         return [self._states(name, loop, new, elapsed, now, is_active, idle),
                 self._commands(name, loop, new, cost, missed or {}),
                 make_status(f'{name}: design', DiagnosticStatus.OK, self.design, {
@@ -111,8 +113,9 @@ class LoopMonitor:
 
     def _states(self, name: str, loop: ControlLoop, new: Counter[str], elapsed: float, now: float,
                 is_active: bool, idle: str) -> DiagnosticStatus:
-        dropped = {words: new[kind] for kind, words in DROPPED.items() if new[kind]}
         age = loop.age(now)
+        of = loop.counts if age is None else new   # without a state, all that ever came
+        dropped = {words: of[kind] for kind, words in DROPPED.items() if of[kind]}
         level, words = DiagnosticStatus.OK, 'states are answered'
         if idle:
             level, words = DiagnosticStatus.ERROR, f'not active: {idle}'
@@ -134,7 +137,12 @@ class LoopMonitor:
                 f'{new["deadline"]} deadlines missed on {self.topic}')
         elif new['answered'] > 1 and new['repeated'] >= new['answered']:
             level, words = DiagnosticStatus.WARN, 'the stamps of the states do not advance'
+        elif not new['answered']:
+            words = 'no new state'
+        if dropped:
+            self.told.add(f'{name}: states')
         if self.faults:
+            self.told.add(f'{name}: states')
             level = max(level, DiagnosticStatus.WARN)
             words = '; '.join([words, *self.faults.values()])
         return make_status(f'{name}: states', level, words, {
@@ -150,7 +158,8 @@ class LoopMonitor:
         latencies, share = list(self.latencies), new['saturated'] / max(new['answered'], 1)
         self.latencies.clear()
         percent = quantiles(latencies, n=100) if len(latencies) > 1 else [float('nan')] * 99
-        level, words = DiagnosticStatus.OK, 'within the limits'
+        level, words = DiagnosticStatus.OK, (
+            'within the limits' if new['answered'] else 'no state is answered')
         if share:
             words = f'at a limit {share:.0%} of the time'
         if share > 0.5:

@@ -103,6 +103,8 @@ class PlanMonitor:
                 f'{what} by {value:.3g}' for what, value in slack.items())
         elif self.last is None:
             words = 'no plan yet'
+        elif loop.is_stale:
+            words = 'no valid state to plan for'
         return make_status(f'{name}: plan', level, words, {
             **self._values(), 'first plan': self.first,
             'exceeded': max(slack.values(), default=0.0),
