@@ -12,6 +12,7 @@ from math import inf
 import numpy as np
 from numpy.typing import NDArray
 from obc_ros.core.numerics.arrays import Array
+from obc_ros.core.ocp.certificate.certificate import COUNTS_AS_MET
 from obc_ros.core.solver.exact.bang_bang import (
     BangBang,
     drop_short_arcs,
@@ -38,8 +39,6 @@ _FIRST_HORIZON = 1e-5
 _ZOOMS, _ZOOM = 12, 33
 # The interval that contains the end of a proof is divided this often.
 _NARROWED = 2
-# Margin of a proof relative to its terms: the accuracy of the integrals.
-_SURE = 1e-7
 _ROUNDING = 1e-10
 # Relative gap between a lower bound and a solution that counts as none.
 _NEAR = 1e-8
@@ -158,7 +157,7 @@ def _no_longer_proved(reach: Reach, eta: Array, T: float, horizon: float) -> flo
     narrowed = 0
     for _ in range(_ZOOMS):
         grid = np.append(reach.times(T), tau[1:]) if T else tau
-        margin, slope = (values[-len(tau):] for values in reach.margin(eta, grid, _SURE))
+        margin, slope = (values[-len(tau):] for values in reach.margin(eta, grid, COUNTS_AS_MET))
         k = np.flatnonzero(margin[1:] <= 0)
         end = int(k[0]) + 1 if len(k) else len(tau)
         cell = _dip(tau[:end], margin[:end], slope[:end])

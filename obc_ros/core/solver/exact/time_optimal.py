@@ -48,8 +48,6 @@ _METHOD = 'time_optimal'
 _SAMPLES, _MOST_SAMPLES = 17, 200
 # Times the upper bound of T up to which the minimum time is looked for, for the message.
 _FARTHER = 64.0
-# Relative margin by which a T must be below the minimum time in closed form to be infeasible.
-_CLEARLY = 1e-7
 # Size of an abnormal costate relative to the one that balances L.
 _ABNORMAL = 1e7
 
@@ -69,7 +67,7 @@ def solve_time_optimal(problem: Problem) -> Solution | None:
         None if the problem is not of this form (L a constant > 0, V constant, f affine, psi
         affine, T free, u bounded, x free), if the lower bound of T is active, or if the minimum
         time is not found. The status is ``infeasible`` if it is proved that the target is met at
-        no T between the bounds (`weak_duality`; the closed form for the double integrator), and
+        no T between the bounds (`weak_duality`), and
         ``not_converged`` if no such T is found without proof; the message gives the reason.
         Inputs are constant between samples ('zoh'); the time of a switch appears twice.
 
@@ -109,7 +107,9 @@ def _double_integrator(problem: Problem, aim: Target, plant: Affine) -> Solution
     if arcs is None or bounds.lower > arcs.T:
         return None
     if bounds.upper < arcs.T:
-        return _too_short(bounds.upper, arcs.T, bounds.upper < arcs.T * (1 - _CLEARLY))
+        stated = _normalized(problem, aim, plant)[0]
+        return _none(_out_of_time(bounds.upper, arcs.T), is_never_met(
+            _scaled(stated, bounds.upper)[0], bounds.lower, bounds.upper))
     inputs = dict(zip(accelerations, limits, strict=True))
     return _arcs_solution(aim, arcs, (i, j), (a, b, ci, cj), (x0, final), inputs)
 
@@ -147,11 +147,7 @@ def _arcs_solution(
 
 def _general(problem: Problem, aim: Target, plant: Affine) -> Solution | None:
     """Return the solution for any linear system with bounded inputs."""
-    half = (problem.u_upper - problem.u_lower) / 2
-    c = plant.c + plant.B @ (problem.u_lower + half)
-    driven = np.flatnonzero(half > 0)
-    B = (plant.B * half)[:, driven]
-    stated = Reach(plant.A, B, c, problem.x0, aim.C, aim.d)
+    stated, driven = _normalized(problem, aim, plant)
     scaled, size, unit = _scaled(stated, get_final_time(problem))
     bounds = problem.final_time
 
@@ -183,6 +179,15 @@ def _general(problem: Problem, aim: Target, plant: Affine) -> Solution | None:
                     ) if found.too_short >= bounds.upper else None
     nu = rows @ moved @ _multiplier(reach, found.answer) / unit
     return _solution(problem, stated, replace(found.answer, nu=nu), aim, driven)
+
+
+def _normalized(problem: Problem, aim: Target,
+                plant: Affine) -> tuple[Reach, NDArray[np.int_]]:
+    """Return the problem with inputs between -1 and 1, and which of all inputs these are."""
+    half = (problem.u_upper - problem.u_lower) / 2
+    c = plant.c + plant.B @ (problem.u_lower + half)
+    driven = np.flatnonzero(half > 0)
+    return Reach(plant.A, (plant.B * half)[:, driven], c, problem.x0, aim.C, aim.d), driven
 
 
 def _scaled(stated: Reach, T: float) -> tuple[Reach, Array, Array]:
@@ -238,10 +243,6 @@ def _why_not(upper: float, reach: Reach, in_words: Callable[[Reach], str | None]
 def _out_of_time(upper: float, least: float) -> str:
     return (f'the terminal constraints cannot be met by T = {upper:.10g}: '
             f'the minimum time is {least:.10g}')
-
-
-def _too_short(upper: float, least: float, clearly: bool) -> Solution:
-    return _none(_out_of_time(upper, least), clearly)
 
 
 def _none(reason: str, proved: bool) -> Solution:

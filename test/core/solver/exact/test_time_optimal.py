@@ -11,6 +11,8 @@ import numpy as np
 from obc_ros.core.ocp.certificate.certificate import certify
 from obc_ros.core.ocp.problem import FinalTime, Problem
 from obc_ros.core.ocp.solution import Status
+from obc_ros.core.solver.exact.least_time import find_first_time
+from obc_ros.core.solver.exact.reachable_set import Reach
 from obc_ros.core.solver.exact.time_optimal import solve_time_optimal
 import pytest
 from scipy.linalg import expm
@@ -365,3 +367,18 @@ def test_nonlinear_problems_are_not_accepted():
         changed(**{**base, 'psi': x**2}, f=ca.vertcat(x[1], u))) is None
     assert solve_time_optimal(
         changed(**base, f=ca.vertcat(x[1], u), V=x[0])) is None
+
+
+@pytest.mark.parametrize(('late', 'proved'), [(4e-7, False), (1e-3, True)])
+def test_a_time_in_which_a_certificate_sees_no_miss_is_not_too_short(late, proved):
+    """Within (1 - late) of 2 s, x(T) is 2 late short of 1: a certificate counts 8e-7 as met."""
+    found = solve_time_optimal(problem(DOUBLE, [0, 1], (1, 0), T=(0.01, 2 - 2 * late)))
+    assert (found.status is Status.INFEASIBLE) == proved
+
+
+@pytest.mark.parametrize(('late', 'proved'), [(4e-7, False), (1e-4, True)])
+def test_the_bound_of_the_least_time_leaves_the_margin_of_a_certificate(late, proved):
+    upper = 2 - 2 * late
+    reach = Reach(np.array(DOUBLE, dtype=float), np.array([[0.0], [1.0]]), np.zeros(2),
+                  np.array([1.0, 0.0]), np.eye(2), np.zeros(2))
+    assert (find_first_time(reach, 0.0, upper).too_short >= upper) == proved
