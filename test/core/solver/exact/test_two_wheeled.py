@@ -119,6 +119,13 @@ def test_problems_other_than_exercise_2_6_are_not_accepted():
     assert solve_two_wheeled(robot((0, 0, 0), (1, 1, 6 * pi))) is None
 
 
+@pytest.mark.parametrize(('missed', 'proved'), [(2e-6, False), (2e-2, True)])
+def test_a_time_in_which_a_certificate_sees_no_miss_is_not_too_short(missed, proved):
+    """After 4 s - 2e-6 s, x(T) is 5e-7 of 4 short of 4: a certificate counts that as met."""
+    found = solve_two_wheeled(robot((0, 0, 0), (4, 0, 0), upper=4 - missed))
+    assert (found is not None and found.status is Status.INFEASIBLE) == proved
+
+
 def test_too_short_a_final_time_is_infeasible():
     found = solve_two_wheeled(robot((0, 0, 0), (4, 0, 0), upper=3.0))
     assert found.status is Status.INFEASIBLE
