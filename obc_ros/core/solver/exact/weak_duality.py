@@ -25,11 +25,11 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 from obc_ros.core.numerics.arrays import Array, optimize
+from obc_ros.core.ocp.certificate.certificate import COUNTS_AS_MET
 from obc_ros.core.ocp.least_time_form import find_affine_dynamics
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.solver.exact.reachable_set import compute_exponential, Reach
 
-_MARGIN = 1e-6      # of the sizes of all terms, as of a certificate
 _ROUNDING = 20 * np.finfo(float).eps   # of a step's terms, for each state
 _FINER = 16         # times as many cells as in the linear programme
 _PROGRAMMES = 40    # linear programmes, at most, for all admissible final times
@@ -96,7 +96,7 @@ def _separates(reach: Reach, eta: Array, lower: float, upper: float, sizes: Arra
         np.linalg.norm(reach.A @ reach.x0 + reach.c)
         + np.linalg.norm(reach.B, axis=0).sum())
     terms = np.abs(reach.C) @ sizes
-    share = max(_MARGIN, _ROUNDING * len(tau) * len(reach.Z))
+    share = max(COUNTS_AS_MET, _ROUNDING * len(tau) * len(reach.Z))
     small = share * float(np.abs(eta) @ (np.abs(reach.d) + terms))
     part = tau >= lower
     least = margin - slope * np.diff(tau, append=tau[-1])
@@ -250,4 +250,4 @@ def _proves(reach: Reach, T: float, demands: _Demands, y: Array) -> bool:
     wanted = float(y @ demands.s)
     least = constant + float(w @ reach.x0) - reached
     size += float(np.abs(y) @ (np.abs(demands.s) + np.abs(demands.S) @ reach.sizes(T))) + reached
-    return bool(np.isfinite(least) and least - wanted > _MARGIN * size)
+    return bool(np.isfinite(least) and least - wanted > COUNTS_AS_MET * size)

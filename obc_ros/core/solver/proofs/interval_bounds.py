@@ -20,12 +20,12 @@ from obc_ros.core.numerics.enclosures.interval_arithmetic import (
     multiply_intervals,
 )
 from obc_ros.core.numerics.instructions import find_dependence
+from obc_ros.core.ocp.certificate.certificate import COUNTS_AS_MET
 from obc_ros.core.ocp.least_time_form import find_affine_dynamics
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.ocp.wording import describe_terminal, format_number
 from obc_ros.core.solver.proofs.singular_expressions import find_steep_operands
 
-_MARGIN = 1e-6   # of the ends of an interval: above the tolerances of a certificate
 
 
 def find_lower_bounds(problem: Problem) -> Array:
@@ -140,7 +140,7 @@ def _rates(problem: Problem, low: Array, high: Array) -> list[Interval]:
 
 def _margin(found: Interval) -> float:
     ends = (abs(each) for each in (found.low, found.high) if np.isfinite(each))
-    return _MARGIN * (1 + sum(ends))
+    return COUNTS_AS_MET * (1 + sum(ends))
 
 
 def _turning(problem: Problem, row: int, low: Array) -> str:

@@ -33,6 +33,7 @@ from obc_ros.core.numerics.rational_polynomials import (
     TooHardError,
 )
 from obc_ros.core.ocp.affine_constraints import End, find_affine_end
+from obc_ros.core.ocp.certificate.certificate import COUNTS_AS_MET
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.ocp.wording import describe_sum
 
@@ -40,7 +41,6 @@ StateMonomial = tuple[int, ...]
 
 _MOST = 24       # states: larger problems are not examined
 _NULL = 1e-10    # relative: smaller singular values count as 0
-_FAR = 1e-6      # relative: above rounding and the tolerances of a certificate
 _NOISE = 1e-8    # relative: smaller coefficients count as 0
 _REACH = 3.0     # range of inputs without a bound, in units of 1 + |the other bound|
 _SEED = 5
@@ -158,7 +158,7 @@ def _compared(problem: Problem, end: _Surface, c: RationalRow,
     terms_after = [value * _product(end.x, monomials[k]) for k, value in c.items()]
     before, after = sum(terms_before, Fraction(0)), sum(terms_after, Fraction(0))
     size = sum((abs(each) for each in (*terms_before, *terms_after, *c.values())), Fraction(0))
-    if abs(after - before) > convert_to_rational(_FAR) * size:
+    if abs(after - before) > convert_to_rational(COUNTS_AS_MET) * size:
         numbers = np.array([float(c.get(k, 0)) for k in range(len(monomials))])
         yield (f'{_text(problem, numbers, monomials)} is constant for all inputs: it is '
                f'{float(before):.9g} at the initial state and {float(after):.9g} '

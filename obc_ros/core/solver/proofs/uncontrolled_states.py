@@ -34,10 +34,10 @@ from obc_ros.core.numerics.rational_polynomials import (
     TooHardError,
 )
 from obc_ros.core.ocp.affine_constraints import End
+from obc_ros.core.ocp.certificate.certificate import COUNTS_AS_MET
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.ocp.wording import format_number
 
-_MISSED = 1e-6   # relative: above the tolerances of a certificate
 _EARLIER, _PARTS = 16, 32   # steps, at least: up to the first and to the last admissible T
 _MOST = 12       # states of a linear system
 
@@ -82,7 +82,8 @@ def _left(problem: Problem, alone: NDArray[np.int_], steps: list[TaylorStep], no
                 low, high = step.after[0][k], step.after[1][k]
                 excess = (low - problem.x_upper[index] if upper
                           else problem.x_lower[index] - high)
-                if step.end <= earliest and excess > _MISSED * (1 + max(abs(low), abs(high))):
+                size = 1 + max(abs(low), abs(high))
+                if step.end <= earliest and excess > COUNTS_AS_MET * size:
                     yield (f'{nothing} acts on {problem.states[index]}: it violates state bound '
                            f'{words[2 * index + upper]} by t = {step.end:.6g}')
                     break
@@ -130,7 +131,7 @@ def _missed(problem: Problem, reason: str, wanted: str, values: list[Interval],
     """Yield a sentence if `values`, which must be 0, exclude 0 at all admissible final times."""
     if not values:
         return
-    size = _MISSED * (1 + terms + max(max(abs(each.low), abs(each.high)) for each in values))
+    size = COUNTS_AS_MET * (1 + terms + max(max(abs(each.low), abs(each.high)) for each in values))
     if not (all(each.low > size for each in values) or all(each.high < -size for each in values)):
         return
     final = problem.final_time
