@@ -127,7 +127,7 @@ def _bound_savings(found: Solution, L: float, M: float) -> float:
     *place, angle = COUNTS_AS_MET * np.abs(found.x).max(axis=0)
     away = float(np.hypot(*place))
     sideways = find_shortest_path((0.0, 0.0, 0.0), (0.0, away, 0.0), L / M).length
-    return COUNTS_AS_MET * found.objective + angle / M + (away + sideways) / L
+    return float(COUNTS_AS_MET * found.objective + angle / M + (away + sideways) / L)
 
 
 def _drive(path: CarPath, L: float, M: float) -> Solution:

@@ -27,7 +27,6 @@ from obc_ros.core.ocp.wording import describe_terminal, format_number
 from obc_ros.core.solver.proofs.singular_expressions import find_steep_operands
 
 
-
 def find_lower_bounds(problem: Problem) -> Array:
     """
     Return lower bounds of the states on all paths, shape (n,): their bounds, or 0.
