@@ -155,6 +155,8 @@ class Bench:
         Of this search, a part of that of the task; and of what is tried now, a part of `whole`.
     pinned : ndarray of bool, shape (n,)
         Components of x(T) that psi fixes.
+    end : ndarray, shape (n,)
+        These, and a given time among the states; nan for the other components.
     margin : ndarray, shape (n + l,)
         Tightening of the bounds of x and of the path constraints.
     quick : bool
@@ -174,6 +176,7 @@ class Bench:
     whole: Meter
     meter: Meter
     pinned: Mask
+    end: Array
     margin: Array
     quick: bool = False
     may_hold: bool = True
@@ -260,7 +263,7 @@ class Bench:
         longest = np.maximum(4.0 * durations, 4.0 * usual)
         if len(durations) == 1:
             shortest, longest = np.array([final.lower]), np.array([final.upper])
-        limits = TightenedLimits(shortest, longest, self.margin, self.pinned)
+        limits = TightenedLimits(shortest, longest, self.margin, self.pinned, self.end)
         w = program.start(mesh, start, durations, sizes) if warm is None else warm.w
         each = mesh.layout.intervals * (1 + mesh.layout.stages)
         with self.trace.attempt(COLLOCATION, mesh.layout.describe()) as attempt:
@@ -475,10 +478,14 @@ def build_bench(task: Task, *, with_arcs: bool = True, quick: bool = False) -> B
     problem, programs, bounded = task.problem, task.programs, task.problem.constrained
     smooth = programs.twin.problem(problem, 0) if programs.twin else problem
     whole = task.meter.part()
+    x, pinned = (programs.guesser.final_state(smooth) if bounded
+                 else (smooth.x0, np.zeros(problem.n, dtype=bool)))
+    known = pinned.copy()
+    if problem.has_clock and not problem.final_time.free:
+        known[problem.stated] = True
     return Bench(
         stated=problem, problem=smooth, programs=programs, whole=whole, meter=whole, quick=quick,
         may_hold=with_arcs, intervals=programs.options.coarse.intervals,
         typical=programs.options.coarse.iterations, stages=3 if bounded else 0,
         margin=np.zeros(problem.n + int(problem.path.numel())),
-        pinned=(programs.guesser.final_state(smooth)[1] if bounded
-                else np.zeros(problem.n, dtype=bool)))
+        pinned=pinned, end=np.where(known, x, np.nan))

@@ -385,21 +385,24 @@ class Transcription:
         met = np.abs(values - problem.path_lower) <= 1e-9 * (1 + np.abs(values))
         return np.asarray(met & ~loose)
 
-    def _met_at_start(self, problem: Problem, margin: Array) -> NDArray[np.bool_]:
+    def _decided(self, problem: Problem, x: Array, margin: Array) -> NDArray[np.bool_]:
         """
-        Return the path constraints that a given x(0) alone decides and that leave no room, (l,).
+        Return the path constraints that a given state alone decides and that leave no room, (l,).
 
         A row without unknowns is met or it is not; where rounding errors, or a tightened bound,
-        decide that, no iterate would be feasible.
+        decide that, no iterate would be feasible. `x`: nan where it is not given.
         """
-        if not self.l or problem.start is not None:
+        given = ~np.isnan(x)
+        if not self.l or not given.any():
             return np.zeros(self.l, dtype=bool)
-        value = self._path(problem.x0, np.zeros(self.m), problem.p_value).full()[:, 0]
+        value = self._path(np.where(given, x, 0.0), np.zeros(self.m),
+                           problem.p_value).full()[:, 0]
         near = COUNTS_AS_MET * (1 + np.abs(value))
         lower, upper = problem.path_lower, problem.path_upper
         met = (value >= lower - near) & (value <= upper + near)
         room = (value > lower + margin + near) & (value < upper - margin - near)
-        return np.asarray(met & ~room & ~self._uses[:, self.n:].any(axis=1))
+        free = np.append(~given, np.ones(self.m, dtype=bool))
+        return np.asarray(met & ~room & ~self._uses[:, free].any(axis=1))
 
     def solvable(self, problem: Problem, mesh: Mesh) -> bool:
         """
@@ -443,8 +446,11 @@ class Transcription:
         mesh.hold(*bounds, places, slice(self.n, None))
         # Equalities that always hold would make the equations dependent.
         settled = self._settled(problem, mesh)
+        start = np.where(problem.given_at_start, problem.x0, np.nan)
+        last = len(bounds[0]) - self._links - (len(self.layout.phases) > 1) - self.l
         spare = [places[settled[self.layout.phase_of]],
-                 places[0, self._met_at_start(problem, margin)]]
+                 places[0, self._decided(problem, start, margin)],
+                 last + np.flatnonzero(self._decided(problem, limits.end, margin))]
         if settled.any() and len(settled) * self.l == self._program.rows[2]:
             spare.append(each * N + self.q + np.flatnonzero(settled))
         for values, none in zip(bounds, (-np.inf, np.inf), strict=True):

@@ -26,6 +26,8 @@ class TightenedLimits:
         Tightening of the bounds of x and of the path constraints, >= 0.
     pinned : ndarray of bool, shape (n,)
         Components of x(T) that psi fixes, which need no bounds at T.
+    end : ndarray, shape (n,)
+        These, and a given time among the states; nan for the other components.
 
     """
 
@@ -33,6 +35,7 @@ class TightenedLimits:
     longest: Array
     margin: Array
     pinned: NDArray[np.bool_]
+    end: Array
 
     def of_states(self, problem: Problem, s: Array) -> Array:
         """

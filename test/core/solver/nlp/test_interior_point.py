@@ -211,7 +211,7 @@ def solve_transcription(problem: Problem, *, own: bool,
     sizes = estimate_scales(problem, guess)
     final = problem.final_time
     limits = TightenedLimits(np.array([final.lower]), np.array([final.upper]), np.zeros(problem.n),
-                             guesser.final_state(problem)[1])
+                             guesser.final_state(problem)[1], np.full(problem.n, np.nan))
     start = program.start(mesh, guess, guess.durations, sizes) if near is None else near.w
     return program.solve(problem, mesh, start, sizes, limits, Meter(),
                          near=near is not None,

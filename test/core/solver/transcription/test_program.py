@@ -61,7 +61,7 @@ def solve_program_on(mapping, mesh, **limits):
     durations = np.full(count, guess.t[-1] / count)
     bounds = TightenedLimits(limits.get('shortest', np.zeros(count)),
                              limits.get('longest', np.full(count, 1e3)), np.zeros(problem.n),
-                             np.zeros(problem.n, dtype=bool))
+                             np.zeros(problem.n, dtype=bool), np.full(problem.n, np.nan))
     start = program.start(mesh, guess, durations, sizes)
     return problem, program.solve(problem, mesh, start, sizes, bounds, Meter())
 
@@ -236,7 +236,8 @@ def test_a_monitor_ends_a_solver_after_one_iteration():
     meter = Meter(10.0, report)
     outcome = program.solve(
         problem, mesh, program.start(mesh, guess, guess.durations, sizes), sizes,
-        TightenedLimits(np.zeros(1), np.ones(1), np.zeros(3), np.zeros(3, dtype=bool)), meter)
+        TightenedLimits(np.zeros(1), np.ones(1), np.zeros(3), np.zeros(3, dtype=bool),
+                        np.full(3, np.nan)), meter)
     assert not outcome.converged
     assert meter.stopped == 'cancelled'
     assert seen == [1, 2, 3]
@@ -326,3 +327,18 @@ def test_a_constraint_that_rounding_breaks_at_a_given_start_leaves_paths():
         path_constraints=[{'expr': 'x - 1 - 0.1*(1 - cos(t))', 'lower': 1e-12}]))
     assert found.feasible
     assert found.objective == pytest.approx(0.1 * (1 - np.cos(1.0)), abs=1e-6)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('off', [0.0, 1e-12])
+def test_a_constraint_that_a_given_end_decides_leaves_paths(off):
+    """
+    The path ends at rest on its wall, which rounding may break there: no unknown can change that.
+
+    One side of the problem of Bryson and Denham: the wall at l is met at t = 3 l, J = 4 / (9 l).
+    """
+    found = solve(problems.pose(
+        {'x': 'v', 'v': 'u'}, 'u**2', [0, 1], 1, terminal_constraints=['x - 0.1', 'v'],
+        path_constraints=[{'expr': 'x', 'upper': 0.1 - off}]))
+    assert found.certified
+    assert found.objective == pytest.approx(4 / 0.9, rel=1e-5)

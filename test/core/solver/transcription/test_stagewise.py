@@ -103,7 +103,7 @@ def solve_on(name, monkeypatch, meter=None, **changes):
     guess, durations = Guesser(problem).line(problem, T), np.full(count, T / count)
     scales = estimate_scales(problem, guess)
     limits = TightenedLimits(np.full(count, 0.1), np.full(count, 9.0), np.zeros(
-        problem.n + program.l), np.zeros(problem.n, dtype=bool))
+        problem.n + program.l), np.zeros(problem.n, dtype=bool), np.full(problem.n, np.nan))
     monkeypatch.setattr(Transcription, '_solver', _backends._solve_by_fatrop)
     program.__dict__['_staged'] = None
     outcome = program.solve(problem, mesh, program.start(mesh, guess, durations, scales), scales,
