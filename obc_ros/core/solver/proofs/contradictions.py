@@ -140,7 +140,9 @@ def _at_end(problem: Problem) -> Iterator[str]:
         slack = COUNTS_AS_MET * (1 + abs(b) + np.abs(ends[np.isfinite(ends)]).sum())
         if low > slack or high < -slack:
             yield _against_bounds(problem, row, a, low > slack)
-    if end.clash is not None:
+    if end.clash is not None and abs(float(end.clash.gap)) > COUNTS_AS_MET * sum(
+            abs(float(weight)) * (1 + abs(float(end.rows[k].get(problem.n, 0))))
+            for k, weight in end.clash.weights.items()):
         names = [describe_terminal(problem, k) for k in sorted(end.clash.weights)]
         yield (f'{names[0]} holds at no state' if len(names) == 1 else
                f'terminal constraints {", ".join(names[:-1])} and {names[-1]} exclude each other')

@@ -347,3 +347,10 @@ def test_what_a_certificate_counts_as_met_is_no_contradiction(key, missed, prove
     changed = {'x': [None, bound]} if key == 'state_bounds' else [{'expr': 'x', 'upper': bound}]
     problem = problems.pose({'x': 'u'}, 'u**2 + x', [1], 1, **{key: changed})
     assert bool(explain_contradiction(problem)) == proved
+
+
+@pytest.mark.parametrize('missed, proved', [(3e-7, False), (1e-5, True)])
+def test_terminal_constraints_that_a_certificate_counts_as_met_do_not_clash(missed, proved):
+    """Half of the gap is within 1e-6 of x, whose size is x(0) = 2."""
+    assert bool(explain_contradiction(problems.pose(
+        {'x': 'u'}, 'u**2', [2], 1, terminal_constraints=['2*x', f'x - {missed}']))) == proved
