@@ -88,7 +88,8 @@ def solve_automatically(task: Task) -> Solution:
         if exact.affine == task.programs.affine and (found := _try_exact(task, exact)) is not None:
             return found
     # Proofs take longer than to follow the path of a neighbour.
-    if not task.programs.answers and (reason := _examine_statement(task)):
+    is_near = task.programs.neighbour(task.problem) is not None
+    if not is_near and (reason := _examine_statement(task)):
         status = Status.INFEASIBLE if reason.infeasible else Status.NOT_CONVERGED
         return Solution(status, reason.sentence, method='arcs')
     if (L := find_constant_cost(task.problem)) is not None:

@@ -106,3 +106,74 @@ def test_results_agree_with_and_without_a_cache(name):
         if alone.status is Status.SOLVED:
             assert shared.objective == pytest.approx(
                 alone.objective, rel=SAME_COST, abs=SAME_COST * LEAST_COST)
+
+
+def wall(room, limit=5.0):
+    return problems.pose({'x': '-0.3*x + u'}, 'u**2', [1 + room], 4,
+                         input_bounds={'u': [0, limit]},
+                         path_constraints=[{'expr': 'x - 1', 'lower': 0}])
+
+
+def drift(speed):
+    return problems.pose({'x': 'a - u'}, '(u - a)**2 + 100*(x + 1)**4', [1], 2,
+                         parameters={'a': speed}, terminal_constraints=['x - 1'])
+
+
+def bounded_ascent(limit):
+    return problems.pose({'x': 'v', 'v': 'u'}, 'u**2', [0, 1], 1,
+                         terminal_constraints=['x', 'v + 1'], state_bounds={'x': [None, limit]})
+
+
+def effort(weight):
+    return problems.pose({'x': 'sin(x) + u'}, 'a*u**2 + x**4', [1], 1, parameters={'a': weight})
+
+
+def two_wells(start):
+    return problems.pose({'x': 'u'}, 'u**2/2', (start,), 1, terminal_cost='5*(x**2 - 1)**2')
+
+
+def swing_up(T, limit=1.0):
+    return problems.pose({'th': 'w', 'w': 'u - sin(th)'}, 'u**2', [0, 0], T,
+                         input_bounds={'u': [-limit, limit]},
+                         terminal_constraints=['th - 3.141592653589793', 'w'])
+
+
+NEIGHBOURS = {
+    'wall 0.1': lambda: wall(0.1), 'wall 0.2': lambda: wall(0.2), 'drift 20': lambda: drift(20),
+    'drift 18': lambda: drift(18), 'drift 0': lambda: drift(0),
+    'ascent 0.1': lambda: bounded_ascent(0.1), 'ascent 0.12': lambda: bounded_ascent(0.12),
+    'ascent -0.1': lambda: bounded_ascent(-0.1),
+    'wells 0.1': lambda: two_wells(0.1), 'wells -0.1': lambda: two_wells(-0.1),
+    'swing 6': lambda: swing_up(6), 'swing 5.5': lambda: swing_up(5.5),
+    'swing 6 weak': lambda: swing_up(6, 0.9), 'fuel 2': lambda: minimum_fuel(2.0, 'u'),
+    'fuel 1.9': lambda: minimum_fuel(1.9, 'u'), 'fuel 9.5': lambda: minimum_fuel(9.5, 'u'),
+    'effort 1': lambda: effort(1), 'effort 0.9': lambda: effort(0.9),
+    'effort -1': lambda: effort(-1)}
+
+
+def test_an_answer_to_a_distant_problem_hides_no_proof():
+    """The weight of the effort becomes negative: there is no lower bound."""
+    cache = Cache()
+    assert solve(effort(1), cache=cache).status is Status.SOLVED
+    found = solve(effort(-1), cache=cache)
+    assert found.status is Status.NOT_CONVERGED
+    assert 'no lower bound' in found.message
+
+
+@pytest.fixture(scope='module')
+def answers_alone():
+    """Return the answer to each problem by a solver that has answered no other."""
+    return {name: solve(pose(), cache=Cache()) for name, pose in NEIGHBOURS.items()}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('seed', range(3))
+def test_an_answer_does_not_depend_on_what_was_asked_before(seed, answers_alone):
+    """Each problem is also asked twice; the minimum fuel from 9.5 cannot be had within 6 s."""
+    cache, order = Cache(), list(NEIGHBOURS) * 2
+    np.random.default_rng(seed).shuffle(order)
+    for name in order:
+        alone, found = answers_alone[name], solve(NEIGHBOURS[name](), cache=cache)
+        assert found.status is alone.status, (name, order)
+        if alone.status is Status.SOLVED:
+            assert found.objective == pytest.approx(alone.objective, rel=SAME_COST), (name, order)
