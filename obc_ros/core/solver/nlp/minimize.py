@@ -221,7 +221,7 @@ def _infeasible(question: _Question, runs: list[_Run]) -> Minimum:
         x = _least_violation(program, run.start)
         c = program.values(x)[1]
         violation = np.concatenate((np.abs(c[:program.k]), np.maximum(c[program.k:], 0)))
-        if np.isfinite(violation).all() and violation.max(initial=0) < least:
+        if violation.size and np.isfinite(violation).all() and violation.max() < least:
             least = float(violation.max())
             worst = question.constraints[int(np.argmax(violation))]
     if not 1e-7 <= least < math.inf:

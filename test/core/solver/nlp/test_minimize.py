@@ -178,6 +178,8 @@ def test_the_lowest_of_several_local_minima_is_found():
     ({'variables': ['x'], 'cost': 'exp(-x)'}, Status.NOT_CONVERGED, 'is not attained'),
     ({'variables': ['x'], 'cost': 'x', 'equalities': ['x**2']}, Status.NOT_CONVERGED,
      'LICQ fails'),
+    # Without constraints there is none that is violated most.
+    ({'variables': ['x'], 'cost': 'exp(x)*1e300 + x**2'}, Status.NOT_CONVERGED, 'from 12 starts'),
     # Hock and Schittkowski 13: the minimum x = 1 is a cusp without multipliers.
     ({'variables': ['x', 'y'], 'cost': '(x - 2)**2 + y**2', 'inequalities': ['y - (1 - x)**3'],
       'bounds': {'x': [0, None], 'y': [0, None]}}, Status.NOT_CONVERGED, 'LICQ fails'),
