@@ -60,7 +60,7 @@ PUSH_STATE = """async x => {
     await new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)));
     return view.box; }"""
 PROBLEMS = find_example('x').parent
-AIRCRAFT = {'system': 'aircraft', 'publish_rate': 200.0, 'publish_clock': True}
+AIRCRAFT = {'system': 'aircraft', 'publish_rate': 50.0, 'publish_clock': True}
 
 
 def find_port() -> int:
