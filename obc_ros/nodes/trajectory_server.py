@@ -342,7 +342,8 @@ class TrajectoryServer(Node):
             status.level = DiagnosticStatus.ERROR
             status.message += f'; no worker starts: {fault}'
         elif len(pool.pids) < pool.size:
-            status.level = DiagnosticStatus.WARN
+            if replaced:   # the first start of a worker is no fault
+                status.level = DiagnosticStatus.WARN
             status.message += f'; {pool.size - len(pool.pids)} workers are being started'
         if self._cluster and self._cluster.fault:
             status.level = max(status.level, DiagnosticStatus.WARN)
