@@ -40,7 +40,7 @@ from obc_ros.core.closed_loop.memory import Integral, SentCommands
 from obc_ros.core.closed_loop.modes import Effect, Event, FOLLOWING, Mode, switch_mode
 from obc_ros.core.closed_loop.references import explain_distance, find_leg, Itinerary
 
-_AGAIN = 1.0        # [s] without an event of a kind until one is reported again
+_AGAIN = 1.0        # [s] until the same kind of event is reported again
 _REPEAT = 0.05      # [s] between two commands without a state, at least
 _TOO_SLOW = 3       # intervals in a row above the longest period
 
@@ -86,7 +86,7 @@ class ControlLoop:
         outside, unplanned, slow, and each reason for which a state is dropped (size, finite, old,
         ahead, command).
     news : collections.deque of str
-        Warnings, oldest first; of each kind, the first after a second without one.
+        Warnings, oldest first; each kind at most once a second.
     events : collections.deque of str
         Other messages: the first state, references that begin and end, states that return.
     refused : collections.deque of str
@@ -845,10 +845,9 @@ class ControlLoop:
             self._step(Event.WITHDRAWN, 'the reference is given up: the set point is held')
 
     def _report(self, kind: str, sentence: str, queue: deque[str] | None = None) -> None:
-        if not sentence:
-            return
-        last, self._reports[kind] = self._reports.get(kind), self._now
-        if last is None or self._now - last >= _AGAIN:   # it goes on
+        last = self._reports.get(kind)
+        if sentence and (last is None or self._now - last >= _AGAIN):
+            self._reports[kind] = self._now
             (self.news if queue is None else queue).append(sentence)
 
 
