@@ -39,5 +39,5 @@ def test_the_page_lists_the_attributes_of_an_answer():
     rows = re.findall(r'^\| (`.*?`) \|', table, re.MULTILINE)
     named = {name for row in rows for name in re.findall(r'`(\w+)', row)}
     public = {name for name in vars(obc.Answer) if not name.startswith('_')}
-    fields = {'name', 'states', 'inputs', 'problem', 'title', 'has_path'}
+    fields = {'name', 'states', 'inputs', 'problem', 'statement', 'title', 'has_path'}
     assert named == (public | set(obc.Answer.__dataclass_fields__)) - fields

@@ -10,6 +10,7 @@ from importlib import metadata
 import os
 from pathlib import Path
 import re
+import shutil
 import subprocess
 import sys
 import tomllib
@@ -153,15 +154,18 @@ def run_sources(program: str) -> str:
     return done.stdout.strip()
 
 
-def test_the_package_tells_its_version_and_reads_it_on_first_use():
+def test_the_package_tells_its_version_and_reads_it_on_first_use(tmp_path):
     """Without metadata there is none; another name is refused as by any module."""
     loaded = run_sources('import sys; before = {*sys.modules}; import obc_ros; '
                          'print(*{*sys.modules} - before); print(obc_ros.__version__)')
     assert loaded.splitlines() == ['obc_ros', PACKAGE.findtext('version')]
     assert run_sources('import obc_ros; print(hasattr(obc_ros, "version"))') == 'False'
-    alone = ('import sys; sys.path = [each for each in sys.path if "-packages" not in each]; '
-             'import obc_ros; print(hasattr(obc_ros, "__version__"))')
-    assert run_sources(alone) == 'False'
+    (tmp_path / 'obc_ros').mkdir()
+    shutil.copy(ROOT / 'obc_ros/__init__.py', tmp_path / 'obc_ros')
+    alone = subprocess.run(
+        [sys.executable, '-S', '-c', 'import obc_ros; print(hasattr(obc_ros, "__version__"))'],
+        cwd=tmp_path, capture_output=True, text=True, check=True, env={})
+    assert alone.stdout.strip() == 'False'
 
 
 @pytest.mark.ros
