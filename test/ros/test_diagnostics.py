@@ -119,6 +119,16 @@ def test_a_controller_that_drops_every_state_is_never_ok(loop, kind):
     assert monitor.told == {'node: states'}
 
 
+@pytest.mark.parametrize('mode', [Mode.RESTING, Mode.STOPPED])
+def test_the_log_does_not_say_again_why_a_loop_rests(loop, mode):
+    """The loop has reported the change of its mode."""
+    monitor = LoopMonitor()
+    loop.mode, loop.reason, loop.is_stopped = mode, 'a reason', mode is Mode.STOPPED
+    commands = monitor.statuses('node', loop, 1, True)[1]
+    assert commands.level == WARN and 'a reason' in commands.message
+    assert commands.name in monitor.told
+
+
 def test_a_simulator_that_drops_every_command_is_never_ok():
     assert judge_commands(0, Counter()) is None and judge_commands(50, Counter()) is None
     for reason in ('malformed', 'other components', ANSWERED):

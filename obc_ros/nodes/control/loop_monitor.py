@@ -175,6 +175,8 @@ class LoopMonitor:
             level, words = DiagnosticStatus.WARN, f'the control law rests: {loop.reason}'
         if loop.is_stopped:
             level, words = DiagnosticStatus.WARN, f'stopped: {loop.reason}'
+        if loop.mode in (Mode.RESTING, Mode.STOPPED):
+            self.told.add(f'{name}: commands')
         return make_status(f'{name}: commands', level, words, {
             'mode': loop.mode.name, 'mode reason': loop.reason,
             'latency p50 [us]': f'{1e6 * percent[49]:.0f}',
