@@ -13,6 +13,7 @@ z are the integrals of the controller. Without a delay Phi = I and there are no 
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import islice
 import math
 
 import numpy as np
@@ -24,6 +25,8 @@ _STEP = 2.0**0.125    # ratio of the periods that are tried
 _TURN = 0.5           # radians of a mode between two of them
 _SETTLED = 40.0       # time constants after which a mode is gone
 _SMALL = 100          # commands that are on the way
+_AT_ONCE = 16         # periods without a delay that are judged together, for speed
+_ROUNDED = 1e3 * EPS  # of a modulus
 _PER_COMMAND = 16     # points of the upper half circle
 _EXACT = 1e-6         # relative accuracy of the longest period
 
@@ -206,8 +209,28 @@ class HeldLoop:
     @property
     def modes_without_delay(self) -> Complex:
         """Return the modes in the z plane of the same gain without a delay, shape (n + p,)."""
-        loop = HeldLoop(self.A, self.B, self.C, self.K, self.period, 0.0, self.period)
-        return np.asarray(np.linalg.eigvals(loop.matrix), dtype=complex)
+        return np.asarray(np.linalg.eigvals(
+            self.close_without_delay(np.array(self.period))), dtype=complex)
+
+    def close_without_delay(self, periods: Array) -> Array:
+        """
+        Return the loops of (x_k, z_k) of the same gain without a delay.
+
+        Parameters
+        ----------
+        periods : ndarray
+            Periods of the commands [s], of any shape.
+
+        Returns
+        -------
+        ndarray, shape (..., n + p, n + p)
+
+        """
+        n, p = len(self.A), len(self.C)
+        Ad, Bd = discretize_plant(self.A, self.B, periods)
+        x = Ad @ np.eye(n, n + p) - Bd @ self.K
+        integrated = 0.5 * periods[..., None, None] * (self.C @ (np.eye(n, n + p) + x))
+        return np.concatenate([x, np.eye(p, n + p, n) + integrated], axis=-2)
 
     @cached_property
     def modes(self) -> Complex:
@@ -267,25 +290,39 @@ def find_longest_period(loop: HeldLoop) -> float:
         no longest one. The period of the loop: it is not stable there.
 
     """
-    stable = loop.period
-    for period in _longer_periods(loop):
-        if not _is_stable(loop.at_period(period)):
+    at_once = 1 if loop.delay else _AT_ONCE
+    stable, longer = loop.period, _longer_periods(loop)
+    while len(tried := np.fromiter(islice(longer, at_once), float)):
+        stable, unstable = _find_last_stable(loop, stable, tried)
+        if unstable < math.inf:
             break
-        stable = period
     else:
         return math.inf
-    while period - stable > _EXACT * period:
-        middle = 0.5 * (stable + period)
-        if _is_stable(loop.at_period(middle)):
-            stable = middle
-        else:
-            period = middle
+    while unstable - stable > _EXACT * unstable:
+        between = np.linspace(stable, unstable, at_once + 2)[1:-1]
+        stable, found = _find_last_stable(loop, stable, between)
+        unstable = min(found, unstable)
     return stable
+
+
+def _find_last_stable(loop: HeldLoop, stable: float, periods: Array) -> tuple[float, float]:
+    """Return the last period before one without stability, and that one; inf: all are stable."""
+    if loop.delay:
+        are_stable = np.array([_is_stable(loop.at_period(each)) for each in periods.tolist()])
+    else:
+        with np.errstate(all='ignore'):
+            closed = loop.close_without_delay(periods)
+        are_stable = np.isfinite(closed).all(axis=(1, 2))
+        modes = np.linalg.eigvals(closed[are_stable])
+        are_stable[are_stable] = np.abs(modes).max(axis=1) < 1.0 + _ROUNDED
+    until = [stable, *periods.tolist(), math.inf]
+    first = len(periods) if are_stable.all() else int(np.argmin(are_stable))
+    return until[first], until[first + 1]
 
 
 def _is_stable(loop: HeldLoop) -> bool:
     return loop.is_finite and (
-        loop.radius < 1.0 + 1e3 * EPS if loop.is_small else _winds_around(loop))
+        loop.radius < 1.0 + _ROUNDED if loop.is_small else _winds_around(loop))
 
 
 def _winds_around(loop: HeldLoop) -> bool:

@@ -161,7 +161,7 @@ def discretize_cost(A: Array, B: Array, weights: Weights, period: float
         weights, Qx=total[:n, :n], Qu=total[n:, n:], cross=total[:n, n:])
 
 
-def discretize_plant(A: Array, B: Array, time: float) -> tuple[Array, Array]:
+def discretize_plant(A: Array, B: Array, time: float | Array) -> tuple[Array, Array]:
     """
     Return Ad, Bd of x(t + time) = Ad x(t) + Bd u for dx/dt = A x + B u with a constant u.
 
@@ -169,19 +169,19 @@ def discretize_plant(A: Array, B: Array, time: float) -> tuple[Array, Array]:
     ----------
     A, B : ndarray, shape (n, n) and (n, m)
         The plant in continuous time.
-    time : float
-        Time for which the input is held [s].
+    time : float or ndarray
+        Time for which the input is held [s], or such times.
 
     Returns
     -------
-    Ad, Bd : ndarray, shape (n, n) and (n, m)
+    Ad, Bd : ndarray, shape (..., n, n) and (..., n, m)
 
     """
     n, m = B.shape
     M = np.zeros((n + m, n + m))
     M[:n, :n], M[:n, n:] = A, B
-    flow = linalg.expm(M * time)
-    return flow[:n, :n], flow[:n, n:]
+    flow = linalg.expm(M * np.asarray(time)[..., None, None])
+    return flow[..., :n, :n], flow[..., :n, n:]
 
 
 def predict_delayed_state(A: Array, B: Array, period: float,
