@@ -19,7 +19,7 @@ def main() -> None:
     rclpy.init()
     node = Node('echo')
     publisher = node.create_publisher(Command, 'command', QoSProfile(depth=1))
-    answer = Command(u=U)
+    answer = Command(u=U, names=['f1', 'f2'])   # as lqr_node does
 
     def on_state(message: State) -> None:
         answer.header.stamp = message.header.stamp
