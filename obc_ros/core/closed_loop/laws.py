@@ -153,7 +153,10 @@ class PlanLaw:
 
 def select_plan(plans: Sequence[PlanLaw], stamp: int) -> PlanLaw | None:
     """Return the last of some plans that covers a stamp [ns], or None."""
-    return next((each for each in reversed(plans) if each.covers(stamp)), None)
+    for each in reversed(plans):
+        if each.covers(stamp):
+            return each
+    return None
 
 
 def move(x: Sequence[float], drift: Vector, t: float) -> Vector:

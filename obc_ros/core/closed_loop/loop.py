@@ -37,7 +37,15 @@ from obc_ros.core.closed_loop.laws import (
     SetPointLaw,
 )
 from obc_ros.core.closed_loop.memory import Integral, SentCommands
-from obc_ros.core.closed_loop.modes import Effect, Event, FOLLOWING, Mode, switch_mode
+from obc_ros.core.closed_loop.modes import (
+    Effect,
+    Effects,
+    Event,
+    FOLLOWING,
+    Mode,
+    NO_EFFECTS,
+    switch_mode,
+)
 from obc_ros.core.closed_loop.references import explain_distance, find_leg, Itinerary
 
 _AGAIN = 1.0        # [s] until the same kind of event is reported again
@@ -124,7 +132,8 @@ class ControlLoop:
         self._lock = RLock()
         self._clock, self._pace, self._gate = StampClock(), Pace(), CommandGate()
         self._control = self._next = control
-        self._effects, self._cause = Effect.NONE, ''
+        self._effects: Effects = NO_EFFECTS
+        self._cause = ''
         self._itinerary = Itinerary()
         self._plans: tuple[PlanLaw, ...] = ()
         self._sent, self._integral = SentCommands(), Integral(len(control.rest))
@@ -470,23 +479,23 @@ class ControlLoop:
     def _step(self, event: Event, sentence: str, reason: str = '') -> None:
         """Switch the mode by the table; collect the effects, and say what has happened."""
         before, change = self.mode, switch_mode(self.mode, event)
-        if change.mode is before and change.effect is Effect.NONE:
+        if change.mode is before and not change.effects:
             return
-        self._effects |= change.effect
+        self._effects |= change.effects
         self.mode = change.mode
         if change.mode is not before or change.mode is Mode.STOPPED and event is Event.STOP:
             self.reason = reason if change.mode in (Mode.RESTING, Mode.STOPPED) else ''
-        if change.mode is not before or change.effect & ~Effect.FADE:
+        if change.mode is not before or change.effects - {Effect.FADE}:
             is_warning = change.mode in (Mode.RESTING, Mode.STOPPED) or event in _WARNED
             self._report(event.name, sentence, self.news if is_warning else self.events)
-        if change.effect & (Effect.DROP | Effect.CLEAR):
+        if not change.effects.isdisjoint((Effect.DROP, Effect.CLEAR)):
             self._plans, self.run = (), self.run + 1
-        if Effect.DROP in change.effect:
+        if Effect.DROP in change.effects:
             self._drop_all(sentence)
 
     def _drop_all(self, sentence: str) -> None:
         """Give up the references."""
-        self._effects = Effect.NONE
+        self._effects = NO_EFFECTS
         self._begin_set_point(self._clock.last or 0)
         for _ in self._itinerary.drop(self._next.legs):
             self.refused.append(sentence)
@@ -507,7 +516,8 @@ class ControlLoop:
         control = self._control
         if self.mode is Mode.RESTING:
             here = self._point(control, self._aim_now(stamp).now, stamp)
-            if fault := self._find_fault(control, stamp, x, here):
+            error = control.limits.error(x, here.x)
+            if fault := self._find_fault(control, stamp, x, here, error):
                 return self._act(fault.action)
             self._step(Event.RESUME, 'the control law is resumed')
         if Effect.PLACE in self._effects or control.prediction is None:
@@ -517,11 +527,13 @@ class ControlLoop:
         self._end_reference(control, stamp)
         self._choose_plan(stamp)
         self._place(control, stamp, x)
-        aim = self._aim_now(stamp)
+        # Without an effect, what would have gone on goes on; an entry moves the set point.
+        is_new = bool(self._effects) or self._gate.is_entering
+        aim = self._aim_now(stamp) if is_new else former[1]
         here = self._point(control, aim.now, stamp)
-        if fault := self._find_fault(control, stamp, x, here):
-            return self._interrupt(fault)
         error = control.limits.error(x, here.x)
+        if fault := self._find_fault(control, stamp, x, here, error):
+            return self._interrupt(fault)
         if control.C:
             self._integral.advance(control.C, here.Ki, error, stamp)
         raw = self._compute(control, aim, here, stamp, error)
@@ -561,7 +573,7 @@ class ControlLoop:
                 continue
             self._itinerary.begin(leg, acts)
             self._course.append(Followed(acts, leg.reference))
-            self._effects &= ~Effect.JUDGE
+            self._effects -= {Effect.JUDGE}
             self._step(Event.BEGIN, '')
             self.events.append(f'the reference of {leg.reference.duration:g} s begins')
         followed = find_leg(control.legs, self._itinerary.followed)
@@ -594,11 +606,16 @@ class ControlLoop:
         else:
             self._step(Event.UNPLANNED, 'no plan for this state')
 
-    def _find_fault(self, control: Control, stamp: int, x: Sequence[float], here: ReferencePoint
-                    ) -> Fault | None:
-        """Return why a rule does not let the law answer a state, and what it asks for."""
+    def _find_fault(self, control: Control, stamp: int, x: Sequence[float], here: ReferencePoint,
+                    error: list[float]) -> Fault | None:
+        """
+        Return why a rule does not let the law answer a state, and what it asks for.
+
+        `here` is the target at the stamp, and `error` that of the state from it.
+        """
         rules, has_plan = control.rules, select_plan(self._plans, stamp) is not None
-        self.error = control.limits.error(x, self._find_asked(control, stamp, x, here))
+        asked = self._find_asked(control, stamp, x, here)
+        self.error = error if asked is here.x else control.limits.error(x, asked)
         if what := self._explain_excess(control, self.error) or self._explain_slowness(control):
             return Fault(f'{what}; on_envelope: {rules.on_envelope}', what, rules.on_envelope)
         what = '' if has_plan else self._explain_no_plan(control, self.error)
@@ -631,7 +648,7 @@ class ControlLoop:
             self._integral = Integral(len(control.rest))
             self.drop('command', f'a command that is not finite ({wanted}) was dropped', self._now)
             return None
-        self._effects = Effect.NONE
+        self._effects = NO_EFFECTS
         self.counts['saturated'] += u != wanted
         self._integral.note(wanted, u)
         if control.prediction is not None:

@@ -7,11 +7,17 @@ The table is data. It has an entry for every mode and event, and nothing else de
 reports events and carries out effects.
 """
 
-from enum import auto, Enum, Flag
+from enum import auto, Enum
 from typing import NamedTuple
 
 
-class Mode(Enum):
+class _Name(Enum):
+    """A name that is looked up at every state: its hash is that of its identity, which is fast."""
+
+    __hash__ = object.__hash__
+
+
+class Mode(_Name):
     """What a loop does with a state."""
 
     INACTIVE = auto()    # nothing: the node is not active
@@ -26,7 +32,7 @@ class Mode(Enum):
 FOLLOWING = (Mode.SET_POINT, Mode.REFERENCE, Mode.PLAN)
 
 
-class Event(Enum):
+class Event(_Name):
     """What can happen to a loop."""
 
     ACTIVATE = auto()
@@ -51,10 +57,9 @@ class Event(Enum):
     RESUME = auto()       # the reason of that is gone
 
 
-class Effect(Flag):
-    """What a change of mode requires; all but DROP are carried out with the next state."""
+class Effect(_Name):
+    """What a change of mode requires; all but DROP and CLEAR are carried out with a state."""
 
-    NONE = 0
     DROP = auto()    # all references and plans are given up, each with a sentence
     CLEAR = auto()   # plans are given up: they begin at another state
     JUDGE = auto()   # the followed reference is judged at the present state, or stops the loop
@@ -63,17 +68,21 @@ class Effect(Flag):
     FADE = auto()    # the command leaves the one that was sent in `transition_time`
 
 
+Effects = frozenset[Effect]
+NO_EFFECTS: Effects = frozenset()
+
+
 class Switch(NamedTuple):
     """The mode after an event, and the effects."""
 
     mode: Mode
-    effect: Effect = Effect.NONE
+    effects: Effects = NO_EFFECTS
 
 
 _I, _W, _S, _R, _P, _Z, _X = Mode
-_DROP, _CLEAR, _JUDGE, _FADE = Effect.DROP, Effect.CLEAR, Effect.JUDGE, Effect.FADE
-_MOVED = Effect.PLACE | _FADE      # a law that goes on at a state that may be another
-_BEGIN = _MOVED | Effect.ANEW      # a law that begins
+_DROP, _CLEAR, _JUDGE, _PLACE, _ANEW, _FADE = (Effects((each,)) for each in Effect)
+_MOVED = _PLACE | _FADE      # a law that goes on at a state that may be another
+_BEGIN = _MOVED | _ANEW      # a law that begins
 
 _Row = dict[Mode, Switch]
 

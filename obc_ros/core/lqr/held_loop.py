@@ -312,7 +312,7 @@ def _find_last_stable(loop: HeldLoop, stable: float, periods: Array) -> tuple[fl
     else:
         with np.errstate(all='ignore'):
             closed = loop.close_without_delay(periods)
-        are_stable = np.isfinite(closed).all(axis=(1, 2))
+        are_stable = np.asarray(np.isfinite(closed).all(axis=(1, 2)))
         modes = np.linalg.eigvals(closed[are_stable])
         are_stable[are_stable] = np.abs(modes).max(axis=1) < 1.0 + _ROUNDED
     until = [stable, *periods.tolist(), math.inf]
