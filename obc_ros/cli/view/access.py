@@ -8,21 +8,23 @@ pages of other sites are rejected: a browser sends their origin.
 """
 
 import asyncio
-from collections.abc import Awaitable, Callable, MutableMapping
+from collections.abc import Awaitable, Callable, Iterable, Mapping, MutableMapping, Sequence
 import hmac
-from http.cookies import SimpleCookie
+import re
 import secrets
 from typing import Any
-from urllib.parse import parse_qs, urlsplit
+from urllib.parse import parse_qs
 
 Scope = MutableMapping[str, Any]
 Receive = Callable[[], Awaitable[Any]]
 Send = Callable[[Any], Awaitable[None]]
 
 COOKIE = 'obc_view_token'
+OWN_NAMES = '127.0.0.1', 'localhost', '[::1]'
 HEADER_TIME = 10.0   # [s] from the first byte of a request, or the connection, to its whole header
 NO_FRAMES = ((b'content-security-policy', b"frame-ancestors 'none'"),
              (b'x-frame-options', b'DENY'))
+_ADDRESS = re.compile(r'([\w.-]+|\[[\da-f:.]+\])(:\d*)?', re.ASCII | re.IGNORECASE)
 FORM = (b'<!doctype html><meta charset=utf-8><title>obc view</title>'
         b'<meta name=viewport content="width=device-width, initial-scale=1">'
         b'<form method=get><label>Token that obc view has printed: '
@@ -50,29 +52,32 @@ class Gate:
         if scope['type'] not in ('http', 'websocket'):
             await self._app(scope, receive, send)
             return
-        headers = {key.lower().decode('latin-1'): value.decode('latin-1')
-                   for key, value in scope['headers']}
+        headers = _collect(scope['headers'])
         try:
             is_own = self._is_own(headers)
-        except ValueError:   # of urlsplit, such as for a bracket that is not closed
+        except ValueError:
             await _reject(scope, send, b'the header Host or Origin is malformed', 400)
             return
         if not is_own:
             await _reject(scope, send, b'this page is served to its own address only')
-        elif not self._token or _has_cookie(headers, self._token):
+        elif not self._token or _has_cookie(headers.get('cookie', ()), self._token):
             await self._app(scope, receive, _forbid_frames(send))
         elif scope['type'] == 'http' and self._gives_token(scope):
             await _admit(send, self._token)
         else:
             await _reject(scope, send, FORM)
 
-    def _is_own(self, headers: dict[str, str]) -> bool:
+    def _is_own(self, headers: Mapping[str, Sequence[str]]) -> bool:
         """Return whether a request comes from this page and, without a token, to this machine."""
-        host, origin = headers.get('host', ''), headers.get('origin')
-        if origin is not None and urlsplit(origin).netloc != host:
-            return False
-        name = urlsplit(f'//{host}').hostname
-        return bool(self._token) or name in ('127.0.0.1', 'localhost', '::1')
+        hosts, origins = headers.get('host', ()), headers.get('origin', ())
+        names = [_read_name(host) for host in hosts]
+        sites = [origin.partition('://')[2] for origin in origins]
+        for site in filter(None, sites):
+            _read_name(site)
+        if len(hosts) > 1 or len(origins) > 1:
+            raise ValueError
+        return set(sites) <= set(hosts) and (bool(self._token) or (
+            bool(names) and names[0] in OWN_NAMES))
 
     def _gives_token(self, scope: Scope) -> bool:
         query = parse_qs(scope.get('query_string', b'').decode('latin-1'))
@@ -80,9 +85,27 @@ class Gate:
         return hmac.compare_digest(given.encode(), self._token.encode())
 
 
-def _has_cookie(headers: dict[str, str], token: str) -> bool:
-    cookie = SimpleCookie(headers.get('cookie', '')).get(COOKIE)
-    return cookie is not None and hmac.compare_digest(cookie.value.encode(), token.encode())
+def _collect(given: Iterable[tuple[bytes, bytes]]) -> dict[str, list[str]]:
+    """Return the values of each header by its name in small letters."""
+    headers: dict[str, list[str]] = {}
+    for name, value in given:
+        headers.setdefault(name.lower().decode('latin-1'), []).append(value.decode('latin-1'))
+    return headers
+
+
+def _read_name(address: str) -> str:
+    """Return the name in NAME or NAME:PORT, in small letters; raise ValueError for any other."""
+    found = _ADDRESS.fullmatch(address)
+    if found is None:
+        raise ValueError
+    return found[1].lower()
+
+
+def _has_cookie(cookies: Iterable[str], token: str) -> bool:
+    """Return whether a token is among cookies, whatever others the browser has for this name."""
+    pairs = [pair.strip().partition('=') for each in cookies for pair in each.split(';')]
+    return any(name == COOKIE and hmac.compare_digest(value.encode(), token.encode())
+               for name, _, value in pairs)
 
 
 async def _admit(send: Send, token: str) -> None:

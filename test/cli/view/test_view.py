@@ -60,16 +60,21 @@ from view_recording import record
 HOSTILE = '</script><img src=x onerror=alert(1)>{{ 7*7 }}'
 
 
-def ask(gate: Gate, kind: str = 'http', query: str = '', **headers: str
+def ask(gate: Gate, kind: str = 'http', query: str = '', **headers: str | list[str]
         ) -> tuple[int, dict[str, str]]:
-    """Return status and headers of the answer to a request; 0: the application was asked."""
+    """
+    Return status and headers of the answer to a request; 0: the application was asked.
+
+    A list has the values of a header that stands several times.
+    """
     sent: list[Any] = []
 
     async def send(event: Any) -> None:
         sent.append(event)
 
     asyncio.run(gate({'type': kind, 'query_string': query.encode(), 'headers': [
-        (name.encode(), value.encode()) for name, value in headers.items()]}, None, send))
+        (name.encode(), value.encode()) for name, given in headers.items()
+        for value in ([given] if isinstance(given, str) else given)]}, None, send))
     if not sent:
         return 0, {}
     if sent[0]['type'] == 'websocket.close':
@@ -97,6 +102,10 @@ def test_only_pages_of_this_machine_are_served(kind, headers, served):
 
 @pytest.mark.parametrize('headers', [
     {'host': '[::1'}, {'host': '127.0.0.1]:8080'}, {'host': '[x]:8080'},
+    {'host': 'evil.example@localhost'}, {'host': 'localhost/x'}, {'host': 'localhost?x'},
+    {'host': 'localhost#x'}, {'host': 'localhost:8080Content-Length: 5'}, {'host': 'localhost:x'},
+    {'host': ['localhost', 'localhost']}, {'host': ['evil.example', 'localhost']},
+    {'host': 'localhost', 'origin': ['http://evil.example', 'http://localhost']},
     {'host': '127.0.0.1:8080', 'origin': 'http://[::1'},
     {'host': '127.0.0.1:8080', 'origin': 'http://]'}])
 @pytest.mark.parametrize('token', ['', 'x'])
@@ -143,6 +152,9 @@ def test_another_address_asks_for_the_token():
     assert ask(gate, cookie=cookie, **host)[0] == 0
     assert ask(gate, 'websocket', cookie=cookie, **host)[0] == 0
     assert ask(gate, cookie=cookie, origin='http://evil.example', **host)[0] == 403
+    for others in ('a(b=1', 'a,b=1', 'x="1', '=', HOSTILE):   # of other pages of this name
+        assert ask(gate, cookie=f'{others}; {cookie}', **host)[0] == 0
+        assert ask(gate, cookie=others, **host)[0] == 403
     assert make_token() != token
 
 
