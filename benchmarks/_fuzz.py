@@ -13,7 +13,10 @@ from typing import Any
 
 import atheris
 
-with atheris.instrument_imports(include=['obc_ros.core', 'obc_ros.ros.messages']):
+with atheris.instrument_imports(include=[
+        'obc_ros.core', 'obc_ros.ros.messages', 'obc_ros.cli.view', 'mcap', 'uvicorn.protocols']):
+    from _fuzz_http import http
+    from _fuzz_recording import mcap, write_seeds
     from obc_ros.core.ocp import statement
     from obc_ros.core.text import expressions
     from obc_ros.core.text.errors import StatementError
@@ -102,15 +105,17 @@ def yaml(data: Any) -> None:
             assert str(error)
 
 
-TARGETS = {'expression': expression, 'request': request, 'yaml': yaml}
+TARGETS = {'expression': expression, 'request': request, 'yaml': yaml, 'http': http}
 
 
 def main() -> None:
     """Fuzz one target until an option of libFuzzer ends it."""
-    target = TARGETS[sys.argv.pop(1)]
+    target = sys.argv.pop(1)
     with tempfile.TemporaryDirectory() as corpus:
-        atheris.Setup([*sys.argv, corpus],
-                      lambda data: target(atheris.FuzzedDataProvider(data)))
+        if target == 'mcap':
+            write_seeds(corpus)
+        atheris.Setup([*sys.argv, corpus], mcap if target == 'mcap' else (
+            lambda data: TARGETS[target](atheris.FuzzedDataProvider(data))))
         atheris.Fuzz()
 
 

@@ -1,7 +1,9 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Expressions, requests and files that atheris generates, guided by the branches that they reach.
+Expressions, requests, files, recordings and bytes of HTTP that atheris generates.
+
+It is guided by the branches that they reach.
 
 atheris is not among the requirements; without it the benchmark is skipped. An exception that ends
 a target is printed, and its input is kept in the folder that is printed.
@@ -16,7 +18,7 @@ import sys
 import tempfile
 
 HARNESS = Path(__file__).with_name('_fuzz.py')
-TARGETS = ('expression', 'request', 'yaml')
+TARGETS = ('expression', 'request', 'yaml', 'mcap', 'http')
 SLOWEST = 5  # [s] time limit of one input
 MEMORY = 2048  # [MiB]
 
