@@ -7,16 +7,14 @@ atheris records which branches of the package an input reaches, and mutates inpu
 An exception other than a StatementError ends it.
 """
 
+from collections.abc import Callable
 import sys
 import tempfile
 from typing import Any
 
 import atheris
 
-with atheris.instrument_imports(include=[
-        'obc_ros.core', 'obc_ros.ros.messages', 'obc_ros.cli.view', 'mcap', 'uvicorn.protocols']):
-    from _fuzz_http import http
-    from _fuzz_recording import mcap, write_seeds
+with atheris.instrument_imports(include=['obc_ros.core', 'obc_ros.ros.messages']):
     from obc_ros.core.ocp import statement
     from obc_ros.core.text import expressions
     from obc_ros.core.text.errors import StatementError
@@ -32,6 +30,7 @@ from obc_ros.msg import (
 )
 from obc_ros.srv import SolveOptimalControl
 
+PAGE = ['obc_ros.core', 'obc_ros.cli.view', 'mcap', 'uvicorn.protocols']
 SYMBOLS = {'x': ca.SX.sym('x'), 'v': ca.SX.sym('v')}
 VALUES = {'x': 2.0, 'v': -1.0}
 PIECES = ['x', 'v', 'u', 'p', '1', '0', '2', '.5', '1e9', '+', '-', '*', '/', '**', '(', ')', ',',
@@ -105,17 +104,27 @@ def yaml(data: Any) -> None:
             assert str(error)
 
 
-TARGETS = {'expression': expression, 'request': request, 'yaml': yaml, 'http': http}
+TARGETS = {'expression': expression, 'request': request, 'yaml': yaml}
+
+
+def load(target: str, corpus: str) -> Callable[[bytes], None]:
+    """Return what is called with each input; a folder gets the inputs to begin with."""
+    with atheris.instrument_imports(include=PAGE):   # these two need NiceGUI
+        if target == 'mcap':
+            from _fuzz_recording import mcap, write_seeds
+            write_seeds(corpus)
+            return mcap
+        if target == 'http':
+            from _fuzz_http import http
+    call = http if target == 'http' else TARGETS[target]
+    return lambda data: call(atheris.FuzzedDataProvider(data))
 
 
 def main() -> None:
     """Fuzz one target until an option of libFuzzer ends it."""
     target = sys.argv.pop(1)
     with tempfile.TemporaryDirectory() as corpus:
-        if target == 'mcap':
-            write_seeds(corpus)
-        atheris.Setup([*sys.argv, corpus], mcap if target == 'mcap' else (
-            lambda data: TARGETS[target](atheris.FuzzedDataProvider(data))))
+        atheris.Setup([*sys.argv, corpus], load(target, corpus))
         atheris.Fuzz()
 
 
