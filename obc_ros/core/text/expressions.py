@@ -322,7 +322,7 @@ def _scan(text: str, where: str) -> None:
 def _foreign(text: str, position: int) -> str:
     """Return a message about the character at `position`, which no expression contains."""
     sign = text[position]
-    rest = _short(text[max(0, position - 10):position + 10])
+    rest = _short(_cut(text, position))
     if sign in _OTHER_SIGNS:
         return f"'{sign}' in '{rest}' is not understood; write {_OTHER_SIGNS[sign]}"
     if sign in '<>=!':
@@ -333,6 +333,13 @@ def _foreign(text: str, position: int) -> str:
     if sign.isascii() and sign.isprintable():
         return f"'{sign}' in '{rest}' is not understood"
     return f'the character U+{ord(sign):04X} at {position + 1} is not understood'
+
+
+def _cut(text: str, position: int) -> str:
+    """Return ten characters on each side of a position, and up to ten more that end a word."""
+    before = re.search(r'\w{0,10}.{0,10}$', text[max(0, position - 20):position])
+    after = re.match(r'.{1,10}\w{0,10}', text[position:])
+    return ''.join(found[0] for found in (before, after) if found)
 
 
 class _Symbolic:
