@@ -579,7 +579,11 @@ def _final_time(given: Mapping[Any, Any], values: Mapping[str, float]) -> FinalT
     check_keys(entry, ('free', 'value', 'lower', 'upper', 'guess'), where='final_time')
     free = entry.get('free')
     if not isinstance(free, bool):
-        raise StatementError(f'final_time.free: wanted true or false, found {describe_type(free)}')
+        value = entry.get('value')
+        hint = '' if free is not None else f'; wanted {forms}' if value is None else (
+            f'; write {{free: false, value: {quote(str(value), 40)}}}')
+        raise StatementError('final_time.free: wanted true or false, found '
+                             f'{describe_type(free)}{hint}')
     wanted, unwanted = (('lower', 'upper'), ('value',)) if free else (
         ('value',), ('lower', 'upper', 'guess'))
     for key in wanted:
