@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Requests to solve a problem."""
 
+from obc_ros.core.ocp.augmentation import name_attempts
 from obc_ros.core.ocp.solution import MAX_INTERVALS, Report
 from obc_ros.core.ocp.statement import build_problem
 from obc_ros.core.solver.options import read_options
@@ -45,7 +46,8 @@ def solve_statement(request: Packet, time_limit: float, report: Report, keep: Ke
                      report=report, cache=get_cache(plain['cache_size']),
                      max_intervals=plain.get('max_intervals', MAX_INTERVALS),
                      keep=lambda path: keep(pack_solution(problem, path, system)),
-                     note=lambda attempts: keep(pack_attempts(attempts)), options=options)
+                     note=lambda attempts: keep(pack_attempts(name_attempts(problem, attempts))),
+                     options=options)
     return pack_solution(problem, solution, system)
 
 

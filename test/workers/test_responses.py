@@ -3,6 +3,9 @@
 """Responses to requests, with and without the answer of a worker."""
 
 import numpy as np
+from obc_ros.core.ocp.solution import Attempt, Verdict
+from obc_ros.core.solver.solve import solve
+from obc_ros.workers import solving
 from obc_ros.workers.pool import RequestAnswer, RequestOutcome
 from obc_ros.workers.responses import compute_affinity, respond
 from obc_ros.workers.wire import Packet
@@ -42,3 +45,27 @@ def test_without_an_answer_the_response_has_the_reason_and_the_best_path(outcome
     assert kept.plain == {'status': status,
                           'message': 'the reason; the best path so far: cost 2'}
     assert kept.arrays is path.arrays
+
+
+def test_what_was_tried_is_kept_in_the_words_of_the_statement(monkeypatch):
+    """Only the names of a joined problem tell phases apart: a lost worker leaves no such name."""
+    statement = {
+        'states': ['x'], 'inputs': ['u'], 'dynamics': {'x': 'u'}, 'running_cost': 'u**2',
+        'initial_state': {'x': 0}, 'phases': [{'duration': 1, 'name': 'climb'}, {
+            'duration': 1, 'terminal_constraints': ['x - 1']}]}
+    tried = Attempt(1, 0, 'descent', 'arc of x__1', 0, 1, 1.0, 0.0, Verdict.REJECTED,
+                    'terminal_constraints[0] is violated: u__2(0) at t = 0.5')
+
+    def solve_and_note(problem, *, note, **others):
+        note((tried,))
+        return solve(problem, **others)
+
+    kept = []
+    monkeypatch.setattr(solving, 'solve', solve_and_note)
+    solving.solve_statement(
+        Packet({'statement': statement, 'method': '', 'cache_size': 1}), 10.0,
+        lambda *progress: False, kept.append)
+    [found] = kept[0].plain['attempts']
+    assert found['what'] == 'arc of x of phase climb'
+    assert found['why'] == ('phases[1].terminal_constraints[0] is violated: u of phase 2 at its '
+                            'start at 0.5 of each phase')

@@ -21,7 +21,7 @@ import casadi as ca
 import numpy as np
 from obc_ros.core.ocp.phases import PhaseLayout
 from obc_ros.core.ocp.problem import FreeStart, Problem
-from obc_ros.core.ocp.solution import Solution
+from obc_ros.core.ocp.solution import Attempt, Solution
 
 _JUMP = 1e-3   # of the range of an input: smaller differences are not jumps
 
@@ -131,10 +131,8 @@ def hide_added_states(problem: Problem, solution: Solution) -> Solution:
     n, x = problem.stated, solution.x
     if problem.phases is not None:
         name = problem.phases.name_phases
-        solution = replace(
-            solution, message=name(solution.message), remark=name(solution.remark), attempts=tuple(
-                replace(each, what=name(each.what), why=name(each.why))
-                for each in solution.attempts))
+        solution = replace(solution, message=name(solution.message), remark=name(solution.remark),
+                           attempts=name_attempts(problem, solution.attempts))
     if not solution.t.size or x.shape[1] != problem.n or not problem.added:
         return solution
     multipliers, H = solution.state_multipliers, solution.hamiltonian
@@ -145,6 +143,24 @@ def hide_added_states(problem: Problem, solution: Solution) -> Solution:
         state_multipliers=None if multipliers is None else multipliers[:, :n],
         free_parameters={name: values[name] for name in problem.free_parameters})
     return shown if problem.phases is None else _in_order(problem, problem.phases, shown)
+
+
+def name_attempts(problem: Problem, attempts: Iterable[Attempt]) -> tuple[Attempt, ...]:
+    """
+    Return the attempts of a search in the words of the statement.
+
+    Parameters
+    ----------
+    problem : Problem
+        The problem.
+    attempts : iterable of Attempt
+        What was tried to solve it.
+
+    """
+    if problem.phases is None:
+        return tuple(attempts)
+    name = problem.phases.name_phases
+    return tuple(replace(each, what=name(each.what), why=name(each.why)) for each in attempts)
 
 
 def _in_order(problem: Problem, phases: PhaseLayout, shown: Solution) -> Solution:
