@@ -119,6 +119,24 @@ def test_a_controller_that_drops_every_state_is_never_ok(loop, kind):
     assert monitor.told == {'node: states'}
 
 
+@pytest.mark.parametrize('kind', sorted(DROPPED))
+def test_a_controller_that_drops_every_state_after_an_answer_is_never_ok(loop, kind):
+    """With `state_timeout: 0` the loop is never stale, and states come every other second."""
+    monitor = LoopMonitor()
+    loop.age = lambda now: 0.0
+    assert read_states(loop, monitor, answered=1).level == OK
+    loop.age = lambda now: 30.0
+    assert read_states(loop, monitor).level == OK   # no new state
+    for count in (1, 2):
+        for grown in ({kind: 1}, {}):
+            status = read_states(loop, monitor, **grown)
+            assert status.level == ERROR and f'{count} {DROPPED[kind]}' in status.message
+    loop.age = lambda now: 0.0
+    assert read_states(loop, monitor, answered=1).level == OK
+    loop.age = lambda now: 30.0
+    assert read_states(loop, monitor).level == OK
+
+
 @pytest.mark.parametrize('mode', [Mode.RESTING, Mode.STOPPED])
 def test_the_log_does_not_say_again_why_a_loop_rests(loop, mode):
     """The loop has reported the change of its mode."""

@@ -44,6 +44,7 @@ class LoopMonitor:
     _control: Control | None = None
     _suspected: set[str] = field(default_factory=set)
     _before: Counter[str] = field(default_factory=Counter)
+    _unheard: Counter[str] = field(default_factory=Counter)   # since the last valid state
     _looked: float = field(default_factory=monotonic)
 
     def refused(self, sentence: str) -> None:
@@ -114,7 +115,9 @@ class LoopMonitor:
     def _states(self, name: str, loop: ControlLoop, new: Counter[str], elapsed: float, now: float,
                 is_active: bool, idle: str) -> DiagnosticStatus:
         age = loop.age(now)
-        of = loop.counts if age is None else new   # without a state, all that ever came
+        is_heard = new['answered'] or (age is not None and age < elapsed)
+        self._unheard = Counter() if is_heard else self._unheard + new
+        of = new if is_heard else self._unheard   # without a state, all since the last one
         dropped = {words: of[kind] for kind, words in DROPPED.items() if of[kind]}
         level, words = DiagnosticStatus.OK, 'states are answered'
         if idle:
