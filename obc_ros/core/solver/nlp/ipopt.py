@@ -11,6 +11,7 @@ import casadi as ca
 import numpy as np
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.solver.nlp.meter import Watch
+from obc_ros.core.solver.nlp.optimality import ACCEPTED, measure_optimality
 
 _ALWAYS: dict[str, object] = {
     'print_level': 0, 'sb': 'yes', 'bound_relax_factor': 0.0, 'honor_original_bounds': 'yes'}
@@ -51,11 +52,15 @@ class Found:
     g, lam_w, lam_g : ndarray
         Constraints and multipliers, with the signs of CasADi.
     converged : bool
+        Whether `residual` is small enough, or the error of the cost, if an approximate one was
+        asked for.
     status : str
         Why it ended.
     iterations : int
     mu : float
         The last barrier parameter; 0 if it is not known.
+    residual : float
+        Largest scaled residual of the optimality conditions at w, see `measure_optimality`.
 
     """
 
@@ -68,6 +73,7 @@ class Found:
     status: str
     iterations: int
     mu: float = 0.0
+    residual: float = math.inf
 
 
 def build_ipopt(use: str, nlp: Mapping[str, Any], *, watch: Watch | None = None,
@@ -142,7 +148,24 @@ def run_ipopt(solver: ca.Function, start: Array, bounds: tuple[Array, Array],
     result, stats = solver(**arguments), solver.stats()
     w, lam_w, g, lam_g = (
         np.asarray(result[key].full().ravel()) for key in ('x', 'lam_x', 'g', 'lam_g'))
+    residual = _measure(solver, w, constants, bounds, rows, (lam_w, lam_g))
     return Found(
         w=w, f=float(result['f']), g=g, lam_w=lam_w, lam_g=lam_g,
-        converged=bool(stats['success']), status=str(stats['return_status']),
-        iterations=int(str(stats['iter_count'])))
+        converged=residual <= ACCEPTED, status=str(stats['return_status']),
+        iterations=int(str(stats['iter_count'])), residual=residual)
+
+
+def _measure(solver: ca.Function, w: Array, constants: Array | None,
+             bounds: tuple[Array, Array], rows: tuple[Array | float, Array | float],
+             multipliers: tuple[Array, Array]) -> float:
+    """Return the residual of the optimality conditions, with the derivatives of the solver."""
+    if not all(np.isfinite(each).all() for each in (w, *multipliers)):
+        return math.inf
+    p = np.zeros(0) if constants is None else constants
+    f, slope = solver.get_function('nlp_grad_f')(w, p)
+    g, J = solver.get_function('nlp_jac_g')(w, p)
+    values = float(f), np.asarray(g.full().ravel()), np.asarray(slope.full().ravel())
+    places = [np.asarray(each, dtype=np.int64) for each in J.sparsity().get_triplet()]
+    limits = [np.broadcast_to(np.asarray(each, dtype=float), values[1].shape) for each in rows]
+    return measure_optimality(w, bounds, (limits[0], limits[1]), values,
+                              (places[0], places[1], np.array(J.nonzeros())), multipliers)
