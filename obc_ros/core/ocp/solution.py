@@ -10,6 +10,7 @@ lam = dV/dx + nu' dpsi/dx.
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
+import math
 
 import numpy as np
 from obc_ros.core.numerics.arrays import Array
@@ -101,6 +102,8 @@ class Certificate:
         if self.holds:
             return (f'all {len(self.tolerances)} conditions hold; nearest to its tolerance: '
                     f'{worst}, {residual:.2g} of {tolerance:.2g}')
+        if not math.isfinite(residual):
+            return f'{worst} does not hold: its residual cannot be computed'
         return f'{worst} does not hold: its residual is {residual:.2g}, over {tolerance:.2g}'
 
     def rows(self) -> list[tuple[str, str, str, str]]:

@@ -249,5 +249,8 @@ def judge_path(found: Solution) -> tuple[Verdict, str]:
 def describe_fault(certificate: Certificate) -> str:
     """Return in words which condition fails most, with residual and tolerance."""
     worst = certificate.worst
-    return (f'{_FAULTS[worst]}: residual {certificate.residuals[worst]:.1e}, allowed '
+    residual = certificate.residuals[worst]
+    if not math.isfinite(residual):
+        return f'{_FAULTS[worst]}: the residual cannot be computed'
+    return (f'{_FAULTS[worst]}: residual {residual:.1e}, allowed '
             f'{certificate.tolerances[worst]:.0e}')

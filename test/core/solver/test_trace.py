@@ -192,3 +192,9 @@ def test_each_condition_that_fails_has_words_of_its_own():
              for each in Condition]
     assert all(each.endswith(': residual 2.0e-01, allowed 1e-04') for each in words)
     assert len({each.partition(':')[0] for each in words}) == len(Condition)
+
+
+def test_a_residual_that_cannot_be_computed_is_said_in_words():
+    certificate = Certificate({Condition.DYNAMICS: float('inf')}, {Condition.DYNAMICS: 1e-6})
+    assert describe_fault(certificate).endswith(': the residual cannot be computed')
+    assert certificate.sentence == 'dynamics does not hold: its residual cannot be computed'

@@ -199,8 +199,10 @@ def _why_not(program: kkt.StaticProgram, point: kkt.KktPoint, certificate: Certi
         KktCondition.STATIONARITY: 'the gradient of F is no combination of those of the '
                                    'active constraints; F may not be smooth there',
         KktCondition.SECOND_ORDER: 'it is a saddle along the constraints, not a minimum'}
-    return (f'stopped at F = {F:.10g}, which is not certified: {worst} '
-            f'{certificate.residuals[worst]:.2g} (tolerance {certificate.tolerances[worst]:.0e})'
+    residual = certificate.residuals[worst]
+    size = f'{residual:.2g}' if math.isfinite(residual) else 'cannot be computed'
+    return (f'stopped at F = {F:.10g}, which is not certified: {worst} {size} '
+            f'(tolerance {certificate.tolerances[worst]:.0e})'
             + (f': {reason[worst]}' if worst in reason else ''))
 
 
