@@ -14,6 +14,7 @@ import math
 import numpy as np
 from obc_ros.core.numerics.arrays import Array, Mask
 from obc_ros.core.ocp.certificate import certificate
+from obc_ros.core.ocp.certificate.cost_summands import Summands
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.ocp.solution import Solution, Verdict
 from obc_ros.core.solver.adjoint.bvp_solution import BoundaryValues
@@ -38,7 +39,8 @@ from obc_ros.core.solver.transcription.program import ProblemScales, Transcripti
 from obc_ros.core.solver.transcription.tightening import TightenedLimits
 
 _COURSES_KEPT = 8       # integrated costates that are cached
-_LEAST = 1e-6           # floor of |J| as the scale of the loss in the refinement
+_NEARLY_ZERO = 1e-4     # part of its size up to which a summand of the cost nearly vanishes
+_LEAST = 1e-6           # floor of |J| as the scale of the loss in the refinement, for usual units
 
 
 @dataclass(frozen=True, eq=False)
@@ -361,12 +363,23 @@ class Bench:
         lost = self.judged(course).lost.sum()
         if self.margin.any():
             lost += outcome.tightening_costs() @ self.margin
-        return float(lost / max(abs(outcome.objective), 1e-3))
+        return float(lost / max(self.cost_size(outcome), 1e-3))
 
     def sizes(self, outcome: TranscriptionOutcome) -> ProblemScales:
         """Return the scales of an outcome's path and cost."""
-        cost = abs(outcome.objective)
-        return replace(estimate_scales(self.problem, outcome.path), cost=cost if cost > 0 else 1.0)
+        return replace(estimate_scales(self.problem, outcome.path),
+                       cost=self.cost_size(outcome) or 1.0)
+
+    def cost_size(self, outcome: TranscriptionOutcome) -> float:
+        """Return |J|, or a part of what cancels if every summand of the cost nearly vanishes."""
+        summands, cost = self._summands(outcome), abs(outcome.objective)
+        vanishes = summands.vanish(_NEARLY_ZERO)
+        return max(cost, _NEARLY_ZERO * float(summands.sizes.sum()) if vanishes else 0.0)
+
+    def _summands(self, outcome: TranscriptionOutcome) -> Summands:
+        path = outcome.path
+        return self.programs.summands.measure(
+            path.t, path.x, np.vstack([path.ua, path.ub[-1:]]), self.problem.p_value)
 
     def tighten(self, course: Extremal, most: float = EXCEEDED[1]) -> tuple['Bench', Array]:
         """
@@ -416,7 +429,7 @@ class Bench:
         options = self.options.refinement
         verdict, N = self.judged(course), len(course.local)
         aim = options.loss_bounded if self.bounded else options.loss
-        share = aim * max(abs(outcome.objective), _LEAST) / N
+        share = aim * max(abs(outcome.objective), _LEAST * self._summands(outcome).unit) / N
         errors = [
             Error(verdict.lost - verdict.chords, share, 5.0), Error(verdict.chords, share, 3.0),
             Error(course.local, options.step_error / N, 7.0),

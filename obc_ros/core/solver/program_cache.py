@@ -11,6 +11,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 from obc_ros.core.numerics.arrays import Array
+from obc_ros.core.ocp.certificate.cost_summands import CostSummands
 from obc_ros.core.ocp.nonconvexity import has_convex_paths, Uneven
 from obc_ros.core.ocp.problem import Problem, SYMBOLIC
 from obc_ros.core.ocp.solution import Optimality
@@ -235,6 +236,11 @@ class ProgramCache:
     def branching(self) -> NDArray[np.bool_]:
         """Return the bounded inputs in which H may have several local minima, (m,)."""
         return find_branching_inputs(self._smooth)
+
+    @cached_property
+    def summands(self) -> CostSummands:
+        """Return the summands of the cost."""
+        return CostSummands(self._smooth)
 
     @cached_property
     def _uneven(self) -> Uneven:

@@ -172,6 +172,41 @@ def test_a_zero_cost_gives_a_feasible_path(name):
         assert np.hypot(*solution.x[:, :2].T).min() > 1 - 1e-6
 
 
+# References that can be followed, as (states of x' = v, v' = u, or x' = u; running cost; T).
+FOLLOWED = {
+    'a sine': (1, '(x - sin(t))**2 + (u - cos(t))**2', 1),
+    'a sine for long': (1, '(x - sin(t))**2 + (u - cos(t))**2', 5),
+    'three periods': (1, '(x - sin(t))**2 + (u - cos(t))**2', 20),
+    'the input alone': (1, '(u - cos(t))**2', 1),
+    'the square of the square': (1, '(x - sin(t))**4 + 0.1*(u - cos(t))**2', 1),
+    'two states': (2, '(x - sin(t))**2 + (v - cos(t))**2 + (u + sin(t))**2', 3)}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('name, cost, more', [
+    *((name, 1, {}) for name in FOLLOWED), ('a sine', 1e6, {}), ('a sine', 1e-6, {}),
+    ('two states', 1e6, {}), ('three periods', 1e-6, {}),
+    ('a sine for long', 1, {'input_bounds': {'u': [-2, 2]}}),
+    ('a sine', 1, {'terminal_cost': '10*(x - sin(1))**2'})])
+def test_a_reference_that_can_be_followed_costs_nothing(name, cost, more):
+    n, L, T = FOLLOWED[name]
+    rates = {'x': 'u'} if n == 1 else {'x': 'v', 'v': 'u'}
+    found = solve(problems.pose(rates, f'{cost}*({L})', (0, 1)[:n], T, **more))
+    assert found.status is Status.SOLVED, found.message
+    assert found.objective == pytest.approx(0.0, abs=1e-9 * cost)
+    np.testing.assert_allclose(found.u[:, 0], np.cos(found.t) if n == 1 else -np.sin(found.t),
+                               atol=1e-4)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('length', [1e3, 1e-3])
+def test_a_reference_is_followed_in_any_unit_of_length(length):
+    found = solve(problems.pose(
+        {'x': f'{length}*u'}, f'(x/{length} - sin(t))**2 + (u - cos(t))**2', (0,), 1))
+    assert found.status is Status.SOLVED, found.message
+    assert found.objective == pytest.approx(0.0, abs=1e-9)
+
+
 @pytest.mark.slow
 def test_no_path_is_found_across_an_equilibrium():
     # Harvested logistic growth comes within 1e-9 of x = 1 but never falls below it.

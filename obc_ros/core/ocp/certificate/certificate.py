@@ -10,10 +10,12 @@ residual has no unit. Let |.| be the largest absolute value over time. The scali
     c = integral of |L| + |V(x(T))|,  H0 = max over time of abs L + abs lam' abs f
 
 of x_i, of the cost, of s_i lam_i and of H. A factor that vanishes is replaced by a lower bound
-from the others (`_Scales`). States that only rounding errors move from the origin have s_i = 0.
-A free x(0) may be so large that all changes of x are small relative to it. Where x_i(0) is free,
-s_i is therefore at most 100 times the integral of |f_i|; where f_i = 0 it is at most the width of
-the bounds of x_i(0). A linked state has the s_i of the other one.
+from the others (`_Scales`). If each summand of L and V is below 1e-10 of its size
+(`cost_summands`), the cost counts as 0: c, l and H0 T are then at least 1e-6 of these sizes, that
+is of what cancels in (x - r)^2. States that only rounding errors move from the origin have
+s_i = 0. A free x(0) may be so large that all changes of x are small relative to it. Where x_i(0)
+is free, s_i is therefore at most 100 times the integral of |f_i|; where f_i = 0 it is at most the
+width of the bounds of x_i(0). A linked state has the s_i of the other one.
 
 An interval lies between two samples. Its input is linear or constant, as the solution's
 `interpolation` says. The equations of x and lam are integrated over it from the returned values
@@ -65,6 +67,7 @@ import casadi as ca
 import numpy as np
 from obc_ros.core.numerics.arrays import Array, Mask
 from obc_ros.core.numerics.vectorized import VectorizedFunction
+from obc_ros.core.ocp.certificate.cost_summands import CostSummands
 from obc_ros.core.ocp.certificate.defect_correction import find_correction
 from obc_ros.core.ocp.certificate.hamiltonian_minimum import HamiltonianScales as InputScales
 from obc_ros.core.ocp.certificate.hamiltonian_minimum import InputMinimum, Points
@@ -90,6 +93,8 @@ REPLAY_ERROR = 1e-7   # estimated integration error of all intervals together
 ACTIVE = 1e-5   # distance of an active constraint from its bound, relative to its scale
 _KEPT = 32      # problems whose compiled functions are kept
 _FORCELESS = 1e-6  # relative to lam: below it a terminal multiplier counts as 0
+# A summand of L or V below this part of its size counts as 0.
+_VANISHES = LEAST_COST * TOLERANCES[Condition.MINIMUM]
 # A cost is right to 1e-5, to first order. Costates 1e4 times as large as the cost belong to an
 # abnormal extremal.
 _OF_COST, _ABNORMAL = 0.1, 1e-4
@@ -139,6 +144,7 @@ class _Functions:
         self.integrator = ReplayIntegrator(problem)
         self.minimum = InputMinimum(problem)
         self.rate = None if problem.start is None else VectorizedFunction([x, u, p], [problem.f])
+        self.summands = CostSummands(problem)
         self.end = VectorizedFunction([x, p], [problem.V, ca.gradient(problem.V, x), problem.psi,
                                                ca.jacobian(problem.psi, x).T])
         if problem.path.numel():
@@ -201,21 +207,30 @@ class _Judge:
         self.rows = np.flatnonzero(np.diff(solution.t) > 0)
         self.intervals = build_intervals(problem, solution, self.rows)
         self.x_scale = self._x_scale()
-        lam = float((np.abs(solution.lam) * self.x_scale).max())
-        least = 1e-3 * LEAST_COST if lam else 1.0
-        scale = np.append(self.x_scale, max(lam, least) / self.x_scale)
+        self.lam_size = float((np.abs(solution.lam) * self.x_scale).max())
+        summands = functions.summands.measure(solution.t, solution.x, solution.u, self.p)
+        size = float(summands.sizes.sum()) if summands.vanish(_VANISHES) else 0.0
+        self._integrate(LEAST_COST * (size or summands.unit), 1.0 if size else 1e-3)
+        if size and self._spent() > _VANISHES * size:   # between the samples it does not vanish
+            self._integrate(LEAST_COST * summands.unit, 1e-3)
+
+    def _integrate(self, least: float, share: float) -> None:
+        """Replay with lower bounds of the scale of the cost, and of the others relative to it."""
+        solution, integrator = self.solution, self.functions.integrator
+        self.least, self.share = least, share
+        lam = max(self.lam_size, share * least if self.lam_size else 1.0)
+        scale = np.append(self.x_scale, lam / self.x_scale)
         allowed, lam_end = REPLAY_ERROR / len(self.rows), solution.lam[self.rows + 1]
-        run = self.intervals, self.p, scale, allowed
-        ahead = functions.integrator.replay(*run)
-        self.costates_from = partial(functions.integrator.there_and_back, ahead,
-                                     self.intervals, lam_end, *run[1:])
-        self.growth = partial(functions.integrator.growth, ahead, *run[:3])
+        run = self.intervals, self.p, scale, allowed, least
+        ahead = integrator.replay(*run)
+        self.costates_from = partial(integrator.there_and_back, ahead, self.intervals, lam_end,
+                                     *run[1:])
+        self.growth = partial(integrator.growth, ahead, *run[:3])
         self.replay, self.lam_defect = self.costates_from()
         self.points = self._points()
         # Row 0: at the end of the replay. Row 1: at the last sample.
-        self.end = functions.end(np.stack([self.replay.x[-1, -1], solution.x[-1]]), self.p)
-        self.lam_size = lam
-        self.scales = self._scales(lam)
+        self.end = self.functions.end(np.stack([self.replay.x[-1, -1], solution.x[-1]]), self.p)
+        self.scales = self._scales()
 
     def residuals(self) -> dict[str, float]:
         """
@@ -232,7 +247,7 @@ class _Judge:
             ahead = self.replay, self.lam_defect, self.points, self.scales
             self.replay, self.lam_defect = self.costates_from(back=True)
             self.points = self._points()
-            self.scales = self._scales(self.lam_size)
+            self.scales = self._scales()
             other = self._residuals() if self.replay.converged else found
             if other[Condition.COSTATE] < found[Condition.COSTATE]:
                 return other
@@ -311,12 +326,15 @@ class _Judge:
         size = np.maximum(np.abs(self.solution.u).max(axis=0), 1e-2)
         return np.where(np.isfinite(half) & (half > 0), half, size)
 
-    def _scales(self, lam: float) -> _Scales:
+    def _spent(self) -> float:
         running = float(self.intervals.h @ np.abs(self._by_interval(self.points.L)).mean(axis=1))
-        spent = running + abs(float(self.end[0][1, 0]))
-        cost = max(spent, 1e-3 * lam, LEAST_COST)
-        H = max(float(self.points.size.max()), 1e-3 * cost / self.duration)
-        return _Scales(x=self.x_scale, u=self._u_scale(), lam=max(lam, 1e-3 * cost), H=H,
+        return running + abs(float(self.end[0][1, 0]))
+
+    def _scales(self) -> _Scales:
+        lam, spent, share = self.lam_size, self._spent(), self.share
+        cost = max(spent, 1e-3 * lam, self.least)
+        H = max(float(self.points.size.max()), share * cost / self.duration)
+        return _Scales(x=self.x_scale, u=self._u_scale(), lam=max(lam, share * cost), H=H,
                        cost=cost, spent=spent)
 
     def _dynamics(self) -> float:
@@ -386,7 +404,7 @@ class _Judge:
         size, missed = self._psi_sizes(psi_x[0].reshape(self.problem.q, -1)), np.abs(psi[0])
         worth = float(np.abs(self.solution.nu) @ missed) if self.solution.nu.size else 0.0
         return max(late, float((missed / np.where(size > 0, size, 1.0)).max()),
-                   1e-3 * worth / max(self.scales.spent, LEAST_COST))
+                   1e-3 * worth / max(self.scales.spent, self.least))
 
     def _bounds(self) -> tuple[float, Mask, Mask]:
         """Return the largest excess, and which constraints are active, (K, n + l): x, path."""
@@ -557,7 +575,7 @@ class _Judge:
     def _cost(self) -> float:
         J = float(self.replay.cost.sum() + self.end[0][0, 0])
         error, owed = abs(J - self.solution.objective), self._owed()
-        unit = max(self.scales.spent, _ABNORMAL * self.scales.lam, LEAST_COST)
+        unit = max(self.scales.spent, _ABNORMAL * self.scales.lam, self.least)
         return max(error / self.scales.cost, _OF_COST * (error + owed) / unit)
 
     def _owed(self) -> float:

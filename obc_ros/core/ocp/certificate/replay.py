@@ -42,7 +42,7 @@ _MANY_STEPS = 32    # in an interval; for more, matrix exponentials are used if 
 _STEPS_BACK = 32    # in an interval, at first, for costates integrated backwards
 _AT_ONCE = 256      # intervals integrated together backwards
 _FAR = 1e3          # times its scale: beyond it a value counts as unbounded growth
-LEAST_COST = 1e-6   # scaling factor of a cost that vanishes
+LEAST_COST = 1e-6   # scaling factor of a cost that vanishes, relative to its summands
 MOST_STEPS = 2048   # in an interval
 
 
@@ -132,7 +132,8 @@ class ReplayIntegrator:
             [ca.vertcat(problem.x, lam), ca.vertcat(problem.u, s, mu), problem.p],
                                         [problem.f, -ca.gradient(H, problem.x) - s, problem.L])
 
-    def replay(self, intervals: Intervals, p: Array, scale: Array, tolerance: float) -> Replay:
+    def replay(self, intervals: Intervals, p: Array, scale: Array, tolerance: float,
+               least: float = LEAST_COST) -> Replay:
         """
         Return the values of every interval, integrated from its start.
 
@@ -143,9 +144,11 @@ class ReplayIntegrator:
         p : ndarray
             Values of the parameters.
         scale : ndarray, shape (2 n,)
-            Scaling factors of x and lam. That of the cost is the cost found, or `LEAST_COST`.
+            Scaling factors of x and lam. That of the cost is the cost found, or `least`.
         tolerance : float
             Largest scaled error of an interval.
+        least : float
+            Smallest scaling factor of the cost.
 
         Returns
         -------
@@ -159,7 +162,7 @@ class ReplayIntegrator:
         while rows.size and steps > before:
             with np.errstate(all='ignore'):
                 z[rows], error = self._course(intervals.some(rows), p, steps)
-            cost = max(float(np.abs(z[:, -1, -1]).sum()), LEAST_COST)
+            cost = max(float(np.abs(z[:, -1, -1]).sum()), least)
             error = np.max(error / np.append(scale, cost), axis=1)
             # An interval whose values are not finite is integrated again in smaller steps.
             bad = ~(error <= tolerance)
@@ -180,8 +183,8 @@ class ReplayIntegrator:
                       failed=rows)
 
     def there_and_back(self, course: Replay, intervals: Intervals, lam_end: Array, p: Array,
-                       scale: Array, tolerance: float, *, back: bool = False
-                       ) -> tuple[Replay, Array]:
+                       scale: Array, tolerance: float, least: float = LEAST_COST, *,
+                       back: bool = False) -> tuple[Replay, Array]:
         """
         Return values whose costates are integrated from the ends if that is the stable way.
 
@@ -189,7 +192,7 @@ class ReplayIntegrator:
         ----------
         course : Replay
             What `replay` returned.
-        intervals, p, scale, tolerance
+        intervals, p, scale, tolerance, least
             As in `replay`.
         lam_end : ndarray, shape (K, n)
             The solution's costates at the ends of the intervals.
@@ -219,7 +222,7 @@ class ReplayIntegrator:
             with np.errstate(all='ignore'):
                 for part in np.array_split(left, -(-len(left) // _AT_ONCE)):
                     z[part] = self._both_ways(intervals.some(part), lam_end[part], p, steps)
-                cost = max(float(np.abs(z[:, -1, -1]).sum()), LEAST_COST)
+                cost = max(float(np.abs(z[:, -1, -1]).sum()), least)
                 error = np.abs(z[left] - before).max(axis=1) / np.append(scale, cost)
             left, steps = left[~(error.max(axis=1) <= tolerance)], 2 * steps
         return self._from_ends(course, intervals, z, left)

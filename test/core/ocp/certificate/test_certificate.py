@@ -495,3 +495,35 @@ def test_paths_along_unstable_dynamics_are_certified():
     t = 30 * np.linspace(0.0, 1.0, 10001)**2
     x = np.exp(-t)
     assert failing(problem, answer(problem, t, [x], [-2*x], [0.0], 0.0, nu=np.zeros(1))) == set()
+
+
+# Costs of 0
+
+def follow(off=0.0, *, length=1.0, cost=1.0, adjoint=True, count=101):
+    """
+    Return x' = u with the cost (x - t^2)^2 + (u - 2t)^2, along x = (1 + off) t^2.
+
+    The costates are those of this path, or 0 unless `adjoint`. x is in units of 1/`length`, and
+    the cost is multiplied by `cost`.
+    """
+    problem = problems.pose(
+        {'x': f'{length}*u'}, f'{cost}*((x/{length} - t**2)**2 + (u - 2*t)**2)', (0,), 1)
+    t = np.linspace(0.0, 1.0, count)
+    lam = 2*off*cost*(1 - t**3)/3/length, -off*cost*(5 - t**4 - 4*t**2)
+    return problem, answer(problem, t, [(1 + off)*length*t**2, t], [2*(1 + off)*t],
+                           lam if adjoint else [0.0, 0.0], cost*off**2*(1/5 + 4/3))
+
+
+UNITS = [{}, {'cost': 1e6}, {'cost': 1e-6}, {'length': 1e3}, {'length': 1e-3, 'cost': 1e-6}]
+
+
+@pytest.mark.parametrize('units', UNITS)
+def test_a_cost_of_zero_is_certified_in_any_units(units):
+    assert failing(*follow(**units)) == set()
+
+
+@pytest.mark.parametrize('units', UNITS)
+@pytest.mark.parametrize('off', [1e-2, 1e-3, 1e-4])
+def test_a_path_beside_a_reachable_reference_is_refused(off, units):
+    assert failing(*follow(off, **units)) == {'minimum', 'hamiltonian'}
+    assert 'costate' in failing(*follow(off, adjoint=False, **units))
