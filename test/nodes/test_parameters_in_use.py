@@ -21,16 +21,32 @@ from rclpy.parameter import Parameter
 Values = Mapping[str, Any]
 
 
-def control_effect(settings: Any) -> Any:
-    """Return the control of lqr_node, the settings read at each message, a reference's law."""
-    system = registry.get_system(settings.system)
-    t, x = np.linspace(0.0, 1.0, 5), np.tile(system.setpoint, (5, 1))
-    u = np.tile(system.setpoint_input, (5, 1))
-    along = lqr_settings.judge_lqr_settings(settings, (read_course(
-        system, (system.state_names, system.input_names), t, x.ravel(), u.ravel(), '', 1),))
-    control = lqr_settings.judge_lqr_settings(settings).control
-    leg = along.control.legs[0]
-    return repr(control), settings.frame_id, settings.hardware_id, leg.allowed, leg.along.at(0.5)
+class ControlEffect:
+    """
+    What the settings of lqr_node change.
+
+    The control and the settings read at each message are compared first. Only if they are equal
+    is the law of a reference computed, which takes half a second.
+    """
+
+    def __init__(self, settings: Any) -> None:
+        self.settings = settings
+        control = lqr_settings.judge_lqr_settings(settings).control
+        self.first = repr(control), settings.frame_id, settings.hardware_id
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, ControlEffect) and (
+            self.first == other.first and self.follow() == other.follow())
+
+    def follow(self) -> Any:
+        """Return what is allowed along a reference, and its law in the middle."""
+        system = registry.get_system(self.settings.system)
+        t, x = np.linspace(0.0, 1.0, 5), np.tile(system.setpoint, (5, 1))
+        u = np.tile(system.setpoint_input, (5, 1))
+        leg = lqr_settings.judge_lqr_settings(self.settings, (read_course(
+            system, (system.state_names, system.input_names), t, x.ravel(), u.ravel(), '', 1),)
+        ).control.legs[0]
+        return leg.allowed, leg.along.at(0.5)
 
 
 def plan_effect(settings: Any) -> Any:
@@ -46,7 +62,7 @@ def server_effect(settings: Any) -> Any:
 
 
 NODES: dict[str, tuple[Any, Callable[[Any], Any], Callable[[Any], Any]]] = {
-    'lqr_node': (lqr_settings.Settings, lqr_settings.judge_lqr_settings, control_effect),
+    'lqr_node': (lqr_settings.Settings, lqr_settings.judge_lqr_settings, ControlEffect),
     'mpc_node': (mpc_settings.Settings, mpc_settings.judge_mpc_settings, plan_effect),
     'plant_simulator': (plant_simulator.Settings, plant_simulator.judge_plant_settings,
                         lambda settings: (
