@@ -3,6 +3,7 @@
 """The trajectory server over DDS: responses, time limits, faults and refusals."""
 
 from array import array
+from collections.abc import Iterator
 import os
 from pathlib import Path
 import resource
@@ -14,6 +15,7 @@ from action_msgs.msg import GoalStatus
 from diagnostic_msgs.msg import DiagnosticArray
 import numpy as np
 from obc_ros.action import SolveOptimalControl as SolveAction
+from obc_ros.cli.processes import reserve_domain
 from obc_ros.core.ocp.statement import build_problem
 from obc_ros.msg import (
     InitialGuess,
@@ -25,10 +27,11 @@ from obc_ros.msg import (
 )
 from obc_ros.ros.messages import build_problem_message
 from obc_ros.srv import DesignLqr, SolveOptimalControl
+from probes import Probe
 import problems
 import pytest
 from rclpy.qos import DurabilityPolicy, QoSProfile
-from support import alive, children
+from support import alive, children, Spawner
 
 pytestmark = pytest.mark.nodes
 
@@ -70,6 +73,19 @@ def server(spawn, probe):
     return start
 
 
+@pytest.fixture(scope='module')
+def standing(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Probe]:
+    """Yield a probe beside a server with one worker, for the tests that leave it ready."""
+    with reserve_domain() as domain:
+        spawner, probe = Spawner(tmp_path_factory.mktemp('server'), domain), Probe(domain)
+        spawner('trajectory_server', {'workers': 1})
+        assert solve(probe, scalar()[0]).status == 'solved'
+        yield probe
+        assert solve(probe, scalar()[0]).status == 'solved'
+        probe.close()
+        assert not spawner.end()
+
+
 def solve(probe, problem, **options):
     """Return the response of ``~/solve``."""
     request = SolveOptimalControl.Request(problem=problem, **options)
@@ -83,7 +99,9 @@ def timed(probe, problem, **options):
     begun = time.monotonic()
     future = client.call_async(SolveOptimalControl.Request(problem=problem, **options))
     probe.wait_for(future.done, 60.0)
-    return future.result(), begun, time.monotonic()
+    end = time.monotonic()
+    probe.node.destroy_client(client)
+    return future.result(), begun, end
 
 
 class Goals:
@@ -138,10 +156,9 @@ def test_diagnostics_have_the_namespace_and_need_no_clock(spawn, probe):
 
 
 @pytest.mark.parametrize('name', ['lq_scalar_unit', 'moon_lander', 'two_wheel_turn_in_place'])
-def test_a_response_has_the_certified_trajectory(server, probe, name):
-    server(workers=1)
+def test_a_response_has_the_certified_trajectory(standing, name):
     mapping = problems.read(name)
-    response = solve(probe, message(mapping))
+    response = solve(standing, message(mapping))
     assert response.status == 'solved', response.message
     assert response.success
     assert response.certificate.holds, response.certificate.sentence
@@ -155,11 +172,10 @@ def test_a_response_has_the_certified_trajectory(server, probe, name):
     assert len(path.hamiltonian) == len(path.t)
 
 
-def test_programs_are_cached_by_structure(server, probe):
-    server(workers=1)
+def test_programs_are_cached_by_structure(standing):
 
     def build_time(a):
-        response = solve(probe, message({
+        response = solve(standing, message({
             'states': ['x'], 'inputs': ['u'], 'parameters': {'a': a},
             'dynamics': {'x': 'u - a*x**3'}, 'running_cost': 'x**2 + u**2',
             'initial_state': {'x': a}, 'final_time': {'free': False, 'value': 1 + a}}))
@@ -180,25 +196,23 @@ def test_max_intervals_bounds_the_mesh(server, probe):
     assert solve(probe, message(mapping)).status == 'solved'
 
 
-def test_other_requests_are_answered_while_all_workers_solve(server, probe, clock):
-    server(workers=1)
-    diagnostics = probe.listen(DiagnosticArray, '/diagnostics')
-    goals = Goals(probe)
+def test_other_requests_are_answered_while_all_workers_solve(standing, clock):
+    diagnostics = standing.listen(DiagnosticArray, '/diagnostics')
+    goals = Goals(standing)
     goals.wait_until_solving(goals.send(endless()))
     begun = time.monotonic()
-    assert probe.get_parameters(SERVER, 'workers') == {'workers': 1}
-    assert probe.call(DesignLqr, f'{SERVER}/design_lqr', DesignLqr.Request(
+    assert standing.get_parameters(SERVER, 'workers') == {'workers': 1}
+    assert standing.call(DesignLqr, f'{SERVER}/design_lqr', DesignLqr.Request(
         a=[0.0, 1.0, 0.0, 0.0], b=[0.0, 1.0],
         weights=LqrWeights(qx=[1.0, 0.0], qu=[1.0]))).success
-    assert solve(probe, OptimalControlProblem(), time_limit=0.3).status == 'timed_out'
+    assert solve(standing, OptimalControlProblem(), time_limit=0.3).status == 'timed_out'
     assert clock.since(begun) < 2.0
-    probe.wait_for(lambda: diagnostics and values(diagnostics[-1])['busy'] == '1')
+    standing.wait_for(lambda: diagnostics and values(diagnostics[-1])['busy'] == '1')
     goals.cancel()
 
 
-def test_cancel_stops_a_solve(server, probe, clock):
-    server(workers=1)
-    goals = Goals(probe)
+def test_cancel_stops_a_solve(standing, clock):
+    goals = Goals(standing)
     goals.wait_until_solving(goals.send(endless(60)))  # with long iterations
     goals.send(endless())  # queued
     answers, begun, end = goals.cancel()
@@ -206,14 +220,13 @@ def test_cancel_stops_a_solve(server, probe, clock):
     assert [answer.status for answer in answers] == [GoalStatus.STATUS_CANCELED] * 2
     assert [answer.result.status for answer in answers] == ['cancelled'] * 2
     assert goals.feedback[0][0].phase == 'queued'
-    assert solve(probe, scalar()[0]).status == 'solved'
+    assert solve(standing, scalar()[0]).status == 'solved'
 
 
-def test_feedback_has_the_elapsed_time(server, probe):
-    server(workers=1)
-    goals = Goals(probe)
+def test_feedback_has_the_elapsed_time(standing):
+    goals = Goals(standing)
     number = goals.send(message(problems.read('vanderpol_bounded')))
-    answer = probe.result(goals.handles[number])
+    answer = standing.result(goals.handles[number])
     assert answer.status == GoalStatus.STATUS_SUCCEEDED
     assert answer.result.success
     elapsed = [each.elapsed for each in goals.feedback[number]]
@@ -222,14 +235,13 @@ def test_feedback_has_the_elapsed_time(server, probe):
 
 
 @pytest.mark.parametrize('n', [12, 60])
-def test_the_time_limit_is_kept(server, probe, clock, n):
-    server(workers=1)
-    response, begun, end = timed(probe, endless(n), time_limit=1.0)
+def test_the_time_limit_is_kept(standing, clock, n):
+    response, begun, end = timed(standing, endless(n), time_limit=1.0)
     assert response.status == 'timed_out'
     assert not response.success
     assert end - begun > 1.0 - PROMISE
     assert clock.between(begun + 1.0, end) < PROMISE + SLACK
-    assert solve(probe, scalar()[0]).status == 'solved'
+    assert solve(standing, scalar()[0]).status == 'solved'
 
 
 def test_a_killed_worker_loses_one_request(server, probe):
@@ -325,17 +337,16 @@ def test_a_killed_client_does_not_affect_the_server(server, spawn, probe, tmp_pa
     assert solve(probe, scalar()[0]).status == 'solved'
 
 
-def test_a_request_of_50_megabytes_is_refused(server, probe):
-    server(workers=1)
+def test_a_request_of_50_megabytes_is_refused(standing):
     problem = scalar()[0]
     problem.running_cost = 'u + ' * 12_500_000 + 'u'
-    response = solve(probe, problem)
+    response = solve(standing, problem)
     assert response.status == 'malformed'
     assert 'has 50000' in response.message
     problem = scalar()[0]
     problem.initial_guess.states = [NamedValues(name='x', values=array('d', bytes(50_000_000)))]
-    assert solve(probe, problem).status == 'malformed'
-    assert solve(probe, scalar()[0]).status == 'solved'
+    assert solve(standing, problem).status == 'malformed'
+    assert solve(standing, scalar()[0]).status == 'solved'
 
 
 def test_the_workers_of_a_killed_server_end(server):
@@ -435,15 +446,14 @@ MALFORMED = {
 }
 
 
-def test_malformed_problems_are_refused_with_a_reason(server, probe, clock):
-    server(workers=1)
+def test_malformed_problems_are_refused_with_a_reason(standing, clock):
     for name, (problem, words) in MALFORMED.items():
-        response, begun, end = timed(probe, problem)
+        response, begun, end = timed(standing, problem)
         assert clock.between(begun, end) < 1.0, name
         assert (response.status, response.success) == ('malformed', False), name
         assert words in response.message, (name, response.message)
     for options in ({'method': 'magic'}, {'time_limit': -1.0}, {'time_limit': float('nan')},
                     {'options': ['coarse.rough']}, {'options': ['coarse.rough=nan']},
                     {'options': ['magic=1'] * 1000}):
-        assert solve(probe, scalar()[0], **options).status == 'malformed', options
-    assert solve(probe, scalar()[0]).status == 'solved'
+        assert solve(standing, scalar()[0], **options).status == 'malformed', options
+    assert solve(standing, scalar()[0]).status == 'solved'
