@@ -200,7 +200,7 @@ def _why_not(program: kkt.StaticProgram, point: kkt.KktPoint, certificate: Certi
                                    'active constraints; F may not be smooth there',
         KktCondition.SECOND_ORDER: 'it is a saddle along the constraints, not a minimum'}
     residual = certificate.residuals[worst]
-    size = f'{residual:.2g}' if math.isfinite(residual) else 'cannot be computed'
+    size = f'{residual:.2g}' if math.isfinite(residual) else 'could not be computed'
     return (f'stopped at F = {F:.10g}, which is not certified: {worst} {size} '
             f'(tolerance {certificate.tolerances[worst]:.0e})'
             + (f': {reason[worst]}' if worst in reason else ''))
