@@ -346,7 +346,7 @@ def test_every_wheel_is_pinned(distro):
 
 def test_every_source_file_has_the_license_header():
     sources = files('.py', '.cmake', '.in', 'CMakeLists.txt', '.yml', 'Makefile', 'run')
-    others = (*(ROOT / 'config').rglob('*.yaml'), *(ROOT / 'requirements').iterdir())
+    others = (*(ROOT / 'config').rglob('*.yaml'), *(ROOT / 'requirements').glob('*.*'))
     for path in (*sources, *others):
         lines = path.read_text(encoding='utf-8').splitlines(keepends=True)
         start = 1 if lines and lines[0].startswith('#!') else 0

@@ -283,8 +283,8 @@ class Iterate:
 
     @property
     def converged(self) -> bool:
-        """Return whether the run that ends here led to a solution, whatever ended it."""
-        return self.status == 'good enough' or self.residual <= ACCEPTED
+        """Return whether the run met its tolerances, or ended at a solution all the same."""
+        return self.status in ('converged', 'good enough') or self.residual <= ACCEPTED
 
     def misses(self, mu: float) -> float:
         """Return the largest scaled residual of stationarity and complementarity for a mu."""

@@ -52,8 +52,7 @@ class Found:
     g, lam_w, lam_g : ndarray
         Constraints and multipliers, with the signs of CasADi.
     converged : bool
-        Whether `residual` is small enough, or the error of the cost, if an approximate one was
-        asked for.
+        Whether the method has met its tolerances, or `residual` is small enough.
     status : str
         Why it ended.
     iterations : int
@@ -151,8 +150,9 @@ def run_ipopt(solver: ca.Function, start: Array, bounds: tuple[Array, Array],
     residual = _measure(solver, w, constants, bounds, rows, (lam_w, lam_g))
     return Found(
         w=w, f=float(result['f']), g=g, lam_w=lam_w, lam_g=lam_g,
-        converged=residual <= ACCEPTED, status=str(stats['return_status']),
-        iterations=int(str(stats['iter_count'])), residual=residual)
+        converged=bool(stats['success']) or residual <= ACCEPTED,
+        status=str(stats['return_status']), iterations=int(str(stats['iter_count'])),
+        residual=residual)
 
 
 def _measure(solver: ca.Function, w: Array, constants: Array | None,
