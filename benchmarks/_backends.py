@@ -71,8 +71,7 @@ def _solve_by_fatrop(self: Transcription, start: str) -> tuple[Fatrop, Watch]:
         kept['stagewise'] = order_by_stages(self)
     if start not in kept:
         watch = Watch(self.unknowns, int(self._program.nlp['g'].numel()), self.constants)
-        kept[start] = Fatrop(
-            kept['stagewise'], start, watch, self._program.derivatives), watch
+        kept[start] = Fatrop(kept['stagewise'], start, watch), watch
     return kept[start]
 
 

@@ -9,7 +9,7 @@ unknown that an earlier stage has as a control: the input at the mesh point, and
 All other unknowns, such as the states at Gauss points, are controls.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -195,20 +195,16 @@ class Fatrop:
         Kind of start, a key of STARTS.
     watch : Watch
         Its meter counts the iterations after the solve: CasADi has no callback for fatrop.
-    derivatives : mapping
-        grad_f and jac_g of the transcription, with which `run_ipopt` judges the outcome.
 
     """
 
-    def __init__(self, stagewise: Stagewise, start: str, watch: Watch,
-                 derivatives: Mapping[str, ca.Function]) -> None:
+    def __init__(self, stagewise: Stagewise, start: str, watch: Watch) -> None:
         self._stagewise, self._watch = stagewise, watch
-        self._derivatives = derivatives
         self._solver = ca.nlpsol('nlp', 'fatrop', stagewise.nlp, {
             'print_time': False, 'error_on_fail': False, 'show_eval_warnings': False,
             'structure_detection': 'manual', **stagewise.structure,
             'cache': stagewise.derivatives, 'fatrop': COMMON | STARTS[start]})
-        self._stats, self._stopped = dict[str, Any](), False
+        self._stats = dict[str, Any]()
 
     def __call__(self, *, x0: Array, p: Array, lbx: Array, ubx: Array, lbg: Array, ubg: Array,
                  **_: Array) -> dict[str, ca.DM]:
@@ -225,14 +221,8 @@ class Fatrop:
         g, lam = g[:len(lbg)], lam[:len(lbg)]
         self._count(float(result['f']), max(np.max(lbg - g, initial=0.0),
                                             np.max(g - ubg, initial=0.0)))
-        # The iterate at the limit is not known; that at the end was not allowed.
-        x = result['x'][of.place.tolist()] if not self._stopped else ca.DM(x0)
-        return {'x': x, 'f': result['f'], 'g': ca.DM(g),
+        return {'x': result['x'][of.place.tolist()], 'f': result['f'], 'g': ca.DM(g),
                 'lam_x': result['lam_x'][of.place.tolist()], 'lam_g': ca.DM(lam)}
-
-    def get_function(self, name: str) -> ca.Function:
-        """Return nlp_grad_f or nlp_jac_g of the transcription, as `nlpsol` does."""
-        return self._derivatives[name.removeprefix('nlp_')]
 
     def _count(self, f: float, violation: float) -> None:
         """Count the iterations; those that the meter does not allow make a failure."""
@@ -240,7 +230,7 @@ class Fatrop:
         count, step = max(int(found['iter_count']), 0), self._watch.meter.step
         taken = next((k for k in range(count + 1)
                       if step(f * self._watch.cost_scale, violation)), count)
-        self._stopped = stopped = taken < count
+        stopped = taken < count
         self._stats = {
             'iter_count': count, 'success': bool(found['success']) and not stopped,
             'return_status': ('User_Requested_Stop' if stopped

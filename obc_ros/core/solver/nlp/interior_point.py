@@ -29,7 +29,6 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 from obc_ros.core.numerics.arrays import Array, Index, lapack
-from obc_ros.core.solver.nlp.optimality import ACCEPTED, measure_optimality
 from obc_ros.core.solver.options import DEFAULTS
 
 _PROXIMAL = 1e-10      # subtracted from the diagonal of rows: redundant ones are not singular then
@@ -253,10 +252,8 @@ class Iterate:
         Barrier parameter.
     values : ProgramValues
         At y.
-    status : str
+    converged, status : bool, str
         Of the run that ends here: 'converged', 'good enough', 'stopped', 'no step', 'too slow'.
-    residual : float
-        Of the optimality conditions, at the end of a run; see `measure_optimality`.
     iterations : int
         Steps so far.
     error : float
@@ -273,18 +270,13 @@ class Iterate:
     z: Array
     mu: float
     values: ProgramValues
+    converged: bool = False
     status: str = ''
-    residual: float = np.inf
     iterations: int = 0
     error: float = 0.0
     size: float = 1.0
     worst: float = 0.0
     total: float = 0.0
-
-    @property
-    def converged(self) -> bool:
-        """Return whether the run met its tolerances, or ended at a solution all the same."""
-        return self.status in ('converged', 'good enough') or self.residual <= ACCEPTED
 
     def misses(self, mu: float) -> float:
         """Return the largest scaled residual of stationarity and complementarity for a mu."""
@@ -399,18 +391,6 @@ class Interior:
         c = np.abs(now.values.c)
         return replace(now, error=error, size=max(1.0, sum_z / max(self.count, 1) / 100.0),
                        worst=float(c.max()), total=float(c.sum()))
-
-    def judged(self, now: Iterate, status: str) -> Iterate:
-        """Return the last iterate of a run, with the reason of its end and its residual."""
-        pattern, is_row = self.program.pattern, self.program.is_row
-        part = is_row[pattern.rows] & ~is_row[pattern.columns]
-        none, values = np.zeros(len(now.y)), now.values
-        return replace(now, status=status, residual=measure_optimality(
-            np.where(is_row, 0.0, now.y),
-            (np.where(is_row, 0.0, self.lower), np.where(is_row, 0.0, self.upper)), (none, none),
-            (values.f, values.c, values.cost_slope),
-            (pattern.rows[part], pattern.columns[part], values.entries[part]),
-            (-self.spread(now.z), now.y * self.row)))
 
     def multipliers(self, now: Iterate) -> Iterate:
         """Return an iterate with multipliers of the rows by least squares of stationarity."""
@@ -531,16 +511,16 @@ def solve_program(work: Interior, now: Iterate, goal: StoppingRule,
     Returns
     -------
     Iterate
-        The last one; `status` tells why it ended, `residual` what it is worth.
+        The last one; `converged` if the tolerances are met, `status` otherwise tells why it ended.
 
     """
     pairs, start, least = Filter(now.total), now.total, goal.optimal / 10
     first = now.worst
     while True:
         if now.worst <= goal.feasible and now.misses(0.0) <= goal.optimal:
-            return work.judged(now, 'converged')
+            return replace(now, converged=True, status='converged')
         if now.iterations >= goal.most or watch(now.values.f, now.worst):
-            return work.judged(now, 'stopped')
+            return replace(now, status='stopped')
         mu = now.mu
         while mu > least and max(now.misses(mu), now.worst) <= _ENOUGH * mu:
             mu = max(least, min(0.2 * mu, mu**1.5))
@@ -548,14 +528,14 @@ def solve_program(work: Interior, now: Iterate, goal: StoppingRule,
             now, pairs = replace(now, mu=mu), Filter(start)
         step = _advance(work, now, pairs)
         if step is None:
-            return work.judged(now, 'no step')
+            return replace(now, status='no step')
         now, promise = step
         if goal.rough and any(now.iterations == steps and now.worst > max(part * first, _FAR)
                               for steps, part in goal.late):
-            return work.judged(now, 'too slow')
+            return replace(now, status='too slow')
         near = goal.rough * abs(now.values.f)
         if near and now.worst <= _ROUGH and promise <= near and now.mu * work.count <= near:
-            return work.judged(now, 'good enough')
+            return replace(now, converged=True, status='good enough')
 
 
 def _advance(work: Interior, now: Iterate, pairs: Filter) -> tuple[Iterate, float] | None:

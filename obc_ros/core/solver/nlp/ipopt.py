@@ -13,6 +13,7 @@ from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.solver.nlp.meter import Watch
 from obc_ros.core.solver.nlp.optimality import ACCEPTED, measure_optimality
 
+_NO_STEP = 'Search_Direction_Becomes_Too_Small'
 _ALWAYS: dict[str, object] = {
     'print_level': 0, 'sb': 'yes', 'bound_relax_factor': 0.0, 'honor_original_bounds': 'yes'}
 # With its own permutation MUMPS treats some of these matrices as singular, for minutes.
@@ -52,14 +53,13 @@ class Found:
     g, lam_w, lam_g : ndarray
         Constraints and multipliers, with the signs of CasADi.
     converged : bool
-        Whether the method has met its tolerances, or `residual` is small enough.
+        Whether the tolerances are met, or no step was left and `measure_optimality` is at most
+        `ACCEPTED`.
     status : str
         Why it ended.
     iterations : int
     mu : float
         The last barrier parameter; 0 if it is not known.
-    residual : float
-        Largest scaled residual of the optimality conditions at w, see `measure_optimality`.
 
     """
 
@@ -72,7 +72,6 @@ class Found:
     status: str
     iterations: int
     mu: float = 0.0
-    residual: float = math.inf
 
 
 def build_ipopt(use: str, nlp: Mapping[str, Any], *, watch: Watch | None = None,
@@ -147,12 +146,13 @@ def run_ipopt(solver: ca.Function, start: Array, bounds: tuple[Array, Array],
     result, stats = solver(**arguments), solver.stats()
     w, lam_w, g, lam_g = (
         np.asarray(result[key].full().ravel()) for key in ('x', 'lam_x', 'g', 'lam_g'))
-    residual = _measure(solver, w, constants, bounds, rows, (lam_w, lam_g))
+    # Rounding errors may end IPOPT at a solution without a success.
+    converged = bool(stats['success']) or stats['return_status'] == _NO_STEP and _measure(
+        solver, w, constants, bounds, rows, (lam_w, lam_g)) <= ACCEPTED
     return Found(
         w=w, f=float(result['f']), g=g, lam_w=lam_w, lam_g=lam_g,
-        converged=bool(stats['success']) or residual <= ACCEPTED,
-        status=str(stats['return_status']), iterations=int(str(stats['iter_count'])),
-        residual=residual)
+        converged=converged, status=str(stats['return_status']),
+        iterations=int(str(stats['iter_count'])))
 
 
 def _measure(solver: ca.Function, w: Array, constants: Array | None,

@@ -5,7 +5,7 @@ The residual of the optimality conditions of a nonlinear program, computed from 
 
 Minimise f(w) subject to g_lower <= g(w) <= g_upper and lower <= w <= upper, with unknowns w that
 are scaled to 1. A method may stop because rounding errors leave no better step, although it has
-arrived. Hence an outcome also counts if this residual is small, whatever its method said last.
+arrived. Such an outcome counts if this residual is small.
 """
 
 import numpy as np
