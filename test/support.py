@@ -8,6 +8,7 @@ import os
 from pathlib import Path
 import select
 import signal
+import socket
 import subprocess
 import sys
 import time
@@ -18,7 +19,7 @@ from obc_ros.cli.processes import die_with_parent
 import yaml
 
 children = _machine.children
-DEADLINE = 60.0  # [s] reached only by a test that fails
+DEADLINE = 120.0  # [s] reached only by a test that fails
 ISOLATED = {
     'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
     'OMP_NUM_THREADS': '1',
@@ -54,6 +55,13 @@ def find(executable: str) -> str:
         if (folder / executable).is_file():
             return str(folder / executable)
     raise FileNotFoundError(f'{executable} is in none of {folders} nor beside {sys.executable}')
+
+
+def find_port() -> int:
+    """Return a free port of this machine."""
+    with socket.socket() as probe:
+        probe.bind(('127.0.0.1', 0))
+        return int(probe.getsockname()[1])
 
 
 def alive(pid: int) -> bool:

@@ -15,6 +15,7 @@ from typing import Any
 from obc_ros.cli.processes import Children, find_log_folder, isolate, reserve_domain
 from obc_ros.cli.ros_graph import keep_to_this_machine
 from obc_ros.cli.share_folders import share_directory
+from obc_ros.cli.signals import EndSignals, InterruptedByUserError
 from obc_ros.core.text.errors import ObcError
 from obc_ros.ros.middleware import choose_profile
 from obc_ros.workers.real_time import find_priority_refusal
@@ -24,6 +25,7 @@ SCENARIOS = ('aircraft', 'vehicle', 'vehicle_lateral')
 WATCH = 0.2  # [s] between two looks at the nodes
 LOOP_PRIORITY = 50  # of plant_simulator and lqr_node, unless it is given
 HIGHEST = 99   # priority that Linux has
+PATIENCE = 3  # [s] that open connections have to end
 OUTAGE = 10.0  # [s] for which a page outlives its connection; then it loads anew
 
 
@@ -172,6 +174,8 @@ def _watch(children: Children, ended: threading.Event) -> None:
     while not ended.wait(WATCH):
         try:
             children.check()
+        except InterruptedByUserError:
+            return
         except ObcError as error:
             print(f'obc view: {error}', flush=True)
             return
@@ -187,10 +191,18 @@ def serve(source: Any, title: str, controls: bool, args: argparse.Namespace) -> 
     class Protocol(HeaderDeadline, AutoHTTPProtocol):
         """HTTP in which a header has to arrive in time."""
 
+    def heed_signals() -> None:
+        """End at once after a signal that came before the server has taken the signals over."""
+        try:
+            EndSignals.check()
+        except InterruptedByUserError:
+            app.shutdown()
+
     token = '' if args.host in LOCAL else make_token()
     viewer = Viewer(source, Helm(controls), title)
     ui.page('/', title=f'obc view: {title}')(viewer.build)
     app.add_middleware(Gate, token=token)
+    app.on_startup(heed_signals)
     address = format_address(args.host, args.port) + (f'?token={token}' if token else '')
     print(f'obc view: {address}   (Ctrl-C ends it)', flush=True)
     gc.collect()
@@ -198,4 +210,5 @@ def serve(source: Any, title: str, controls: bool, args: argparse.Namespace) -> 
     ui.run(host=args.host, port=args.port, title='obc view', reload=False,
            show=address if not args.no_browser else False, show_welcome_message=False,
            reconnect_timeout=OUTAGE, http=Protocol,
-           favicon='\u2708', fastapi_docs=False, uvicorn_logging_level='warning')
+           favicon='\u2708', fastapi_docs=False, uvicorn_logging_level='warning',
+           timeout_graceful_shutdown=PATIENCE)

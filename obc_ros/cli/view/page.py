@@ -154,6 +154,7 @@ class LoopPage:
                     self._role = ui.button('', on_click=self._seize).props('flat color=white')
                     self._start = ui.button('Start', on_click=self._do_start).props(
                         'outline color=white')
+                    self._start.disable()   # until this page controls
                     ui.button('Stop (space)', on_click=self._do_stop, color='red-9')
                 ui.button(icon='contrast', on_click=self._dark.toggle).props(
                     'flat color=white aria-label="light or dark"')

@@ -61,6 +61,7 @@ class PlanPanel:
         with ui.row().classes('items-center'):
             self._plan = ui.button('Plan', on_click=lambda: self.plan(False))
             self._fly = ui.button('Fly it', on_click=lambda: self.plan(True))
+            self._fly.disable()   # until the page controls a loop
             ui.button('Clear', on_click=self._clear).props('flat')
             self._spinner = ui.spinner(size='sm')
         self._spinner.visible = False

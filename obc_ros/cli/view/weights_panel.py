@@ -76,6 +76,8 @@ class WeightsPanel:
         with ui.row().classes('items-center'):
             self._apply = ui.button('Apply', on_click=self._apply_weights)
             self._back = ui.button('Undo', on_click=self._undo_weights).props('outline')
+            for button in (self._apply, self._back):
+                button.disable()   # until the page controls the loop
             ui.button('Copy as YAML', on_click=lambda: ui.clipboard.write(self._as_yaml())).props(
                 'flat dense')
             ui.button('Copy as command', on_click=lambda: ui.clipboard.write(self._as_command())

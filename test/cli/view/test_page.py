@@ -3,7 +3,6 @@
 """`obc view` in Debian's Chromium: a user tunes, plans, stops and watches a running loop."""
 
 from collections.abc import Iterator
-import os
 from pathlib import Path
 import re
 import shutil
@@ -15,11 +14,9 @@ from urllib.parse import urlsplit
 import numpy as np
 from obc_ros.cli.processes import reserve_domain
 from obc_ros.cli.view.access import HEADER_TIME
-from obc_ros.cli.view.command import LOOP_PRIORITY
 from obc_ros.core.text.example_files import find_example
 from obc_ros.msg import Estimate, LqrDesign, State, Trajectory
 from obc_ros.srv import PlanMotion
-from obc_ros.workers.real_time import find_priority_refusal
 from probes import Probe
 import pytest
 from rcl_interfaces.msg import Log
@@ -34,8 +31,7 @@ pytestmark = [
     pytest.mark.nodes,
     pytest.mark.skipif(not CHROMIUM, reason='no Chromium: apt-get install chromium')]
 LATCHED = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-WAIT = 60_000.0   # [ms] of a step in the browser
-STARTED = 120.0   # [s] until a loop with its page serves it, also on a busy machine
+WAIT = 1e3 * support.DEADLINE   # [ms] of a step in the browser
 HOSTILE = '<img src=x onerror="window.pwned=1"><script>window.pwned=1</script>{{ 7*7 }}'
 # Whether the last cell of a row is another than before.
 CHANGED = """([what, before]) => [...document.querySelectorAll('tr')].some(
@@ -63,13 +59,6 @@ PROBLEMS = find_example('x').parent
 AIRCRAFT = {'system': 'aircraft', 'publish_rate': 50.0, 'publish_clock': True}
 
 
-def find_port() -> int:
-    """Return a free port."""
-    with socket.socket() as probe:
-        probe.bind(('127.0.0.1', 0))
-        return int(probe.getsockname()[1])
-
-
 def is_open(port: int) -> bool:
     """Return whether a server accepts connections."""
     with socket.socket() as probe:
@@ -78,13 +67,13 @@ def is_open(port: int) -> bool:
 
 def serve(spawner: support.Spawner, folder: Path, domain: int, *words: str) -> str:
     """Start `obc view`; return its address."""
-    port = find_port()
+    port = support.find_port()
     process = support.Process(
         [support.find('obc'), 'view', *words, '--no-browser', '--port', str(port)],
         folder / f'view{port}.log', domain)
     spawner.processes.append(process)
-    process.wait_for_output('obc view: http', STARTED)
-    support.wait_for(lambda: is_open(port), STARTED)
+    process.wait_for_output('obc view: http')
+    support.wait_for(lambda: is_open(port), support.DEADLINE)
     return f'http://127.0.0.1:{port}/'
 
 
@@ -573,35 +562,3 @@ def test_a_page_without_control_is_read_only_except_for_stop(site, page):
         each.locator('.obc-stopped').wait_for()
     watching.context.close()
     start(page)
-
-
-def find_schedulers(parent: int) -> dict[str, tuple[int, int]]:
-    """Return policy and priority of the nodes that a process has started, by their names."""
-    pids = [int(pid) for file in Path(f'/proc/{parent}/task').glob('*/children')
-            for pid in file.read_text().split()]
-    names = {pid: re.search(r'obc_ros\.nodes\.(\w+)', Path(
-        f'/proc/{pid}/cmdline').read_text()) for pid in pids}
-    return {found[1]: (os.sched_getscheduler(pid), os.sched_getparam(pid).sched_priority)
-            for pid, found in names.items() if found}
-
-
-@pytest.mark.parametrize('words', [(), ('--priority', '0')])
-def test_the_loop_of_obc_view_has_a_priority_that_leaves_time_to_others(site, tmp_path, words):
-    """Where the system does not allow it, it is ordinary, and any speed may be set."""
-    address = serve(site.spawner, tmp_path, site.domain, *words)
-    process = site.spawner.processes[-1]
-    raised = not words and not find_priority_refusal(LOOP_PRIORITY)
-    page = site.open(address)
-    number(page, 'weight of px').wait_for()
-    take_control(page)
-    expected = (os.SCHED_FIFO, LOOP_PRIORITY - 1) if raised else (os.SCHED_OTHER, 0)
-    support.wait_for(lambda: find_schedulers(process.pid) == {
-        'plant_simulator': expected, 'lqr_node': expected,
-        'trajectory_server': (os.SCHED_OTHER, 0)})
-    tab(page, 'Plant')
-    page.get_by_label('speed [times real time]').fill('6')
-    page.keyboard.press('Tab')
-    page.get_by_text('speed: give a number above 0, up to 5' if raised
-                     else 'set: speed = 6.0').wait_for()
-    page.context.close()
-    assert process.interrupt() == 0   # the next loop has the processors for itself
