@@ -10,6 +10,7 @@ arrays for the few states of a plant.
 from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 import math
 from operator import mul, sub
 from typing import Any, NamedTuple, Protocol
@@ -90,10 +91,13 @@ class StateFeedback:
 
     def at(self, t: float) -> ReferencePoint:
         """Return the set point at time t [s]."""
-        if any(self.drift):
-            return ReferencePoint(
-                tuple([a + v * t for a, v in zip(self.x, self.drift, strict=True)]),
-                                  self.u, self.K, self.Ki)
+        if not any(self.drift):
+            return self._start
+        return self._start._replace(
+            x=tuple([a + v * t for a, v in zip(self.x, self.drift, strict=True)]))
+
+    @cached_property
+    def _start(self) -> ReferencePoint:
         return ReferencePoint(self.x, self.u, self.K, self.Ki)
 
 
@@ -125,10 +129,8 @@ class Gains:
         if k + 1 >= len(self.grid):
             return self.K[-1], self.Ki[-1]
         part = (value - self.grid[k]) / (self.grid[k + 1] - self.grid[k])
-        return (tuple(map(interpolate_vectors, self.K[k], self.K[k + 1],
-                          (part,) * len(self.K[k]))),
-                tuple(map(interpolate_vectors, self.Ki[k], self.Ki[k + 1],
-                          (part,) * len(self.Ki[k]))))
+        return (_interpolate_rows(self.K[k], self.K[k + 1], part),
+                _interpolate_rows(self.Ki[k], self.Ki[k + 1], part))
 
 
 @dataclass(frozen=True, eq=False)
@@ -223,6 +225,12 @@ def interpolate_vectors(a: Vector, b: Vector, part: float) -> Vector:
 
     """
     return tuple([p + part * (q - p) for p, q in zip(a, b, strict=True)])
+
+
+def _interpolate_rows(a: Rows, b: Rows, part: float) -> Rows:
+    """Return a + part (b - a) of two matrices."""
+    return tuple([tuple([p + part * (q - p) for p, q in zip(row, other, strict=True)])
+                  for row, other in zip(a, b, strict=True)])
 
 
 def convert_rows(matrix: Sequence[Sequence[float]] | Any) -> Rows:

@@ -60,11 +60,12 @@ class CommandGate:
 
     def smooth(self, u: Sequence[float]) -> list[float]:
         """Return a command (m,) with the rest of the jumps."""
-        self._jumps = [each for each in self._jumps if self._time - each[0] < each[1]]
+        smooth = list(u)
+        if self._jumps:
+            self._jumps = [each for each in self._jumps if self._time - each[0] < each[1]]
         if not self._jumps:
             self.is_entering = False
-            return list(u)
-        smooth = list(u)
+            return smooth
         for began, time, jump in self._jumps:
             s = (self._time - began) / time
             left = 1.0 - s * s * (3.0 - 2.0 * s)   # zero slope at both ends

@@ -63,8 +63,8 @@ class HeldSetPoint:
     def at(self, stamp: int) -> ReferencePoint:
         """Return the target at a stamp [ns]."""
         t = (stamp - self.origin) * NS
-        _, u, K, Ki = self.law.at(t)
-        return ReferencePoint(move(self.x, self.law.drift, t), u, K, Ki)
+        designed, x = self.law.at(t), move(self.x, self.law.drift, t)
+        return designed if x is designed.x else designed._replace(x=x)
 
     def place(self, x: Sequence[float], stamp: int, error: MeasureError, origin: int
               ) -> 'HeldSetPoint':

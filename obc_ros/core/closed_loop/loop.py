@@ -449,18 +449,18 @@ class ControlLoop:
     def _note_order(self, order: Order, restarts: int) -> None:
         """Report the events that the stamps and the source of a state tell of."""
         gap = self._now - self._seen
-        if order.tick is Tick.FIRST:
+        if order.tick is Tick.NEXT:
+            self._gate.advance(order.by)
+            self._intervals.append(order.by)
+        elif order.tick is Tick.FIRST:
             self._pace.forget()
         elif order.tick is Tick.SAME:
             self.counts['repeated'] += 1
-        elif order.tick is Tick.NEXT:
-            self._gate.advance(order.by)
-        if order.tick in (Tick.NEXT, Tick.OUTAGE):
-            self._intervals.append(order.by)
-        if order.tick is Tick.RESTART:
+        elif order.tick is Tick.RESTART:
             self.counts['restarted'] += 1
             self._restart(order.by)
         elif order.tick is Tick.OUTAGE:
+            self._intervals.append(order.by)
             self._cause = f'after {order.by:.3g} s without a state'
             self._step(Event.OUTAGE, f'{self._cause} the control law begins anew')
         if self.is_stale:
@@ -522,14 +522,16 @@ class ControlLoop:
             self._step(Event.RESUME, 'the control law is resumed')
         if Effect.PLACE in self._effects or control.prediction is None:
             self._sent.forget()
-        if not self._judge_references(control, stamp, x):
-            return self._rest()
-        self._end_reference(control, stamp)
+        if control.legs:
+            if not self._judge_references(control, stamp, x):
+                return self._rest()
+            self._end_reference(control, stamp)
         self._choose_plan(stamp)
-        self._place(control, stamp, x)
         # Without an effect, what would have gone on goes on; an entry moves the set point.
-        is_new = bool(self._effects) or self._gate.is_entering
-        aim = self._aim_now(stamp) if is_new else former[1]
+        aim = former[1]
+        if self._effects or self._gate.is_entering:
+            self._place(control, stamp, x)
+            aim = self._aim_now(stamp)
         here = self._point(control, aim.now, stamp)
         error = control.limits.error(x, here.x)
         if fault := self._find_fault(control, stamp, x, here, error):
@@ -650,7 +652,8 @@ class ControlLoop:
             return None
         self._effects = NO_EFFECTS
         self.counts['saturated'] += u != wanted
-        self._integral.note(wanted, u)
+        if control.C:
+            self._integral.note(wanted, u)
         if control.prediction is not None:
             self._sent.remember(control.prediction, u, stamp)
         self.samples = (*self.samples[-1:], Sample(stamp, x, u))
@@ -745,6 +748,8 @@ class ControlLoop:
             plan = select_plan(self._plans, stamp)
             if plan is not None:
                 return Aim(plan, plan)
+        if not control.legs:
+            return Aim(setpoint, setpoint)
         now = self._find_followed(stamp)
         later = now if control.prediction is None else self._find_followed(
             self._acts(control, stamp))

@@ -44,14 +44,15 @@ class Itinerary:
 
     def is_pending(self, leg: Leg) -> bool:
         """Return whether a reference may still begin."""
-        return leg.reference not in self._over and leg.reference is not self.followed
+        return leg.reference is not self.followed and leg.reference not in self._over
 
     def find_due(self, legs: Sequence[Leg], stamp: int) -> Iterator[Leg]:
         """Yield the references that are to begin at a stamp [ns] or were before."""
         for leg in legs:
-            begin = self.find_begin(leg.reference)
-            if self.is_pending(leg) and (begin is None or begin <= stamp):
-                yield leg
+            if self.is_pending(leg):
+                begin = self.find_begin(leg.reference)
+                if begin is None or begin <= stamp:
+                    yield leg
 
     def find_begin(self, reference: Reference) -> int | None:
         """Return the stamp [ns] of t = 0 of a reference; None: it is not known yet."""
