@@ -402,8 +402,10 @@ class Bench:
         """
         if not self.bounded:
             return self, np.zeros(0)
-        value = self.programs.fitter(self.problem).values(self.problem, course)
-        margin, exceeded = compute_tightening(self.problem, value, course, self.margin, most)
+        fitter = self.programs.fitter(self.problem)
+        value = fitter.values(self.problem, course)
+        size = fitter.sizes(self.problem, course, value)
+        margin, exceeded = compute_tightening(self.problem, value, size, course, self.margin, most)
         return replace(self, margin=margin), exceeded
 
     def finer(self, outcome: TranscriptionOutcome, course: Extremal, exceeded: Array) -> Mesh:

@@ -36,7 +36,8 @@ end            max_j |psi_j(x(T))| / (sum_i |dpsi_j/dx_i| s_i), x(T) replayed, w
                constraint that is met only asymptotically has an unbounded multiplier
 bounds         largest excess of u at samples, of x and of the path constraints at samples and,
                by cubic interpolation of the replay, between them; over the constraint's scale,
-               for c(x, u) = 0 the largest sum of |dc_j/dx_i| s_i and |dc_j/du_i| |u_i|
+               for c(x, u) = 0 the largest sum of |dc_j/dx_i| s_i and |dc_j/du_i| |u_i|, for
+               other path constraints at least 1e-2 of it
 costate        sum over intervals and jumps of max_i s_i |defect of lam_i| / l, the defect of
                dlam/dt = -dH/dx - s - c_x' m, less the part that multipliers of active state
                bounds and path constraints of the right sign account for
@@ -90,6 +91,7 @@ TOLERANCES: dict[str, float] = {
     Condition.COSTATE: 1e-4, Condition.MINIMUM: 1e-4, Condition.TRANSVERSALITY: 1e-4,
     Condition.HAMILTONIAN: 1e-4, Condition.FINAL_TIME: 1e-4, Condition.COST: 1e-6}
 REPLAY_ERROR = 1e-7   # estimated integration error of all intervals together
+LEAST_PART = 1e-2   # scale of a path constraint, relative to the sum of its terms, at least
 ACTIVE = 1e-5   # distance of an active constraint from its bound, relative to its scale
 _KEPT = 32      # problems whose compiled functions are kept
 _FORCELESS = 1e-6  # relative to lam: below it a terminal multiplier counts as 0
@@ -421,8 +423,10 @@ class _Judge:
         for bound in (lower, upper):
             size = np.maximum(size, np.where(np.isfinite(bound), np.abs(bound), 0.0))
         zero = (problem.path_lower == 0) & (problem.path_upper == 0)
-        if zero.any():
-            size[problem.n:] = np.where(zero, self._terms(), size[problem.n:])
+        if problem.path.numel():
+            terms = self._terms()
+            size[problem.n:] = np.where(
+                zero, terms, np.maximum(size[problem.n:], LEAST_PART * terms))
         for bound in (problem.u_lower, problem.u_upper):
             u_size = np.maximum(u_size, np.where(np.isfinite(bound), np.abs(bound), 0.0))
         size = np.where(size > 0, size, 1.0)

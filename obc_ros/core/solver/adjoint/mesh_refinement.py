@@ -289,7 +289,7 @@ def align_mesh(mesh: Mesh, t: Array, kinks: Array, spare: NDArray[np.bool_]) -> 
                    fractions=np.concatenate(fractions))
 
 
-def compute_tightening(problem: Problem, value: Array, course: Extremal,
+def compute_tightening(problem: Problem, value: Array, size: Array, course: Extremal,
                        margin: Array, most: float = EXCEEDED[1]) -> tuple[Array, Array]:
     """
     Compute the tightening of bounds, and their violation in each interval.
@@ -303,6 +303,8 @@ def compute_tightening(problem: Problem, value: Array, course: Extremal,
         With n states and l path constraints.
     value : ndarray, shape (K + 1, n + l)
         x and the path constraints along the course.
+    size : ndarray, shape (n + l,)
+        Their sizes.
     course : Extremal
         K parts in N intervals.
     margin : ndarray, shape (n + l,)
@@ -318,7 +320,6 @@ def compute_tightening(problem: Problem, value: Array, course: Extremal,
         Violation in each interval, relative to the sizes of the constraints.
 
     """
-    size = np.abs(value).max(axis=0)
     lower = np.append(problem.x_lower, problem.path_lower) + margin
     upper = np.append(problem.x_upper, problem.path_upper) - margin
     excess = np.maximum(lower - value, value - upper)

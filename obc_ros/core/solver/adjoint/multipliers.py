@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from obc_ros.core.numerics.arrays import Array, Mask, optimize
 from obc_ros.core.numerics.samples import find_runs
 from obc_ros.core.numerics.vectorized import VectorizedFunction
+from obc_ros.core.ocp.certificate.certificate import LEAST_PART
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.ocp.solution import Solution
 from obc_ros.core.solver.adjoint.costates import Extremal
@@ -216,6 +217,19 @@ class Fitter:
                 mu == 0, 0.0, np.maximum(room, 0.0))[:, mixed], axis=1))
         return np.stack(found)
 
+    def sizes(self, problem: Problem, course: Extremal, value: Array) -> Array:
+        """
+        Return the sizes of x and c along a course, shape (n + l,); `value` is that of `values`.
+
+        A constraint that is active throughout, such as x - 1 >= 0, is 0 but for rounding: it has
+        at least `LEAST_PART` of the size of its terms.
+        """
+        x, u = course.x, course.ua
+        *_, of_inputs, of_states = self._shaped(self._point(x, u, problem.p_value))
+        terms = (np.abs(of_states).max(axis=0) @ np.abs(x).max(axis=0)
+                 + np.abs(of_inputs).max(axis=0) @ np.abs(u).max(axis=0))
+        return np.maximum(np.abs(value).max(axis=0), LEAST_PART * terms)
+
     def at(self, problem: Problem, x: Array, u: Array) -> Array:
         """Return x and c at some points, shape (K, n + l)."""
         return self._value(x, u, problem.p_value)[0]
@@ -240,7 +254,7 @@ class Fitter:
         found = []
         for sign, bound in ((1, np.append(problem.x_upper, problem.path_upper)),
                             (-1, np.append(problem.x_lower, problem.path_lower))):
-            size = np.maximum(np.abs(value).max(axis=0),
+            size = np.maximum(self.sizes(problem, course, value),
                               np.where(np.isfinite(bound), np.abs(bound), 0.0))
             distance = np.abs(value - bound) / np.where(size > 0, size, 1.0)
             for row in np.flatnonzero(np.isfinite(bound)):

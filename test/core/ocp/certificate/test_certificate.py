@@ -152,8 +152,18 @@ def mixed(count=2001):
                            path_multipliers=-(u + lam)[:, None])
 
 
+def wall(depth=0.0):
+    """Minimise the integral of u^2: x' = u - 0.3 x, x(0) = 1, x - 1 >= 0 active throughout."""
+    problem = problems.pose(
+        {'x': 'u - 0.3*x'}, 'u**2', (1 - depth,), 4,
+        path_constraints=[{'expr': 'x - 1', 'lower': 0, 'upper': None}])
+    t, x = np.linspace(0, 4, 5), 1 - depth
+    return problem, answer(problem, t, [x], [0.3*x], [-0.6*x], 0.36*x**2,
+                           path_multipliers=np.full((5, 1), -0.18*x))
+
+
 EXACT = [scalar, double_integrator, moon_lander, bryson_denham, straight_pass, turn_in_place,
-         brachistochrone, floor, mixed]
+         brachistochrone, floor, mixed, wall]
 
 
 @pytest.mark.parametrize('case', EXACT, ids=lambda case: case.__name__)
@@ -371,6 +381,13 @@ def test_bounds_exceeded_between_samples_are_violated():
         {'x': 'v', 'v': 'u'}, 'u**2/2', (0, 1), 1, terminal_constraints=['x', 'v + 1'],
         path_constraints=[{'expr': '4*x', 'lower': None, 'upper': 0.999}])
     assert failing(path, found) == {'bounds'}
+
+
+@pytest.mark.parametrize('depth', [1e-7, 1e-3, 0.5])
+def test_a_path_beyond_a_constraint_that_is_always_active_violates_bounds(depth):
+    """The constraint has 1 % of the size of its terms, and not that of its values."""
+    assert failing(*wall(1e-9)) == set()
+    assert failing(*wall(depth)) == {'bounds'}
 
 
 def test_an_input_outside_its_bounds_violates_bounds():

@@ -102,3 +102,25 @@ def test_multipliers_where_all_inputs_are_at_bounds_have_the_right_signs(fee):
     assert found.certified
     assert found.objective == pytest.approx(cost, abs=1e-7)
     assert found.switching_times == pytest.approx(times, abs=1e-5)
+
+
+@pytest.mark.parametrize(('constraint', 'start', 'cost'), [
+    ('x - 1', 1.0, 0.36), ('2*(x - 1)', 1.0, 0.36), ('x - 1000', 1000.0, 3.6e5)])
+def test_a_wall_that_is_touched_throughout_is_certified_however_it_is_written(
+        constraint, start, cost):
+    """X' = u - 0.3 x along x = x(0) takes u = 0.3 x(0); the constraint is 0 but for rounding."""
+    problem = problems.pose(
+        {'x': 'u - 0.3*x'}, 'u**2', (start,), 4, input_bounds={'u': [0, 5 * start]},
+        path_constraints=[{'expr': constraint, 'lower': 0, 'upper': None}])
+    found = solve(problem)
+    assert found.certified, found.message
+    assert found.objective == pytest.approx(cost, rel=1e-6)
+
+
+def test_a_wall_that_moves_is_certified():
+    """X' = u along x = t takes u = 1."""
+    found = solve(problems.pose(
+        {'x': 'u'}, 'u**2', (0,), 4, input_bounds={'u': [0, 5]},
+        path_constraints=[{'expr': 'x - t', 'lower': 0, 'upper': None}]))
+    assert found.certified, found.message
+    assert found.objective == pytest.approx(4.0, rel=1e-6)
