@@ -316,6 +316,7 @@ class _Turn:
     graded: int = 0               # refinements only where x or lam was not resolved
     off: float = math.inf         # worst residual of the last attempt over its tolerance
     erred: float = math.inf       # residual of the dynamics of the last attempt
+    finest: float = 1.0           # `fine` up to which it pays: twice the last one that converged
     led_to: Signature = ()        # arcs found with a large discretisation error
 
     @property
@@ -360,7 +361,7 @@ def _settled_on(bench: Bench, program: PhasedProgram, outcome: TranscriptionOutc
         if number and turn.key in seen:
             # On this mesh the detected arcs alternate.
             turn = replace(turn, fine=2 * turn.fine)
-        if turn.fine > 2**options.graded or turn.key in seen:
+        if turn.fine > max(2**options.graded, turn.finest) or turn.key in seen:
             break
         seen.add(turn.key)
         found = settle_arcs(problem, program, turn.arcs, turn.guess, sizes, pinned, meter,
@@ -421,8 +422,9 @@ def _resolve(bench: Bench, program: PhasedProgram, turn: _Turn, found: Phased,
                        fine=max(turn.fine, count / options.intervals))
     if turn.off < before:
         bench.meter.extend(round(options.work * turn.fine))
+    finest = 2 * turn.fine if turn.off < before / 2 else turn.finest
     spread = spread_by_error(found) if worst in BY_SAMPLES else turn.spread
-    return replace(turn, fine=2 * turn.fine, spread=spread)
+    return replace(turn, fine=2 * turn.fine, spread=spread, finest=finest)
 
 
 def solve_at_once(state: State) -> State | str:

@@ -17,6 +17,7 @@ from obc_ros.core.solver.starts.initial_guess import estimate_scales
 from obc_ros.core.solver.transcription.mesh import build_path
 import problems
 import pytest
+from scipy.integrate import quad
 
 LIMIT = 0.1
 ROBOTS = Path(__file__).parents[3] / 'collections' / 'practical'
@@ -96,3 +97,27 @@ def test_a_bound_that_is_touched_twice_is_followed_in_between() -> None:
     assert found.objective == pytest.approx(expected['objective'], abs=expected['tolerance'])
     on_end = np.abs(found.x[:, 0] + 0.4) < 1e-6
     assert np.ptp(found.t[on_end]) > 0.02
+
+
+@pytest.mark.slow
+def test_a_limit_that_moves_is_followed_throughout() -> None:
+    """
+    Heat a room at least cost along r(t), with a multiplier that is positive at all times.
+
+    With x = r the cost is an integral of known functions. At t = 0 r is 1.05e-9 above x(0) = 17.
+    """
+    bumps = '3*exp(-((t - 7)/1.5)**2) + 4*exp(-((t - 19)/2)**2)'
+    found = solve(problems.pose(
+        {'x': '0.2*(4 - x) + 2*u'}, '(1 + 0.4*sin(2*pi*t/24))*u + 0.1*u**2', (17,), 24,
+        input_bounds={'u': [0, 3]},
+        path_constraints=[{'expr': f'x - 17 - ({bumps})', 'lower': 0, 'upper': None}]))
+    assert found.certified, found.message
+
+    def spend(t: float) -> float:
+        first, second = 3 * np.exp(-((t - 7) / 1.5)**2), 4 * np.exp(-((t - 19) / 2)**2)
+        rate = -2 * (t - 7) / 1.5**2 * first - 2 * (t - 19) / 2**2 * second
+        u = (rate - 0.2 * (4 - 17 - first - second)) / 2
+        return (1 + 0.4 * np.sin(2 * np.pi * t / 24)) * u + 0.1 * u**2
+
+    assert found.objective == pytest.approx(
+        quad(spend, 0, 24, points=[7, 19], limit=200)[0], rel=1e-6)
