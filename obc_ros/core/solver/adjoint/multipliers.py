@@ -228,7 +228,7 @@ class Fitter:
         *_, of_inputs, of_states = self._shaped(self._point(x, u, problem.p_value))
         terms = (np.abs(of_states).max(axis=0) @ np.abs(x).max(axis=0)
                  + np.abs(of_inputs).max(axis=0) @ np.abs(u).max(axis=0))
-        return np.maximum(np.abs(value).max(axis=0), LEAST_PART * terms)
+        return np.asarray(np.maximum(np.abs(value).max(axis=0), LEAST_PART * terms))
 
     def at(self, problem: Problem, x: Array, u: Array) -> Array:
         """Return x and c at some points, shape (K, n + l)."""
@@ -245,6 +245,7 @@ class Fitter:
         mesh. An equality is active at all times.
         """
         value = self.values(problem, course)
+        sizes = self.sizes(problem, course, value)
         mass = np.hstack([outcome.node_bounds, outcome.node_path])
         slopes = self._shaped(self._point(course.x, course.ua, problem.p_value))[4]
         weights = compute_densities(outcome, slopes[:, self.n:], course.ua)
@@ -254,8 +255,7 @@ class Fitter:
         found = []
         for sign, bound in ((1, np.append(problem.x_upper, problem.path_upper)),
                             (-1, np.append(problem.x_lower, problem.path_lower))):
-            size = np.maximum(self.sizes(problem, course, value),
-                              np.where(np.isfinite(bound), np.abs(bound), 0.0))
+            size = np.maximum(sizes, np.where(np.isfinite(bound), np.abs(bound), 0.0))
             distance = np.abs(value - bound) / np.where(size > 0, size, 1.0)
             for row in np.flatnonzero(np.isfinite(bound)):
                 near = (distance[:, row] <= _NEAR) | equal[row]
