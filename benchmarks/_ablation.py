@@ -38,7 +38,7 @@ def skip_multistart(*args: Any, **_: Any) -> Any:
 
 def skip_tightening(*args: Any) -> Any:
     """Return the former margin, and the violation of the constraints."""
-    return args[3], bench.compute_tightening.__wrapped__(*args)[1]   # type: ignore[attr-defined]
+    return args[4], bench.compute_tightening.__wrapped__(*args)[1]   # type: ignore[attr-defined]
 
 
 # Where the registries are, the function of a record, and whether its result has an effect.

@@ -129,8 +129,10 @@ class Gains:
         if k + 1 >= len(self.grid):
             return self.K[-1], self.Ki[-1]
         part = (value - self.grid[k]) / (self.grid[k + 1] - self.grid[k])
-        return (_interpolate_rows(self.K[k], self.K[k + 1], part),
-                _interpolate_rows(self.Ki[k], self.Ki[k + 1], part))
+        return (tuple(map(interpolate_vectors, self.K[k], self.K[k + 1],
+                          (part,) * len(self.K[k]))),
+                tuple(map(interpolate_vectors, self.Ki[k], self.Ki[k + 1],
+                          (part,) * len(self.Ki[k]))))
 
 
 @dataclass(frozen=True, eq=False)
@@ -225,12 +227,6 @@ def interpolate_vectors(a: Vector, b: Vector, part: float) -> Vector:
 
     """
     return tuple([p + part * (q - p) for p, q in zip(a, b, strict=True)])
-
-
-def _interpolate_rows(a: Rows, b: Rows, part: float) -> Rows:
-    """Return a + part (b - a) of two matrices."""
-    return tuple([tuple([p + part * (q - p) for p, q in zip(row, other, strict=True)])
-                  for row, other in zip(a, b, strict=True)])
 
 
 def convert_rows(matrix: Sequence[Sequence[float]] | Any) -> Rows:

@@ -307,7 +307,8 @@ class BoundaryOptions:
     gaps: tuple[float, ...] = steer(
         (0.06, 0.01), 'gaps in a contact that are closed, in turn',
         'final time', 'goddard_speed_limit')
-    graded: int = steer(3, 'maximum, each by 2', 'refinements', 'truck2_a')
+    graded: int = steer(
+        3, 'maximum, each by 2, unless each halves the residual', 'refinements', 'truck2_a')
     intervals: int = steer(24, 'of all phases together, about', 'intervals', 'detumble_mintime')
     fewest: int = steer(3, 'minimum of a phase', 'intervals', 'epidemic_weak_lockdown')
     nearly: float = steer(
