@@ -8,11 +8,12 @@ Each gives the target, its input and the gain at a stamp [ns].
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from operator import mul
 from typing import Protocol
 
 from obc_ros.core.closed_loop.clock import NS
-from obc_ros.core.closed_loop.feedback import ReferenceLaw, ReferencePoint, Vector
+from obc_ros.core.closed_loop.feedback import ReferenceLaw, ReferencePoint, StateFeedback, Vector
 from obc_ros.core.closed_loop.sampled_plan import SampledPlan
 
 MeasureError = Callable[[Sequence[float], Sequence[float]], list[float]]
@@ -62,9 +63,17 @@ class HeldSetPoint:
 
     def at(self, stamp: int) -> ReferencePoint:
         """Return the target at a stamp [ns]."""
+        if self._constant is not None:
+            return self._constant
         t = (stamp - self.origin) * NS
-        designed, x = self.law.at(t), move(self.x, self.law.drift, t)
-        return designed if x is designed.x else designed._replace(x=x)
+        return self.law.at(t)._replace(x=move(self.x, self.law.drift, t))
+
+    @cached_property
+    def _constant(self) -> ReferencePoint | None:
+        """The target at all stamps; None: it moves, or its gains change."""
+        if isinstance(self.law, StateFeedback) and not any(self.law.drift):
+            return self.law.at(0.0)._replace(x=tuple(self.x))
+        return None
 
     def place(self, x: Sequence[float], stamp: int, error: MeasureError, origin: int
               ) -> 'HeldSetPoint':

@@ -603,6 +603,8 @@ class ControlLoop:
         self._step(Event.END, f'the reference of {followed.duration:g} s has ended')
 
     def _choose_plan(self, stamp: int) -> None:
+        if not self._plans and self.mode is not Mode.PLAN:
+            return
         if select_plan(self._plans, stamp) is not None:
             self._step(Event.PLANNED, 'the plan is followed')
         else:
@@ -615,12 +617,11 @@ class ControlLoop:
 
         `here` is the target at the stamp, and `error` that of the state from it.
         """
-        rules, has_plan = control.rules, select_plan(self._plans, stamp) is not None
-        asked = self._find_asked(control, stamp, x, here)
+        rules, asked = control.rules, self._find_asked(control, stamp, x, here)
         self.error = error if asked is here.x else control.limits.error(x, asked)
         if what := self._explain_excess(control, self.error) or self._explain_slowness(control):
             return Fault(f'{what}; on_envelope: {rules.on_envelope}', what, rules.on_envelope)
-        what = '' if has_plan else self._explain_no_plan(control, self.error)
+        what = self._explain_no_plan(control, stamp, self.error)
         if self.is_unplanned and not what:
             self._report('planned', 'the state can be controlled again', self.events)
         self.is_unplanned = bool(what)
@@ -704,13 +705,13 @@ class ControlLoop:
 
     def _explain_excess(self, control: Control, error: Sequence[float]) -> str:
         """Return which error is outside of `x_limits`; empty: none is."""
-        for name, value, (lower, upper) in zip(
-                control.names, error, control.rules.x_limits, strict=False):
-            if not lower <= value <= upper:
-                self.counts['outside'] += not self.is_outside
+        was_outside, self.is_outside = self.is_outside, False
+        for index, (lower, upper) in enumerate(control.rules.x_limits):
+            if not lower <= error[index] <= upper:
+                self.counts['outside'] += not was_outside
                 self.is_outside = True
-                return (f'the error of {name} is {value:g}, outside [{lower:g}, {upper:g}]')
-        self.is_outside = False
+                return (f'the error of {control.names[index]} is {error[index]:g}, outside '
+                        f'[{lower:g}, {upper:g}]')
         return ''
 
     def _explain_slowness(self, control: Control) -> str:
@@ -722,10 +723,11 @@ class ControlLoop:
         return (f'the last {_TOO_SLOW} states were {min(self._intervals):.3g} s apart or more: '
                 f'held longer than {longest:.3g} s the gain is unstable')
 
-    def _explain_no_plan(self, control: Control, error: Sequence[float]) -> str:
-        """Return that a state is outside the region of the feedback; empty: it is inside."""
+    def _explain_no_plan(self, control: Control, stamp: int, error: Sequence[float]) -> str:
+        """Return that a state has no plan and is outside the region of the feedback, or ''."""
         region = control.regulator.region
-        if region is None or (value := region.measure(error)) <= region.level:
+        if region is None or select_plan(self._plans, stamp) is not None or (
+                value := region.measure(error)) <= region.level:
             return ''
         return ('no plan, and the state is outside the terminal set (its value is '
                 f'{value:.4g}, the level {region.level:.4g})')

@@ -25,7 +25,7 @@ from obc_ros.core.closed_loop.loop import ControlLoop
 from obc_ros.core.closed_loop.modes import Mode
 from obc_ros.core.lqr.design.report import Change, change
 from obc_ros.core.text.errors import quote, StatementError
-from obc_ros.msg import LqrDesign
+from obc_ros.msg import LqrDesign, State
 from obc_ros.nodes.control import topic_peers
 from obc_ros.nodes.control.command_sinks import Sink
 from obc_ros.nodes.control.controller_settings import (
@@ -44,6 +44,7 @@ from obc_ros.ros.diagnostics import Diagnostics
 from obc_ros.ros.execution.subscription_thread import Apart, OwnThread
 from obc_ros.ros.execution.worker_thread import WorkerThread
 from obc_ros.ros.parameters.node_parameters import Parameters
+from obc_ros.ros.repeated_messages import RepeatedReader
 from obc_ros.ros.throttled_log import ThrottledLog
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
@@ -147,9 +148,11 @@ class ControllerNode(LifecycleNode):  # type: ignore[misc] # rclpy's classes are
             qos_overriding_options=overrides)
         self._designs = self.create_publisher(LqrDesign, '~/design', LATCHED_QOS)
         self._diagnostics = Diagnostics(self, ClockWatch(self))
+        is_repeated = settings.state_source == 'state'
+        self._repeated = RepeatedReader(State, 'x')
         self._thread = OwnThread(
-            self, self._states, self._answer, self._watch, self._deadline_events(),
-            settings.priority)
+            self, self._states, self._answer_raw if is_repeated else self._answer, self._watch,
+            self._deadline_events(), settings.priority, is_raw=is_repeated)
         self._news = self.create_guard_condition(self._log_news)
         self._designed = self.create_guard_condition(
             self._publish_design, callback_group=self._desk.group)
@@ -174,6 +177,15 @@ class ControllerNode(LifecycleNode):  # type: ignore[misc] # rclpy's classes are
                 self._desk.move(service, self._desk.group)
 
     # States and commands, in the thread of the states
+
+    def _answer_raw(self, data: bytes, info: Any) -> None:
+        message = self._repeated.read(data)
+        if message is not None:
+            self._answer(message, info)
+            return
+        self._loop.drop('unreadable', f'a message on {self._monitor.topic} that is no State was '
+                        'dropped', monotonic())
+        self._news.trigger()
 
     def _answer(self, message: Any, info: Any) -> None:
         begun = monotonic()
@@ -210,9 +222,11 @@ class ControllerNode(LifecycleNode):  # type: ignore[misc] # rclpy's classes are
 
     def _is_own_source(self, info: Any, now: float) -> bool:
         """Return whether a state is of the publisher whose states are used."""
+        number = info['publication_sequence_number']
+        if self._source.is_next(number, now):
+            return True
         found = self._source.judge(
-            info['publication_sequence_number'], now,
-            self._adopted.control.rules.state_timeout or CHECK_PERIOD)
+            number, now, self._adopted.control.rules.state_timeout or CHECK_PERIOD)
         if found is Source.REPLACED:
             self._loop.replace_source()
         if found is Source.OTHER:

@@ -19,7 +19,8 @@ from obc_ros.core.closed_loop.loop import ControlLoop
 from obc_ros.core.closed_loop.modes import Mode
 from obc_ros.core.systems.system import System
 
-DROPPED = {'size': 'of wrong size', 'finite': 'not finite', 'frame': 'in another frame',
+DROPPED = {'unreadable': 'that cannot be read', 'size': 'of wrong size',
+           'finite': 'not finite', 'frame': 'in another frame',
            'names': 'of other names', 'source': 'of a second publisher',
            'late': 'out of order', 'old': 'stamped too long ago',
            'ahead': 'stamped in the future', 'command': 'without a finite command'}

@@ -28,6 +28,14 @@ class SourceWatch:
     _last: int | None = None
     _heard: float = 0.0
 
+    def is_next(self, number: int | None, now: float) -> bool:
+        """Return whether a message surely is of the same publisher; if not, `judge` it."""
+        last = self._last
+        if number is None or last is None or not last <= number <= last + FAR:
+            return False   # the same number again: delivered twice
+        self._last, self._heard = number, now
+        return True
+
     def judge(self, number: int | None, now: float, patience: float) -> Source:
         """
         Return whose message this is.
@@ -42,11 +50,10 @@ class SourceWatch:
             Silence [s] after which another publisher is used.
 
         """
-        if number is None:
+        if number is None or self.is_next(number, now):
             return Source.SAME
-        last, heard = self._last, self._heard
-        is_next = last is None or last <= number <= last + FAR   # the same: delivered twice
-        if not is_next and now - heard < patience:
+        is_first = self._last is None
+        if not is_first and now - self._heard < patience:
             return Source.OTHER
         self._last, self._heard = number, now
-        return Source.SAME if is_next else Source.REPLACED
+        return Source.SAME if is_first else Source.REPLACED

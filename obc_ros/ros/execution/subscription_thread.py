@@ -62,17 +62,19 @@ class OwnThread:
         QoS events of the subscription. In an executor they would wake it at each message.
     priority : int
         Real-time priority of the process, see `PRIORITY`.
+    is_raw : bool
+        Whether messages are passed as they were sent, in bytes.
 
     """
 
     def __init__(self, node: Node, subscription: Subscription,
                  on_message: Callable[[Any, Any], None],
                  on_time: Callable[[], float], events: Iterable[EventHandler] = (),
-                 priority: int = 0) -> None:
+                 priority: int = 0, is_raw: bool = False) -> None:
         sys.setswitchinterval(SWITCH_INTERVAL)
         self._priority = priority
         self._node, self._subscription, self._events = node, subscription, tuple(events)
-        self._on_message, self._on_time = on_message, on_time
+        self._on_message, self._on_time, self._is_raw = on_message, on_time, is_raw
         self._wake = GuardCondition(None, None, context=node.context)
         self._died = node.create_guard_condition(self._end)
         self._thread: threading.Thread | None = None
@@ -114,7 +116,7 @@ class OwnThread:
 
     def _take(self) -> None:
         handle, message_type = self._subscription.handle, self._subscription.msg_type
-        events, context = self._events, self._node.context.handle
+        events, context, is_raw = self._events, self._node.context.handle, self._is_raw
         with handle, self._wake.handle, context:
             wait_set = _rclpy.WaitSet(1, 1, 0, 0, 0, len(events), context)
             while self._running:
@@ -124,7 +126,7 @@ class OwnThread:
                 for event in events:
                     event.add_to_wait_set(wait_set)
                 wait_set.wait(int(max(self._on_time(), 0.0) * 1e9))
-                taken = handle.take_message(message_type, False)
+                taken = handle.take_message(message_type, is_raw)
                 if taken is not None:
                     self._on_message(*taken)
                 for event in events:

@@ -48,6 +48,17 @@ def test_late_repeated_and_reset_stamps_are_counted(spawn: Any, probe: Any) -> N
     assert nanoseconds(bench.commands[-2]) == 1_000_000_000
 
 
+def test_bytes_that_are_no_state_are_counted(spawn: Any, probe: Any) -> None:
+    """The node lives, and the next state is answered as before."""
+    bench = Bench(spawn, probe, state_source='state')
+    first = bench.answer(X)
+    for data in (b'', bytes(4), b'\x00\x01\x00\x00' + b'\xff' * 40):
+        bench.publisher.publish(data)
+    assert (bench.answer(X) == first).all()
+    bench.report('states', lambda status, values: int(values['dropped that cannot be read']) > 0)
+    bench.process.wait_for_output('a message on /state that is no State was dropped')
+
+
 def test_outside_x_limits_the_loop_stops_or_holds(spawn: Any, probe: Any) -> None:
     """By default the node stops until ~/start; on_envelope chooses otherwise."""
     bench = Bench(spawn, probe, x_limits=[5.0, 5.0, 0.5, 9.0, 9.0, 9.0])
