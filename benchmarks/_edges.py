@@ -68,6 +68,8 @@ def reachable(rng: np.random.Generator) -> tuple[str, _truths.Mapping, float]:
         'dynamics': dict(zip(names, [*names[1:], 'u' + pull], strict=True)),
         'initial_state': dict(zip(names, start, strict=True)),
         'final_time': {'free': False, 'value': T}}
-    if rng.random() < 0.3:
-        mapping['input_bounds'] = {'u': [-1e4, 1e4]}
+    if rng.random() < 0.3:   # wide enough for the input along the reference
+        fastest = amplitude * pace**(n - 1)
+        most = fastest * pace + {'chain': 0.0, 'pendulum': 1.0, 'damped': 0.5 * fastest**3}[kind]
+        mapping['input_bounds'] = {'u': [-1.1 * most, 1.1 * most]}
     return f'reachable, {kind}', mapping, 0.0
