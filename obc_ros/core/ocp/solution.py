@@ -103,7 +103,7 @@ class Certificate:
             return (f'all {len(self.tolerances)} conditions hold; nearest to its tolerance: '
                     f'{worst}, {residual:.2g} of {tolerance:.2g}')
         if not math.isfinite(residual):
-            return f'{worst} does not hold: its residual could not be computed'
+            return f'{worst} is not shown to hold: its residual could not be computed'
         return f'{worst} does not hold: its residual is {residual:.2g}, over {tolerance:.2g}'
 
     def rows(self) -> list[tuple[str, str, str, str]]:

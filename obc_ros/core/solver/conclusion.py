@@ -4,6 +4,7 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+import math
 
 import numpy as np
 from obc_ros.core.ocp.certificate.certificate import certify
@@ -153,7 +154,8 @@ def _explained(task: Task, found: Solution) -> Solution:
                     reason.sentence if reason else '')
     if reason is None or meter.stopped == 'cancelled':
         sentence = found.message
-        if found.certificate and found.certificate.residuals[Condition.DYNAMICS] > _NO_PATH:
+        if found.certificate and (
+                _NO_PATH < found.certificate.residuals[Condition.DYNAMICS] < math.inf):
             sentence = ('no path was found that satisfies all constraints; in the nearest one '
                         f'{sentence}')
         return replace(found, message='; '.join(filter(None, (

@@ -251,6 +251,7 @@ def describe_fault(certificate: Certificate) -> str:
     worst = certificate.worst
     residual = certificate.residuals[worst]
     if not math.isfinite(residual):
-        return f'{_FAULTS[worst]}: the residual could not be computed'
+        return (f'the residual of {worst} could not be computed: a number is not finite, or '
+                'rounding errors are too large')
     return (f'{_FAULTS[worst]}: residual {residual:.1e}, allowed '
             f'{certificate.tolerances[worst]:.0e}')

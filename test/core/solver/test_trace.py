@@ -196,5 +196,7 @@ def test_each_condition_that_fails_has_words_of_its_own():
 
 def test_a_residual_that_cannot_be_computed_is_said_in_words():
     certificate = Certificate({Condition.DYNAMICS: float('inf')}, {Condition.DYNAMICS: 1e-6})
-    assert describe_fault(certificate).endswith(': the residual could not be computed')
-    assert certificate.sentence == 'dynamics does not hold: its residual could not be computed'
+    assert describe_fault(certificate).startswith(
+        'the residual of dynamics could not be computed: ')
+    assert certificate.sentence == (
+        'dynamics is not shown to hold: its residual could not be computed')
