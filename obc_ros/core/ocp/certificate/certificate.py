@@ -90,7 +90,8 @@ TOLERANCES: dict[str, float] = {
     Condition.BOUNDS: COUNTS_AS_MET,
     Condition.COSTATE: 1e-4, Condition.MINIMUM: 1e-4, Condition.TRANSVERSALITY: 1e-4,
     Condition.HAMILTONIAN: 1e-4, Condition.FINAL_TIME: 1e-4, Condition.COST: 1e-6}
-REPLAY_ERROR = 1e-7   # estimated integration error of all intervals together
+REPLAY_ERROR = 1e-7   # estimated integration error of all intervals together, of x and cost
+_COSTATE_ERROR = 1e-5   # of lam; like the other, a tenth of the tolerance
 LEAST_PART = 1e-2   # scale of a path constraint, relative to the sum of its terms, at least
 ACTIVE = 1e-5   # distance of an active constraint from its bound, relative to its scale
 _KEPT = 32      # problems whose compiled functions are kept
@@ -222,8 +223,9 @@ class _Judge:
         self.least, self.share = least, share
         lam = max(self.lam_size, share * least if self.lam_size else 1.0)
         scale = np.append(self.x_scale, lam / self.x_scale)
-        allowed, lam_end = REPLAY_ERROR / len(self.rows), solution.lam[self.rows + 1]
-        run = self.intervals, self.p, scale, allowed, least
+        n, lam_end = self.problem.n, solution.lam[self.rows + 1]
+        allowed = np.repeat([REPLAY_ERROR, _COSTATE_ERROR, REPLAY_ERROR], [n, n, 1])
+        run = self.intervals, self.p, scale, allowed / len(self.rows), least
         ahead = integrator.replay(*run)
         self.costates_from = partial(integrator.there_and_back, ahead, self.intervals, lam_end,
                                      *run[1:])

@@ -132,7 +132,7 @@ class ReplayIntegrator:
             [ca.vertcat(problem.x, lam), ca.vertcat(problem.u, s, mu), problem.p],
                                         [problem.f, -ca.gradient(H, problem.x) - s, problem.L])
 
-    def replay(self, intervals: Intervals, p: Array, scale: Array, tolerance: float,
+    def replay(self, intervals: Intervals, p: Array, scale: Array, tolerance: float | Array,
                least: float = LEAST_COST) -> Replay:
         """
         Return the values of every interval, integrated from its start.
@@ -145,8 +145,8 @@ class ReplayIntegrator:
             Values of the parameters.
         scale : ndarray, shape (2 n,)
             Scaling factors of x and lam. That of the cost is the cost found, or `least`.
-        tolerance : float
-            Largest scaled error of an interval.
+        tolerance : float, or ndarray of shape (2 n + 1,)
+            Largest scaled error of x, lam and cost in an interval.
         least : float
             Smallest scaling factor of the cost.
 
@@ -163,13 +163,13 @@ class ReplayIntegrator:
             with np.errstate(all='ignore'):
                 z[rows], error = self._course(intervals.some(rows), p, steps)
             cost = max(float(np.abs(z[:, -1, -1]).sum()), least)
-            error = np.max(error / np.append(scale, cost), axis=1)
+            error = np.max(error / (tolerance * np.append(scale, cost)), axis=1)
             # An interval whose values are not finite is integrated again in smaller steps.
-            bad = ~(error <= tolerance)
+            bad = ~(error <= 1.0)
             rows, error = rows[bad], error[bad]
             worst = float(error.max(initial=0.0)) if np.all(np.isfinite(error)) else np.inf
             # The estimate falls with the fourth power of the number of steps.
-            wanted = 1.3 * steps * min((worst / tolerance)**0.25, 50.0)
+            wanted = 1.3 * steps * min(worst**0.25, 50.0)
             more = PARTS * max(-(-2*steps // PARTS), math.ceil(wanted / PARTS))
             before, steps = steps, min(more, MOST_STEPS)
             if rows.size and steps > _MANY_STEPS and (rates := self._rates(intervals, p, scale)):
@@ -183,7 +183,7 @@ class ReplayIntegrator:
                       failed=rows)
 
     def there_and_back(self, course: Replay, intervals: Intervals, lam_end: Array, p: Array,
-                       scale: Array, tolerance: float, least: float = LEAST_COST, *,
+                       scale: Array, tolerance: float | Array, least: float = LEAST_COST, *,
                        back: bool = False) -> tuple[Replay, Array]:
         """
         Return values whose costates are integrated from the ends if that is the stable way.
@@ -224,7 +224,7 @@ class ReplayIntegrator:
                     z[part] = self._both_ways(intervals.some(part), lam_end[part], p, steps)
                 cost = max(float(np.abs(z[:, -1, -1]).sum()), least)
                 error = np.abs(z[left] - before).max(axis=1) / np.append(scale, cost)
-            left, steps = left[~(error.max(axis=1) <= tolerance)], 2 * steps
+            left, steps = left[~(error <= tolerance).all(axis=1)], 2 * steps
         return self._from_ends(course, intervals, z, left)
 
     @staticmethod
