@@ -54,7 +54,8 @@ final_time     for a free T: |H(T)| / H0, or only its wrong sign (H > 0 at the u
 cost           e / c, e = |integral of L + V(x(T)) - objective|, both replayed; and
                0.1 (e + g) / max(integral of |L| + |V(x(T))|, 1e-4 l), where g is the first-order
                cost of correcting start, path and end: |nu|'|psi(x(T))| + |lam(0)'(x(0) - x0)
-               + sum of lam'(defects of x)|
+               + sum of lam'(defects of x)|; without 1e-4 l if no input is at a bound for an
+               interval
 ============== ===============================================================================
 
 The module is long because all residuals share these scaling factors.
@@ -99,7 +100,8 @@ _FORCELESS = 1e-6  # relative to lam: below it a terminal multiplier counts as 0
 # A summand of L or V below this part of its size counts as 0.
 _VANISHES = LEAST_COST * TOLERANCES[Condition.MINIMUM]
 # A cost is right to 1e-5, to first order. Costates 1e4 times as large as the cost belong to an
-# abnormal extremal.
+# abnormal extremal, if inputs are at bounds: else they are the price of an end that is nearly
+# out of reach.
 _OF_COST, _ABNORMAL = 0.1, 1e-4
 # States, and f relative to its part from the inputs, that count as rounding errors.
 _ROUNDING = 1e-9, 1e-10
@@ -581,8 +583,16 @@ class _Judge:
     def _cost(self) -> float:
         J = float(self.replay.cost.sum() + self.end[0][0, 0])
         error, owed = abs(J - self.solution.objective), self._owed()
-        unit = max(self.scales.spent, _ABNORMAL * self.scales.lam, self.least)
+        abnormal = _ABNORMAL * self.scales.lam if self._is_bang() else 0.0
+        unit = max(self.scales.spent, abnormal, self.least)
         return max(error / self.scales.cost, _OF_COST * (error + owed) / unit)
+
+    def _is_bang(self) -> bool:
+        """Return whether an input is at a bound during an interval."""
+        held, near = self.intervals, ACTIVE * self.scales.u
+        return any(bool(np.any((np.abs(held.ua - bound) <= near) & (
+            np.abs(held.ub - bound) <= near))) for bound in (
+                self.problem.u_lower, self.problem.u_upper))
 
     def _owed(self) -> float:
         """Return the first-order cost of correcting the errors of start, path and end."""

@@ -239,6 +239,17 @@ def test_a_missed_terminal_constraint_violates_the_end():
     assert (failing(far, solution), certify(far, solution).fault) == ({'end', 'cost'}, 'end')
 
 
+@pytest.mark.parametrize(('missed', 'found'), [(0.0, set()), (4e-10, {'cost'})])
+def test_an_end_that_is_nearly_met_may_cost_too_little(missed, found):
+    """From 1 to 1 + 1e-5 with u = 1e-5: an end that is 4e-10 off changes the cost by 8e-5."""
+    move = 1e-5
+    problem = problems.pose({'x': 'u'}, 'u**2', (1,), 1,
+                            terminal_constraints=[f'x - {1 + move!r}'])
+    u, t = move - missed, np.linspace(0.0, 1.0, 11)
+    near = answer(problem, t, [1 + u*t], [u], [-2*u], u**2, nu=np.array([-2*u]))
+    assert failing(problem, near) == found
+
+
 def test_an_end_met_only_asymptotically_violates_the_end():
     """For dx/dt = -u x, x never reaches 0: x(T) = exp(-T) is the only fault (lam = 1/x)."""
     problem = problems.pose(
@@ -516,18 +527,19 @@ def test_paths_along_unstable_dynamics_are_certified():
 
 # Costs of 0
 
-def follow(off=0.0, *, length=1.0, cost=1.0, adjoint=True, count=101):
+def follow(off=0.0, *, length=1.0, cost=1.0, adjoint=True, count=101, start=0.0):
     """
-    Return x' = u with the cost (x - t^2)^2 + (u - 2t)^2, along x = (1 + off) t^2.
+    Return x' = u with the cost (x - r)^2 + (u - 2t)^2 of r = `start` + t^2, along x = r + off t^2.
 
     The costates are those of this path, or 0 unless `adjoint`. x is in units of 1/`length`, and
     the cost is multiplied by `cost`.
     """
     problem = problems.pose(
-        {'x': f'{length}*u'}, f'{cost}*((x/{length} - t**2)**2 + (u - 2*t)**2)', (0,), 1)
+        {'x': f'{length}*u'}, f'{cost}*((x/{length} - {start} - t**2)**2 + (u - 2*t)**2)',
+        (start*length,), 1)
     t = np.linspace(0.0, 1.0, count)
     lam = 2*off*cost*(1 - t**3)/3/length, -off*cost*(5 - t**4 - 4*t**2)
-    return problem, answer(problem, t, [(1 + off)*length*t**2, t], [2*(1 + off)*t],
+    return problem, answer(problem, t, [length*(start + (1 + off)*t**2), t], [2*(1 + off)*t],
                            lam if adjoint else [0.0, 0.0], cost*off**2*(1/5 + 4/3))
 
 
@@ -544,3 +556,8 @@ def test_a_cost_of_zero_is_certified_in_any_units(units):
 def test_a_path_beside_a_reachable_reference_is_refused(off, units):
     assert failing(*follow(off, **units)) == {'minimum', 'hamiltonian'}
     assert 'costate' in failing(*follow(off, adjoint=False, **units))
+
+
+def test_rounding_errors_of_a_distant_reference_do_not_end_the_replay():
+    """The costates are 1e-11, their derivative is 2 (x - r), and x is 300."""
+    assert failing(*follow(1e-11, start=300.0, count=2001)) == set()
