@@ -12,7 +12,8 @@ from dataclasses import replace
 import _truths
 import numpy as np
 
-MOST = 1e-6   # largest margin at an end, relative to the size of the state
+MOST = 1e-6         # largest margin at an end, relative to the size of the state
+VANISHING = 1e-10   # part of the size of what cancels in a cost below which it counts as 0
 
 
 def touching(rng: np.random.Generator) -> _truths.Truth:
@@ -46,8 +47,12 @@ def _touch(name: str, q: _truths.Array, since: _truths.Array, size: float,
             'upper': None}
 
 
-def reachable(rng: np.random.Generator) -> tuple[str, _truths.Mapping, float]:
-    """Return a problem of tracking whose least cost is 0, its kind and that cost."""
+def reachable(rng: np.random.Generator) -> tuple[str, _truths.Mapping, float, float]:
+    """
+    Return a problem of tracking: its kind, the statement, the least cost, and what counts as 0.
+
+    The last is 1e-10 of the integral of w (|x| + |r|)^2 for each summand w (x - r)^2.
+    """
     n, T = int(rng.integers(1, 4)), float(10 ** rng.uniform(-0.3, 0.7))
     pace, phase = float(rng.uniform(0.5, 3)), float(rng.uniform(0, 6))
     amplitude = float(10 ** rng.uniform(-1, 1))
@@ -68,8 +73,12 @@ def reachable(rng: np.random.Generator) -> tuple[str, _truths.Mapping, float]:
         'dynamics': dict(zip(names, [*names[1:], 'u' + pull], strict=True)),
         'initial_state': dict(zip(names, start, strict=True)),
         'final_time': {'free': False, 'value': T}}
+    t = np.linspace(0.0, T, 1001)
+    along = [amplitude * pace**k * np.sin(pace * t + phase + k * np.pi / 2) for k in range(n + 1)]
+    along[n] = along[n] + {'chain': 0.0, 'pendulum': np.sin(along[0]),
+                           'damped': 0.5 * along[n - 1]**3}[kind]
     if rng.random() < 0.3:   # wide enough for the input along the reference
-        fastest = amplitude * pace**(n - 1)
-        most = fastest * pace + {'chain': 0.0, 'pendulum': 1.0, 'damped': 0.5 * fastest**3}[kind]
-        mapping['input_bounds'] = {'u': [-1.1 * most, 1.1 * most]}
-    return f'reachable, {kind}', mapping, 0.0
+        most = 1.1 * float(np.abs(along[n]).max())
+        mapping['input_bounds'] = {'u': [-most, most]}
+    size = sum(w * float(np.mean(4.0 * r**2)) * T for w, r in zip(weights, along, strict=True))
+    return f'reachable, {kind}', mapping, 0.0, VANISHING * size

@@ -143,7 +143,7 @@ def ask_edges(count: int, rng: np.random.Generator, until: float) -> Tally:
     tally = Tally()
     for number in _counted('edges', count, until, tally):
         if number % 2:
-            _ask_least(*_edges.reachable(rng), ABOVE, tally)
+            _ask_least(*_edges.reachable(rng), tally)
         else:
             _ask_admissible(_edges.touching(rng), tally, is_solved=number % TOUCHED == 0)
     return tally
