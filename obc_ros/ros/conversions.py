@@ -188,7 +188,7 @@ class OdometryMap:
         self.complete = all(name in self._fields for name in self._pose)
         self.readable = {index for index, _ in self._fields.values()} == set(range(system.n))
 
-    def message(self, noise: Sequence[float]) -> Odometry:
+    def message(self, noise: Sequence[float] | Array) -> Odometry:
         """Return a message with frames, and with variances from the noise (n,) of the states."""
         message = Odometry(child_frame_id=BASE)
         message.header.frame_id = ODOM
@@ -318,7 +318,7 @@ def make_state_reader(topic: str, system: System) -> Read:
             f'state_source = odom: a pose and a twist do not determine the state of {system.name} '
             f'({", ".join(system.state_names)}); its file says which states they are, such as '
             'ros: {odom: {x: px, y: py, yaw: theta}}')
-    return lambda message: odometry.state(message).tolist()  # type: ignore[no-any-return]
+    return lambda message: odometry.state(message).tolist()
 
 
 def make_body_reader(topic: str, system: System) -> Read:

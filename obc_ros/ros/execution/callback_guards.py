@@ -62,7 +62,7 @@ def guard_callbacks(node: Node, entity: Any, name: str) -> None:
         except Exception as error:  # of any kind: no request may end the node
             sentence = f'{name}: {type(error).__name__}: {error} (error {next(errors)} here)'
             node.get_logger().error(f'{sentence}\n{format_exc()}')
-            response = arguments[-1] if arguments else None
+            response: Any = arguments[-1] if arguments else None
             if hasattr(response, 'success') and hasattr(response, 'message'):
                 response.success, response.message = False, sentence
             return response

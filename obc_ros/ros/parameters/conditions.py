@@ -25,8 +25,13 @@ UsedWhen = tuple[ParameterCondition, ...]
 class ParameterLike(Protocol):
     """The attributes of a row of a parameter table that conditions need."""
 
-    used_when: UsedWhen
-    read_only: bool
+    @property
+    def used_when(self) -> UsedWhen:
+        """Return the conditions under which it has an effect."""
+
+    @property
+    def read_only(self) -> bool:
+        """Return whether it cannot be changed while the node runs."""
 
 
 def condition_holds(condition: ParameterCondition, values: Mapping[str, Value]) -> bool:

@@ -73,8 +73,8 @@ def check_files(arguments: Sequence[str], node: str) -> frozenset[str]:
         sections = list(_list_sections(file))
         found = [each for each in sections if _is_for(each[0], node)]
         if not found:
-            names = ', '.join(section for section, _ in sections) or 'no section'
-            raise StatementError(f'{file} has no section for {node}; it has {quote(names, 300)}')
+            others = ', '.join(section for section, _ in sections) or 'no section'
+            raise StatementError(f'{file} has no section for {node}; it has {quote(others, 300)}')
         for section, names in found:
             (shared if '*' in section.rpartition('/')[2] else own).update(names)
     return frozenset(shared - own)

@@ -138,8 +138,8 @@ class Parameters(Generic[Settings, Judged]):
         node.add_post_set_parameters_callback(self._post_set)
         serve_parameters(node, self._is_kept, self._attempt, self._prepare,
                          lambda name: count_depth(self._entries, name))
-        for service in node.services if desk is not None else ():
-            if service.srv_type in (SetParameters, SetParametersAtomically):
+        for service in node.services:
+            if desk is not None and service.srv_type in (SetParameters, SetParametersAtomically):
                 desk.move(service, desk.changes)
         guard(node)
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import difflib
 import math
 import re
-from typing import Any
+from typing import Any, cast
 
 from obc_ros.core.text.errors import quote, StatementError
 from obc_ros.ros.parameters.conditions import UsedWhen, Value
@@ -106,7 +106,7 @@ class ParameterRow:
         if isinstance(value, str):
             self._check_choice(value)
         elif self.type is Parameter.Type.DOUBLE_ARRAY:
-            for index, number in enumerate(value):
+            for index, number in enumerate(cast(tuple[float, ...], value)):
                 self._check_number(f'{self.name}[{index}]', number)
         elif not isinstance(value, (bool, tuple)):
             self._check_number(self.name, value)
@@ -140,7 +140,7 @@ class ParameterRow:
             if (number := _number(value, wanted is Parameter.Type.INTEGER)) is not None:
                 return number
         elif wanted is got:
-            return value
+            return cast(Value, value)
         raise StatementError(f'{self.name}: wanted {_WANTED[wanted]}, got {_GOT[got]}')
 
     def _constraint(self) -> str:
