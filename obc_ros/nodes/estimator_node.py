@@ -77,7 +77,6 @@ class EstimatorNode(Node):  # type: ignore[misc] # rclpy's classes are untyped
     def __init__(self, **options: Any) -> None:
         super().__init__('estimator_node', allow_undeclared_parameters=True, **options)
         self._log = ThrottledLog(self)
-        self._adopted: EstimatorCandidate | None = None
         self._table = Parameters(self, Settings, self._judge, self._adopt, opening=str)
         self._adopted = candidate = self._table.candidate
         settings = candidate.settings

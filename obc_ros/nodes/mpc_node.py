@@ -23,6 +23,7 @@ threads. Where the system does not allow it, the log says so.
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import replace
+import math
 import sys
 from time import monotonic
 from typing import Any
@@ -75,7 +76,7 @@ class MpcNode(ControllerNode):
         self._first: Future | None = None       # of the answer to the request of a first plan
         self._late = 0.0                        # when that is given up
         self._answers: deque[Packet] = deque()  # to it, from the thread of the supervisor
-        self._heard: tuple[Sequence[float], float] | None = None
+        self._heard: tuple[Sequence[float], float] = (), -math.inf   # a state, and when
         self._published, self._is_listening = 0.0, False
         self._beginning: Packet | None = None   # the first plan, before it is followed
         self._attempted, self._pause = 0.0, ATTEMPT
@@ -177,7 +178,7 @@ class MpcNode(ControllerNode):
         if self._is_active and self._beginning is None:
             super()._answer(message, info)
             x = self._loop.x
-            if x is not None and (self._heard is None or x is not self._heard[0]):
+            if x is not None and x is not self._heard[0]:
                 self._heard = x, monotonic()   # for a plan after a deactivation
             return
         now = monotonic()
@@ -271,7 +272,7 @@ class MpcNode(ControllerNode):
             return self._steps.refusal
         if self._adopted.ready is None or not self._steps.is_ready:
             return 'the solver process prepares the problem'
-        if self._heard is None or monotonic() - self._heard[1] > LAST_STATE:
+        if monotonic() - self._heard[1] > LAST_STATE:
             return f'no valid state on {self._states.topic_name} within {LAST_STATE:g} s'
         return ''
 

@@ -84,11 +84,13 @@ def _describe(found: Recovery) -> str:
 
 def _read_gain(k: Sequence[float], design: LqrDesign | None, n: int, m: int) -> Array:
     """Return the gain (m, n) of a request, or of the design."""
-    if not len(k) and design is None:
+    if len(k):
+        whose, given = 'k', np.array(k, dtype=float)
+    elif design is not None:
+        whose, given = 'the gain of lqr_node/design', np.array(design.k, dtype=float)
+    else:
         raise StatementError('k is empty, and no lqr_node/design has been received: wanted the '
                              f'gain of the regulator, {m} x {n} numbers row by row')
-    given = np.array(k if len(k) else design.k, dtype=float)
     if given.size != m * n:
-        whose = 'k' if len(k) else 'the gain of lqr_node/design'
         raise StatementError(f'{whose} has {given.size} numbers: wanted {m} x {n}, row by row')
     return given.reshape(m, n)

@@ -260,13 +260,11 @@ def _sensors(settings: Settings, system: System) -> Sensors:
         for name in system.output_names}, settings.publish_rate, settings.seed)
 
 
-class PlantSimulator(Node):
+class PlantSimulator(Node):  # type: ignore[misc] # rclpy's classes are untyped
     """The node; see the module's text."""
 
     def __init__(self, **options: Any) -> None:
         super().__init__('plant_simulator', allow_undeclared_parameters=True, **options)
-        # first: rclpy 9 also destroys a node with rejected parameters
-        self._thread: OwnThread | None = None
         self._log = ThrottledLog(self)
         self._settings = Parameters(self, Settings, self._judge, self._adopt)
         settings, candidate = self._settings.settings, self._settings.candidate
@@ -298,7 +296,8 @@ class PlantSimulator(Node):
     def _offer(self, settings: Settings) -> None:
         """Create the publishers, subscriptions and services."""
         self._states = self.create_publisher(State, 'state', BACKLOG)
-        self._odom = self._clock_out = self._measurements = None
+        self._odom = self._clock_out = None
+        self._measurements: Any = None   # a publisher, once an output is measured
         self._offer_measurements()
         if self._map.complete:
             self._odom = self.create_publisher(Odometry, 'odom', BACKLOG)
@@ -429,7 +428,7 @@ class PlantSimulator(Node):
 
     def destroy_node(self) -> None:
         """End the thread, then the node."""
-        if self._thread is not None:
+        if hasattr(self, '_thread'):   # rclpy 9 also destroys a node with rejected parameters
             self._thread.stop()
         super().destroy_node()
 

@@ -107,12 +107,11 @@ class Settings:
         True, 'true: publish the path, goal and obstacles of the last plan if somebody subscribes')
 
 
-class TrajectoryServer(Node):
+class TrajectoryServer(Node):  # type: ignore[misc] # rclpy's classes are untyped
     """The node; see the module's text."""
 
     _pools: tuple[Pool, ...] = ()  # until the parameters are accepted
     _cluster: Any = None           # a ClusterPool, if there is a scheduler
-    _view: PlanView | None = None
 
     def __init__(self, **options: Any) -> None:
         super().__init__('trajectory_server', allow_undeclared_parameters=True, **options)

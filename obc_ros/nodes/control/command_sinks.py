@@ -25,6 +25,7 @@ from builtin_interfaces.msg import Time
 import casadi as ca
 from geometry_msgs.msg import Twist, TwistStamped, WrenchStamped
 import numpy as np
+from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.systems.robot_fields import suggest_command_line
 from obc_ros.core.systems.system import System
 from obc_ros.core.text.errors import StatementError
@@ -79,8 +80,8 @@ class Sink:
         # A buffer is several times faster than a call.
         self._u, self._values = np.zeros(system.m), np.zeros(len(fields))
         self._buffer, self._evaluate = self._function.buffer()
-        self._buffer.set_arg(0, memoryview(self._u))
-        self._buffer.set_res(0, memoryview(self._values))
+        self._buffer.set_arg(0, self._u.data)  # type: ignore[call-arg] # as in C++
+        self._buffer.set_res(0, self._values.data)  # type: ignore[call-arg] # as in C++
 
     def message(self, u: Sequence[float], stamp: Time) -> Any:
         """
@@ -93,7 +94,7 @@ class Sink:
         self._fill(u)
         return self._message
 
-    def check(self, u: Sequence[float], where: str) -> None:
+    def check(self, u: Sequence[float] | Array, where: str) -> None:
         """Raise StatementError if the message of an input (m,) is not finite."""
         if self._fill == self._command:
             return
@@ -111,7 +112,7 @@ class Sink:
             for (part, axis), value in zip(self._places, values, strict=True):
                 setattr(part, axis, value)
 
-    def _evaluated(self, u: Sequence[float]) -> list[float]:
+    def _evaluated(self, u: Sequence[float] | Array) -> list[float]:
         self._u[:] = u
         self._evaluate()
         return self._values.tolist()

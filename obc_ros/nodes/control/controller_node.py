@@ -163,10 +163,11 @@ class ControllerNode(LifecycleNode):  # type: ignore[misc] # rclpy's classes are
         deadline = self._states.qos_profile.deadline.nanoseconds
         if not 0 < deadline < INFINITE:
             return []
-        return SubscriptionEventCallbacks(
+        handlers: list[EventHandler] = SubscriptionEventCallbacks(
             deadline=self._on_deadline, incompatible_qos=lambda _: None,  # `ros_graph` names it
             use_default_callbacks=False).create_event_handlers(
                 self._states.callback_group, self._states.handle, self._states.topic_name)
+        return handlers
 
     def _create_services(self) -> None:
         self.create_service(Trigger, '~/stop', self._on_stop)

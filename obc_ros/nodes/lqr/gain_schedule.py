@@ -59,12 +59,13 @@ def make_schedule(found: Design, settings: Any) -> tuple[Schedule | None, str]:
 
 def _find_variable(system: System, name: str, is_measured: bool) -> int:
     """Return the index of the input that is the scheduling variable; -1: a parameter is."""
-    known = {each.name: each for each in (*system.inputs, *system.parameters)}
-    if name not in known:
+    units = {each.name: each.unit for each in system.inputs}
+    units |= {each.name: each.unit for each in system.parameters}
+    if name not in units:
         raise StatementError(f"schedule: {system.name} has no input or parameter '{quote(name)}'; "
-                             f'it has {", ".join(known)}')
+                             f'it has {", ".join(units)}')
     index = system.input_names.index(name) if name in system.input_names else -1
-    if is_measured and known[name].unit != 'm/s':
+    if is_measured and units[name] != 'm/s':
         raise StatementError(f'schedule = {name}: odometry measures a speed in m/s only')
     if index < 0 and not is_measured:
         raise StatementError(f'schedule = {name}: a State does not contain this parameter; set '

@@ -34,9 +34,17 @@ from rclpy.publisher import Publisher
 class PlanSettings(Protocol):
     """The parameters that concern plans; see the settings of trajectory_server."""
 
-    state_timeout: float
-    plan_lead: float
-    systems: tuple[str, ...]
+    @property
+    def state_timeout(self) -> float:
+        """Return the age [s] at which a state is too old."""
+
+    @property
+    def plan_lead(self) -> float:
+        """Return the time [s] from a request to the begin of its plan."""
+
+    @property
+    def systems(self) -> tuple[str, ...]:
+        """Return the files of systems."""
 
 
 @dataclass

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import math
 
 from builtin_interfaces.msg import Time
+from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.systems.system import System
 from obc_ros.nodes.views.plane import PlaneMap
 from obc_ros.ros.conversions import ODOM
@@ -73,7 +74,7 @@ _POINT = (
     Part(Marker.CUBE, (0.0, 0.25), (0.03, 0.5, 0.03), GREEN))
 
 
-def list_parts(system: System, u: Sequence[float]) -> tuple[Part, ...]:
+def list_parts(system: System, u: Sequence[float] | Array) -> tuple[Part, ...]:
     """Return the parts of the body of a plant with the input u (m,)."""
     if system.name == 'aircraft':
         return _AIRCRAFT
@@ -122,7 +123,7 @@ class BodyMarkers:
         self._markers = [make_marker(name, number, part.kind, part.colour, opacity)
                          for number, part in enumerate(list_parts(system, (0.0,) * system.m))]
 
-    def fill(self, place: tuple[float, float, float], u: Sequence[float], stamp: Time
+    def fill(self, place: tuple[float, float, float], u: Sequence[float] | Array, stamp: Time
              ) -> list[Marker]:
         """Return the markers at (px, py, theta) with input u (m,); the next call reuses them."""
         px, py, theta = place
@@ -165,7 +166,7 @@ class InputMarkers:
         elif system.name in ('vehicle', 'vehicle_lateral'):
             self._limits = self._draw_limits(system)
 
-    def fill(self, place: tuple[float, float, float], u: Sequence[float], stamp: Time
+    def fill(self, place: tuple[float, float, float], u: Sequence[float] | Array, stamp: Time
              ) -> list[Marker]:
         """Return the markers at (px, py, theta) with input u (m,); the next call reuses them."""
         markers = []
@@ -177,7 +178,7 @@ class InputMarkers:
             marker.header.stamp, marker.pose = stamp, self._plane.pose(*place)
         return markers
 
-    def _fill_exhaust(self, marker: Marker, u: Sequence[float]) -> bool:
+    def _fill_exhaust(self, marker: Marker, u: Sequence[float] | Array) -> bool:
         """Draw the exhaust in the body frame; return whether it has a length."""
         along, across = (-EXHAUST_LENGTH * float(force) for force in u)
         length = math.hypot(along, across)

@@ -9,7 +9,7 @@ px and py are straight lines. Other constraints cannot be drawn in the plane.
 """
 
 from collections.abc import Iterator, Mapping
-from typing import Any
+from typing import Any, cast
 
 import casadi as ca
 from contourpy import contour_generator
@@ -91,4 +91,4 @@ def _trace_constraints(problem: Problem, box: Rectangle) -> Iterator[Array]:
         values = g(points, problem.p_value).full().reshape(GRID, GRID)
         traced = contour_generator(px, py, np.ma.masked_invalid(values))
         for bound in filter(np.isfinite, bounds):
-            yield from traced.lines(float(bound))
+            yield from cast(list[Array], traced.lines(float(bound)))   # of separate curves

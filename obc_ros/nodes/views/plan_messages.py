@@ -83,12 +83,12 @@ def make_markers(plan: Trajectory, statement: Mapping[str, Any] | None) -> list[
     if not plane.has_places:
         return []
     system = _find_system(plan.system)
-    last = tuple(map(float, places[-1]))
+    px, py, theta = map(float, places[-1])
     markers = [_draw_points('start', [places[0]], plane, BLUE),
                _draw_points('goal', [places[-1]], plane, GREEN)]
     if system is not None:
         u = plan.u[-system.m:] if len(plan.u) >= system.m else (0.0,) * system.m
-        markers += BodyMarkers(system, plane, 'goal_body', GHOST).fill(last, u, Time())
+        markers += BodyMarkers(system, plane, 'goal_body', GHOST).fill((px, py, theta), u, Time())
     if times := plan.switching_times[:MOST_SWITCHES]:
         markers.append(_draw_points('switching_times', np.column_stack([
             np.interp(times, plan.t, column) for column in places.T]), plane, FIRE))

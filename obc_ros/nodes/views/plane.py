@@ -6,6 +6,7 @@ from collections.abc import Sequence
 import math
 
 from geometry_msgs.msg import Point, Pose
+from obc_ros.core.numerics.arrays import Array
 
 _COORDINATES = ('px', 'py', 'theta')
 
@@ -34,7 +35,7 @@ class PlaneMap:
         known = sum(index is not None for index in self._at[:2])
         self.has_places = known == 2 or (bool(plane) and known == 1)
 
-    def locate(self, x: Sequence[float]) -> tuple[float, float, float]:
+    def locate(self, x: Sequence[float] | Array) -> tuple[float, float, float]:
         """Return (px [m], py [m], theta [rad]) of a state or of its derivative, shape (n,)."""
         px, py, theta = (0.0 if index is None else float(x[index]) for index in self._at)
         return px, py, theta

@@ -31,7 +31,7 @@ class Scene:
     @property
     def is_watched(self) -> bool:
         """Return whether there is a subscriber."""
-        return self._publisher.get_subscription_count() > 0
+        return bool(self._publisher.get_subscription_count())
 
     def show(self, markers: Sequence[Marker]) -> None:
         """Publish all markers of the topic; those of the last call without a successor vanish."""

@@ -13,6 +13,7 @@ from typing import Any
 
 from builtin_interfaces.msg import Time
 import numpy as np
+from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.systems.system import System
 from obc_ros.nodes.views.bodies import BodyMarkers, GHOST, GREEN, make_marker
 from obc_ros.nodes.views.plane import PlaneMap
@@ -40,7 +41,7 @@ class SetPointMarkers:
         self._body = BodyMarkers(system, plane, 'set_point', GHOST)
         self._line = make_marker('set_point_course', 0, Marker.LINE_STRIP, GREEN, 0.6)
         self._line.scale.x = 0.04
-        self._input: Sequence[float] = ()
+        self._input: Sequence[float] | Array = ()
         self._place: tuple[float, float, float] | None = None
         self._velocity = 0.0, 0.0
 
