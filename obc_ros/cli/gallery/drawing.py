@@ -88,9 +88,9 @@ def draw_arrow(axes: Axes, start: Any, direction: Any, **style: Any) -> None:
         For `arrowprops` of `Axes.annotate`.
 
     """
-    begin, by = np.asarray(start, dtype=float), np.asarray(direction, dtype=float)
-    axes.annotate('', begin + by, begin, arrowprops={'arrowstyle': '-|>', 'linewidth': 1.8,
-                                                     'shrinkA': 0, 'shrinkB': 0, **style})
+    (x, y), (along, across) = np.asarray([start, direction], dtype=float)
+    axes.annotate('', (x + along, y + across), (x, y), arrowprops={
+        'arrowstyle': '-|>', 'linewidth': 1.8, 'shrinkA': 0, 'shrinkB': 0, **style})
 
 
 def draw_pole_pairs(axes: Axes, pairs: Iterable[tuple[NDArray[np.complex128], str]], title: str

@@ -124,4 +124,5 @@ def match_poles(poles: Complex, wanted: Complex) -> Complex:
 
     """
     _, order = linear_sum_assignment(np.abs(np.subtract.outer(wanted, poles)))
-    return poles[order]
+    paired: Complex = poles[order]
+    return paired

@@ -57,7 +57,8 @@ def find_least_times(goals: ArrayLike) -> Array:
     """
     x, y, theta = np.asarray(goals, dtype=float).T
     goal = x + 1j * y
-    return np.min([_one_way(goal, theta), _rows(goal, theta), _lines(goal, theta)], axis=0)
+    times: Array = np.min([_one_way(goal, theta), _rows(goal, theta), _lines(goal, theta)], axis=0)
+    return times
 
 
 def _one_way(goal: Complex, theta: Array) -> Array:

@@ -10,7 +10,7 @@ import sys
 import time
 from typing import Any
 
-from obc_ros.cli.client import serve_client, ServerLostError
+from obc_ros.cli.client import serve_client
 from obc_ros.cli.console.progress import show_progress
 from obc_ros.cli.console.tables import print_table
 from obc_ros.cli.gallery.entry import GalleryEntry
@@ -18,6 +18,7 @@ from obc_ros.cli.gallery.page import render_page, strip_markup
 from obc_ros.cli.gallery.runner import Desk
 from obc_ros.cli.processes import Children, isolate, reserve_domain
 from obc_ros.cli.results import write as write_json
+from obc_ros.cli.ros_graph import ServerLostError
 from obc_ros.cli.signals import InterruptedByUserError
 from obc_ros.core.library.figures.files import FORMATS, save_figure
 from obc_ros.core.library.figures.style import STYLE

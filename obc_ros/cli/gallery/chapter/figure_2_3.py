@@ -74,7 +74,7 @@ def find_zeros(A: Array, b: Array) -> Array:
 
 
 def _draw_figure_2_3(run: Run) -> Figure:
-    figure = new_figure(7.6)
+    figure: Figure = new_figure(7.6)
     panels = figure.subplot_mosaic([['sketch', 'start'], ['flight', 'flight']],
                                    width_ratios=(1.4, 1.0), height_ratios=(1.0, 0.95))
     start = panels['start']
@@ -98,10 +98,10 @@ def draw_schematic(axes: Axes) -> None:
         Its axes are removed.
 
     """
-    def at(px: float, py: float) -> Array:
+    def at(px: float, py: float) -> Any:
         return place_points(np.array([[px, py]]), 0.0, 0.0, TILT)[0]
 
-    def write(text: str, place: Array, **options: Any) -> None:
+    def write(text: str, place: Any, **options: Any) -> None:
         axes.annotate(text, place, ha='center', va='center', fontsize=15, **options)
 
     draw_aircraft(axes, 0.0, 0.0, TILT)
@@ -139,7 +139,8 @@ def _draw_flight(axes: Axes, run: Run) -> None:
     axes.plot(run.x[:, 0], run.x[:, 1], color='0.6', linewidth=1)
     for time in POSES:
         k = int(np.argmin(np.abs(run.t - time)))
-        draw_aircraft(axes, *run.x[k, :3], run.u[k])
+        px, py, theta = run.x[k, :3]
+        draw_aircraft(axes, px, py, theta, run.u[k])
     label_axes(axes, f'flight, $t$ = {", ".join(f"{t:g}" for t in POSES)} s',
                '$x$ [m]', '$y$ [m]')
     axes.set_aspect('equal')

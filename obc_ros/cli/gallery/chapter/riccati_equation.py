@@ -161,12 +161,11 @@ def _compare_server(desk: Desk) -> list[ComparedRow]:
         starts.append(X0 @ P[0] @ X0 / 2)
         x = np.stack([*path.x.values()], axis=1)
         costates.append((np.stack([*path.lam.values()], axis=1), np.einsum('kij,kj->ki', P, x)))
+    found, wanted = map(np.concatenate, zip(*costates, strict=True))
     return [
         ComparedRow('`trajectory_server`: cost $J$ for two $P_1$ and four $T$',
                     [path.J for path in paths], starts, '$½ x(0)^T P(0) x(0)$'),
-        ComparedRow('`trajectory_server`: costate $λ(t)$',
-                    *(np.concatenate([pair[side] for pair in costates]) for side in (0, 1)),
-                    '$P(t) x(t)$')]
+        ComparedRow('`trajectory_server`: costate $λ(t)$', found, wanted, '$P(t) x(t)$')]
 
 
 def _fly_horizon(desk: Desk) -> dict[str, Run]:
@@ -181,7 +180,7 @@ def _fly_horizon(desk: Desk) -> dict[str, Run]:
 def _compare_loop(runs: dict[str, Run]) -> list[ComparedRow]:
     constant, horizon = runs.values()
     fixed = run_sampled_loop(A, B, STATIONARY[1:], X0, STEP, len(constant.t) - 1)[0]
-    K = integrate_riccati(HEAVY, STEP * np.arange(len(horizon.t)))[::-1, 1]
+    K = integrate_riccati(HEAVY, STEP * np.arange(len(horizon.t), dtype=float))[::-1, 1]
     x, u = simulate_loop(lambda x, u: [x[1], u[0]], lambda t, x: -K[[round(t / STEP)]] @ x, X0,
                          STEP, len(horizon.t) - 1)
     return [ComparedRow('loop with the constant gain: $x(t)$', constant.x, fixed,

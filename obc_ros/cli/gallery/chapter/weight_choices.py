@@ -69,7 +69,8 @@ def section_2_5(desk: Desk) -> EntryResult:
         [{'system': 'aircraft', **each.parameters} for each in CHOICES.values()],
         show=len(CHOICES)), strict=True))
     plant = {'system': 'linear', 'system_parameters.A': A, 'system_parameters.B': B}
-    runs, used = {}, {}
+    runs: dict[str, Run] = {}
+    used: dict[str, AnsweredRegulator] = {}
     with desk.loop('weights', {**plant, 'x0': [0.0] * 6, 'publish_rate': 1 / STEP},
                    {**plant, 'setpoint': GOAL, **CHOICES['diagonal'].parameters}) as loop:
         for name, choice in CHOICES.items():

@@ -42,13 +42,15 @@ def linearize_at_hover() -> tuple[Array, Array]:
 def compute_gain(Qx: list[float], rho: float) -> Array:
     """Return K of u = -K x, without the server."""
     A, B = linearize_at_hover()
-    return B.T @ solve_continuous_are(A, B, np.diag(Qx), rho * np.eye(2)) / rho
+    K: Array = B.T @ solve_continuous_are(A, B, np.diag(Qx), rho * np.eye(2)) / rho
+    return K
 
 
 def example_2_5(desk: Desk) -> EntryResult:
     """Compute Example 2.5 in loops with the linear and with the nonlinear model."""
     A, B = linearize_at_hover()
-    cases = {rho: (IDENTITY, rho, STEPS) for rho in (1.0, 0.1, 10.0, 1e2, 1e4)}
+    cases: dict[float | str, tuple[list[float], float, float]] = {
+        rho: (IDENTITY, rho, STEPS) for rho in (1.0, 0.1, 10.0, 1e2, 1e4)}
     cases |= {'printed': (PRINTED, 0.1, LONG), 'meant': (MEANT, 0.1, LONG)}
     plant = {'system': 'linear', 'system_parameters.A': A, 'system_parameters.B': B}
     with desk.loop('linear', {**plant, 'x0': [0.0] * 6, 'publish_rate': 1 / FLIGHT_STEP},
@@ -97,7 +99,7 @@ def example_2_5(desk: Desk) -> EntryResult:
 
 
 def _fly(loop: NodeLoop, Qx: list[float], rho: float, duration: float) -> Run:
-    changes = {'Qx': Qx} if list(loop.design.qx[::7]) != Qx else {}
+    changes: dict[str, Any] = {'Qx': Qx} if list(loop.design.qx[::7]) != Qx else {}
     if loop.design.qu[0] != rho:
         changes['Qu'] = [rho, rho]
     if changes:
@@ -198,7 +200,8 @@ def _draw_flight(linear: Run, whole: Run) -> Figure:
         plane.plot(run.x[:, 0], run.x[:, 1], label=text, **line | style)
     for time in POSES:
         k = int(np.argmin(np.abs(whole.t - time)))
-        draw_aircraft(plane, *whole.x[k, :3], whole.u[k], arm=SHRUNK * ARM, plume=SHRUNK * 0.012)
+        px, py, theta = whole.x[k, :3]
+        draw_aircraft(plane, px, py, theta, whole.u[k], arm=SHRUNK * ARM, plume=SHRUNK * 0.012)
         plane.annotate(f'{time:g} s', whole.x[k, :2], (18, 4), textcoords='offset points')
     plane.set(aspect='equal')
     plane.margins(0.08)

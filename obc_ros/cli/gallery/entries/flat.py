@@ -59,7 +59,7 @@ def state_flat_request(M: int, power: int) -> dict[str, Any]:
             'equalities': ['c0', ' + '.join(names) + ' - 1']}
 
 
-def compute_curve(c: Sequence[float], t: Array) -> tuple[Array, Array]:
+def compute_curve(c: Sequence[float] | Array, t: Array) -> tuple[Array, Array]:
     """Return z and its derivative."""
     polynomial = np.polynomial.Polynomial(np.asarray(c))
     return polynomial(t), polynomial.deriv()(t)

@@ -273,7 +273,8 @@ def _printed(path: Trajectory) -> Array:
     """Return lambda_2 by the printed equation, lambda_2' = lambda_3 x_2."""
     slope = path.lam['x3'] * path.x['x2']
     steps = np.diff(path.t) * (slope[1:] + slope[:-1]) / 2
-    return path.lam['x2'][0] + np.concatenate([[0.0], np.cumsum(steps)])
+    costate: Array = path.lam['x2'][0] + np.concatenate([[0.0], np.cumsum(steps)])
+    return costate
 
 
 def _draw_2_6(line: Trajectory, loop: Trajectory, printed: Array) -> Figure:

@@ -47,16 +47,16 @@ def exercise_2_7(desk: Desk) -> EntryResult:
     for (A, B, C, rho), found in zip(systems, designs, strict=True):
         P = solve_continuous_are(A, B, C.T @ C, np.array([[rho]]))
         K = B.T @ P / rho
-        gains.append((found.K, K))
+        gains.append((found.K.ravel(), K.ravel()))
         E = np.linalg.eigvals(A - B @ K)
         poles.append(match_poles(found.E, E))
         wanted.append(E)
     own, exact = np.concatenate(poles), np.concatenate(wanted)
+    own_gains, exact_gains = map(np.concatenate, zip(*gains, strict=True))
     rows = [
         ComparedRow('stable closed loops', sum(bool((each.E.real < 0).all()) for each in designs),
                     SYSTEMS, 'the exercise'),
-        ComparedRow('gains $K$', *(np.concatenate([each[side].ravel() for each in gains])
-                                   for side in (0, 1)), 'SciPy, `solve_continuous_are`'),
+        ComparedRow('gains $K$', own_gains, exact_gains, 'SciPy, `solve_continuous_are`'),
         ComparedRow('real parts of the closed-loop poles [rad/s]', own.real, exact.real,
                     'eigenvalues of $A - BK$'),
         ComparedRow('imaginary parts [rad/s]', own.imag, exact.imag, 'eigenvalues of $A - BK$')]
@@ -148,6 +148,7 @@ def exercise_2_8(desk: Desk) -> EntryResult:
         map(build_lag, LAGS), exact, paths, strict=True)]
     outputs = [(b * path.x['x1'] + path.x['x2'], motion @ [b, 1.0])
                for path, motion in zip(paths, motions, strict=True) for b in ZEROS]
+    own_outputs, exact_outputs = map(np.concatenate, zip(*outputs, strict=True))
     rows = [
         ComparedRow('(a) the four equations, five $a$', four, np.zeros((len(LAGS), 4)),
                     '$1 - p_{12}p_{21}$, $p_{11} - ap_{12} - p_{12}p_{22}$ and its mirror image, '
@@ -163,9 +164,8 @@ def exercise_2_8(desk: Desk) -> EntryResult:
                     [each.zeta for each in exact], '$½ √(a^2 + 2)$'),
         ComparedRow('minimum cost from $x(0) = (1, 0)$', [path.J for path in paths],
                     [each.P[0, 0] for each in exact], '$P_{11} = √(a^2 + 2)$'),
-        ComparedRow('$y(t) = b x_1 + x_2$ for 15 pairs of $a$ and $b$',
-                    *(np.concatenate([pair[side] for pair in outputs]) for side in (0, 1)),
-                    '$[b, 1] e^{(A - BK)t} x(0)$')]
+        ComparedRow('$y(t) = b x_1 + x_2$ for 15 pairs of $a$ and $b$', own_outputs,
+                    exact_outputs, '$[b, 1] e^{(A - BK)t} x(0)$')]
     return EntryResult(rows, _draw_2_8(designs, paths, motions), (
         'The zero $-b$ of the transfer function affects the output $y$, but neither the gain nor '
         'the poles: the cost depends on $x_1$ and $u$ only. For $a = √2$ the damping ratio is 1; '

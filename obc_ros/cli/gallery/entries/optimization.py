@@ -7,10 +7,10 @@ from typing import Any
 
 from matplotlib.figure import Figure
 import numpy as np
-from obc_ros.cli.gallery.drawing import create_panels, draw_arrow, label_axes, WIDTH
+from obc_ros.cli.gallery.drawing import create_panels, draw_arrow, label_axes
 from obc_ros.cli.gallery.entry import ComparedRow, EntryResult, GalleryEntry
 from obc_ros.cli.gallery.runner import Desk, minimize_request
-from obc_ros.core.library.figures.style import get_line, LINE_COLOURS
+from obc_ros.core.library.figures.style import get_line, LINE_COLOURS, WIDTH
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.srv import Minimize
 

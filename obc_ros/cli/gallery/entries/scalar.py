@@ -41,14 +41,16 @@ def state_example_2_2(a: float, b: float, x0: float, tf: float, c: float | None)
 def evaluate_equation_2_4(t: Array, c: float) -> Array:
     """Return u*(t) from equation (2.4)."""
     s = 2 * A - B**2 * c * (1 - np.exp(2 * A * TF))
-    return -2 * A * B * c * np.exp(A * (2 * TF - t)) * X0 / s
+    u: Array = -2 * A * B * c * np.exp(A * (2 * TF - t)) * X0 / s
+    return u
 
 
 def evaluate_equation_2_5(t: Array, c: float) -> Array:
     """Return x*(t) from equation (2.5)."""
     s = 2 * A - B**2 * c * (1 - np.exp(2 * A * TF))
-    return (X0 * np.exp(A * t) + B**2 * c * np.exp(A * TF) * X0 / s
-            * (np.exp(A * (TF - t)) - np.exp(A * (t + TF))))
+    x: Array = X0 * np.exp(A * t) + B**2 * c * np.exp(A * TF) * X0 / s * (
+        np.exp(A * (TF - t)) - np.exp(A * (t + TF)))
+    return x
 
 
 def example_2_2(desk: Desk) -> EntryResult:

@@ -8,10 +8,10 @@ from typing import Any
 
 from matplotlib.figure import Figure
 import numpy as np
-from obc_ros.cli.gallery.drawing import create_panels, label_axes, place_legend_below, WIDTH
+from obc_ros.cli.gallery.drawing import create_panels, label_axes, place_legend_below
 from obc_ros.cli.gallery.entry import ComparedRow, EntryResult, GalleryEntry
 from obc_ros.cli.gallery.runner import Desk, Trajectory
-from obc_ros.core.library.figures.style import EXACT, get_line, LINE_COLOURS
+from obc_ros.core.library.figures.style import EXACT, get_line, LINE_COLOURS, WIDTH
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.solver.exact.closed_forms import solve_brockett, solve_straight_line
 
@@ -107,7 +107,8 @@ def compute_circle_inputs(y: tuple[float, ...], u0: Array, t: Array) -> Array:
     """Return the inputs of part (b) with u(0) = u0."""
     normal = np.array(y) / np.linalg.norm(y)
     angle = 2 * pi * t[:, None]
-    return np.cos(angle) * u0 - np.sin(angle) * np.cross(normal, u0)
+    u: Array = np.cos(angle) * u0 - np.sin(angle) * np.cross(normal, u0)
+    return u
 
 
 def _draw_2_2(three: Trajectory, four: Trajectory) -> Figure:
@@ -150,9 +151,10 @@ def _draw_2_2(three: Trajectory, four: Trajectory) -> Figure:
 
 def exercise_2_3(desk: Desk) -> EntryResult:
     """Compute Exercise 2.3: minimum energy, minimum time, and another speed."""
-    common = {'states': ['x', 'y'], 'inputs': ['u1', 'u2'], 'dynamics': {'x': 'u1', 'y': 'u2'},
-              'initial_state': {'x': 0, 'y': 0}, 'final_time': {'free': False, 'value': 1},
-              'terminal_constraints': ['x - 3', 'y - 4']}
+    common: dict[str, Any] = {
+        'states': ['x', 'y'], 'inputs': ['u1', 'u2'], 'dynamics': {'x': 'u1', 'y': 'u2'},
+        'initial_state': {'x': 0, 'y': 0}, 'final_time': {'free': False, 'value': 1},
+        'terminal_constraints': ['x - 3', 'y - 4']}
     energy = desk.solve(**common, running_cost='u1**2 + u2**2')
     slower = desk.solve(**{
         **common, 'states': ['x', 'y', 's'], 'dynamics': {'x': 'u1', 'y': 'u2', 's': '1'},

@@ -48,7 +48,7 @@ def follow_slalom(t: Array) -> dict[str, tuple[Array, Array]]:
 
 def make_course(name: str) -> Trajectory:
     """Return the slalom as a reference."""
-    t = STEP * np.arange(round(COURSE / STEP) + 1)
+    t = STEP * np.arange(round(COURSE / STEP) + 1, dtype=float)
     x, phi = follow_slalom(t)[name]
     reference = Trajectory(t=flatten_doubles(t), x=flatten_doubles(x.ravel().round(15)),
                            u=flatten_doubles(phi.round(15)),
@@ -128,10 +128,12 @@ def _followed(name: str, count: int) -> tuple[Array, Array]:
     start = np.array([0.0 if name == 'off' else 1.0, 0.0])
 
     def law(t: float, x: Array) -> Array:
+        u: Array
         if t < BEGIN - 1e-9:
-            return -GAIN @ (x - start)
+            u = -GAIN @ (x - start)
+            return u
         (wanted,), phi = follow_slalom(np.array([t - BEGIN]))['flat' if name == 'off' else name]
-        u: Array = phi - GAIN @ (x - wanted)
+        u = phi - GAIN @ (x - wanted)
         return u
 
     return simulate_loop(_rate, law, start, STEP, count)
@@ -146,7 +148,7 @@ def _rise_time() -> float:
     w = OMEGA0 / sqrt(2)
 
     def above(t: float, level: float) -> float:
-        return 1 - level - exp(-w * t) * (np.cos(w * t) + np.sin(w * t))
+        return float(1 - level - exp(-w * t) * (np.cos(w * t) + np.sin(w * t)))
 
     top = acos(-1.0) / w  # the first maximum
     return float(brentq(above, 0, top, (0.9,), 1e-14) - brentq(above, 0, top, (0.1,), 1e-14))

@@ -79,7 +79,8 @@ def receding_horizon_2(desk: Desk) -> EntryResult:
 def _plan(horizon: int, grid: Array) -> Array:
     """Return the inputs of the plans from states, shape (k, N)."""
     solver = StepSolver(state_bounded_problem(horizon), compiled=False)
-    return np.array([solver.solve(x).plan.u[:, 0] for x in grid])
+    plans: list[Any] = [solver.solve(x).plan for x in grid]   # none is None: all are feasible
+    return np.array([plan.u[:, 0] for plan in plans])
 
 
 def _follow(plan: EnumeratedPlan, count: int, *, is_planned: bool) -> tuple[Array, Array]:
@@ -100,7 +101,7 @@ def _draw(plan: EnumeratedPlan, run: Run) -> Figure:
     extent = (-SPAN[0], SPAN[0], -SPAN[1], SPAN[1])
     _draw_sets(sets, active.reshape(*fine, 2), extent)
     gap = (found[:, 0] - plan.saturate(grid)).reshape(fine).T
-    axes_of = [np.linspace(*extent[2 * i:2 * i + 2], fine[i]) for i in range(2)]
+    axes_of = [np.linspace(-SPAN[i], SPAN[i], fine[i]) for i in range(2)]
     image = difference.contourf(*axes_of, gap, levels=LEVELS, cmap='PuOr')
     figure.colorbar(image, ax=difference, ticks=[-1.0, -0.5, 0.0, 0.5, 1.0], label='[m/s$^2$]')
     label_axes(difference, r'first input $-\,\mathrm{sat}(-Kx)$', 'position $x_1$ [m]',

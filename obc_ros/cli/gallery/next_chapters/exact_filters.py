@@ -122,7 +122,7 @@ def run_filter(A: Array, C: Array, Qw: Array, Rv: Array, t: Array, y: Array, x: 
     for h, measured in zip(np.diff(t), y[1:], strict=True):
         Ad, Qd = sample_noise(A, Qw, float(h))
         before = Ad @ covariances[-1] @ Ad.T + Qd
-        P = np.linalg.inv(np.linalg.inv(before) + weight @ C)
+        P = np.asarray(np.linalg.inv(np.linalg.inv(before) + weight @ C), dtype=float)
         ahead = Ad @ states[-1]
         states.append(ahead + P @ weight @ (measured - C @ ahead))
         covariances.append(P)

@@ -111,4 +111,5 @@ class EnumeratedPlan:
 
     def saturate(self, x: Array) -> Array:
         """Return the saturated input of the regulator (k,) at states (k, n)."""
-        return np.clip(-x @ self.K[0], -self.bound, self.bound)
+        u: Array = np.clip(-x @ self.K[0], -self.bound, self.bound)
+        return u

@@ -42,8 +42,8 @@ def estimation_1(desk: Desk) -> EntryResult:
         'measurement.x.rate': RATE, 'measurement.x.noise': DEVIATION, **GUST}, {
         'system': 'scalar', 'system_parameters.a': A, 'Qw': [Q], 'Rv': [DEVIATION**2],
         'x0_deviation': [2.0], 'gate': 1.0, 'rate': 0.0, 'sample_time': 1.0 / RATE}, COUNT)
-    again = run_filter(*(np.array([[each]]) for each in (A, 1.0, Q, DEVIATION**2)),
-                       run.t, run.y, run.x[0], run.P[0])
+    a, c, q, r = (np.array([[each]]) for each in (A, 1.0, Q, DEVIATION**2))
+    again = run_filter(a, c, q, r, run.t, run.y, run.x[0], run.P[0])
     after = solve_sampled_scalar_filter(A, Q, DEVIATION**2, 1.0 / RATE)[1]
     rows = [
         ComparedRow('variance $p$ of `lqe` for three $a$ and six $q/r$',

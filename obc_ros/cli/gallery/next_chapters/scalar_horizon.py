@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """A scalar plant with a bounded input: the optimal first input is the saturated regulator's."""
 
+from typing import Any
+
 from matplotlib.figure import Figure
 import numpy as np
 from obc_ros.cli.gallery.drawing import create_panels, label_axes
@@ -60,7 +62,8 @@ def receding_horizon_1(desk: Desk) -> EntryResult:
 def _plan_first_inputs(horizon: int) -> Array:
     """Return the first inputs of the plans from `STATES`."""
     solver = StepSolver(state_scalar_problem(horizon), compiled=False)
-    return np.array([solver.solve(np.array([x])).plan.u[0, 0] for x in STATES])
+    plans: list[Any] = [solver.solve(np.array([x])).plan for x in STATES]   # all are feasible
+    return np.array([plan.u[0, 0] for plan in plans])
 
 
 def _follow(alpha: float, beta: float, K: float, count: int) -> Array:
