@@ -211,7 +211,8 @@ class Pilot:
             return
         if real_time:
             self.pause(False)
-        due, reset = 0.0, None
+        due = 0.0
+        reset: Any = None   # the future of the last request
 
         def answered() -> bool:
             nonlocal due, reset

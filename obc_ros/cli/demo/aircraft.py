@@ -117,7 +117,7 @@ def _jump(asked: float, t: Array, u: Array) -> float:
 
 
 def _draw(t: Array, x: Array, tu: Array, u: Array, steps: list[UnitStep]) -> Figure:
-    figure = new_figure(8.6)
+    figure: Figure = new_figure(8.6)
     grid = figure.add_gridspec(2, 2, height_ratios=(1.35, 1.0))
     plane = figure.add_subplot(grid[0, :])
     for index, step in enumerate(steps):
@@ -127,8 +127,9 @@ def _draw(t: Array, x: Array, tu: Array, u: Array, steps: list[UnitStep]) -> Fig
         for moment in moments:
             at = t.searchsorted(step.begin + moment).clip(max=len(t) - 1)
             force = u[tu.searchsorted(t[at], 'right').clip(1) - 1]
-            draw_aircraft(plane, *x[at, :3], force, arm=SHRUNK * ARM, plume=SHRUNK * PLUME)
-            plane.annotate(f'{moment:g} s', x[at, :2], (16, -18), textcoords='offset points')
+            px, py, theta = x[at, :3]
+            draw_aircraft(plane, px, py, theta, force, arm=SHRUNK * ARM, plume=SHRUNK * PLUME)
+            plane.annotate(f'{moment:g} s', (px, py), (16, -18), textcoords='offset points')
     plane.set(aspect='equal', xlim=(-0.35, 3.0), ylim=(-0.3, 2.3), xlabel='$p_x$ [m]',
               ylabel='$p_y$ [m]')
     plane.legend(loc='upper left')

@@ -57,7 +57,7 @@ def run(args: argparse.Namespace) -> int:
         print(f'{args.scenario}: {count} nodes over DDS, domain {domain}, this machine only; '
               'while it runs, in another terminal:\n'
               f'  ROS_DOMAIN_ID={domain} {obc} param get /{controller} Qx', flush=True)
-        status = scenario.run(args.out, args.real_time, args.format)
+        status: int = scenario.run(args.out, args.real_time, args.format)
     print('to start a loop and tune it by hand:\n'
           f'  {obc} launch obc_ros loop.launch.py {arguments}    '
           '# until Ctrl-C; in another terminal:\n'

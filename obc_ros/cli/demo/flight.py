@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """One flight of a demonstration: nodes, recording and timed events."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
@@ -156,7 +156,7 @@ def make_gust(start: float) -> tuple[str, ...]:
                  for word in ('-p', f'disturbance.{name}:={value}'))
 
 
-def set_parameters(node: str, values: dict[str, object], *, refused: bool = False
+def set_parameters(node: str, values: Mapping[str, object], *, refused: bool = False
                    ) -> Callable[[Pilot], str]:
     """Return an action that sets parameters, and raises unless the outcome is as expected."""
     def act(pilot: Pilot) -> str:

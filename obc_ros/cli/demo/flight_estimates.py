@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import matplotlib as mpl
 from matplotlib.axes import Axes
@@ -77,8 +78,9 @@ class EstimatedFlight:
     @property
     def error(self) -> Array:
         """Return the errors (K, n) of the estimates."""
-        return self.xe - np.column_stack([np.interp(self.te, self.t, column)
-                                          for column in self.x.T])
+        errors: Array = self.xe - np.column_stack([np.interp(self.te, self.t, column)
+                                                   for column in self.x.T])
+        return errors
 
 
 def run(out: Path, real_time: bool, formats: Sequence[str]) -> int:
@@ -191,7 +193,7 @@ def _rms(values: Array) -> str:
 
 
 def _draw(flown: EstimatedFlight, whole: tuple[Array, Array]) -> Figure:
-    figure = new_figure(10.4)
+    figure: Figure = new_figure(10.4)
     axes = figure.subplots(5, 1, sharex=True, height_ratios=(2.2, 1.6, 1.6, 1.3, 1.3))
     for panel, name in zip(axes, ('px', 'vx', 'theta'), strict=False):
         _draw_state(panel, flown, whole, name)
@@ -234,5 +236,5 @@ def _draw_state(axes: Axes, flown: EstimatedFlight, whole: tuple[Array, Array], 
              ylim=(shown.min() - margin, shown.max() + margin))
 
 
-def _dots(number: int) -> dict[str, object]:
+def _dots(number: int) -> dict[str, Any]:
     return {'color': LINE_COLOURS[number], 'linestyle': 'none', 'marker': '.', 'markersize': 2.5}

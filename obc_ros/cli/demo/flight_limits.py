@@ -71,7 +71,7 @@ def _conclude(flown: dict[str, Flown], controller: str, pilot: Pilot, wall: floa
 
 
 def _draw(flown: dict[str, Flown]) -> Figure:
-    figure = new_figure(7.5)
+    figure: Figure = new_figure(7.5)
     axes = figure.subplots(3, 1, sharex=True)
     for number, (controller, label) in enumerate(CONTROLLERS.items()):
         each = flown[controller]

@@ -56,7 +56,7 @@ def _plan(pilot: Pilot, planned: list[Trajectory]) -> str:
         if not answer.success:
             raise ObcError(f'no plan: {answer.message}')
         planned.append(_publish(pilot, answer.trajectory, begin))
-    return answer.message
+    return str(answer.message)
 
 
 def _slalom(pilot: Pilot, course: list[Trajectory]) -> str:
@@ -110,7 +110,7 @@ def _conclude(pilot: Pilot, wall: float, reference: Trajectory, lateral: int, na
 
 def _draw(name: str, wanted: tuple[Array, Array], driven: tuple[Array, Array],
           error: tuple[Array, Array], steering: tuple[Array, Array]) -> Figure:
-    figure = new_figure(7.0)
+    figure: Figure = new_figure(7.0)
     axes = figure.subplots(3, 1, sharex=True)
     axes[0].plot(*driven, label='driven', **get_line(0))
     axes[0].plot(*wanted, label='reference', **EXACT)
