@@ -75,7 +75,10 @@ class ProblemPanel:
             return
         self._result.clear()
         try:
-            problem, message = await run.io_bound(build_message, str(self._text.value or ''))
+            built = await run.io_bound(build_message, str(self._text.value or ''))
+            if built is None:   # the process ends
+                return
+            problem, message = built
             self._request = Request(message, LIMIT)
             answer = await self._client.solve(self._request)
             switching = await run.io_bound(compute_problem_switching, problem, answer)
