@@ -139,7 +139,7 @@ def make_token() -> str:
     return secrets.token_urlsafe(16)
 
 
-class HeaderDeadline:
+class HeaderDeadline(asyncio.Protocol):
     """
     Closes connections that send the header of a request slowly or never.
 
@@ -147,9 +147,11 @@ class HeaderDeadline:
     request, and for a request that has begun.
     """
 
+    cycle: Any       # of uvicorn: the request, and how it sends
+    transport: Any
     _deadline: asyncio.TimerHandle | None = None
 
-    def connection_made(self, transport: asyncio.Transport) -> None:
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
         """Wait for the first request."""
         super().connection_made(transport)
         self._watch()

@@ -12,8 +12,9 @@ from obc_ros.cli.gallery.bodies import ARM, draw_aircraft, draw_two_wheeled, dra
 from obc_ros.cli.view.telemetry import FollowedPath, Frame, Named, Plant
 from obc_ros.core.library.figures.style import LINE_COLOURS
 
-BODIES = {'aircraft': draw_aircraft, 'vehicle': draw_vehicle, 'vehicle_lateral': draw_vehicle,
-          'two_wheeled': draw_two_wheeled}
+BODIES: dict[str, Callable[..., list[Any]]] = {
+    'aircraft': draw_aircraft, 'vehicle': draw_vehicle, 'vehicle_lateral': draw_vehicle,
+    'two_wheeled': draw_two_wheeled}
 SIZES = {'aircraft': 1.6, 'vehicle': 12.0, 'vehicle_lateral': 12.0}  # [m] of the plane at least
 DASHES: tuple[list[int], ...] = ([], [7, 4], [2, 3], [9, 3, 2, 3])
 PER_PANEL = 4  # signals

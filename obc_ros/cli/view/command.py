@@ -188,7 +188,8 @@ def serve(source: Any, title: str, controls: bool, args: argparse.Namespace) -> 
     from obc_ros.cli.view.page import Viewer
     from uvicorn.protocols.http.auto import AutoHTTPProtocol
 
-    class Protocol(HeaderDeadline, AutoHTTPProtocol):
+    # uvicorn chooses the class when it is imported.
+    class Protocol(HeaderDeadline, AutoHTTPProtocol):  # type: ignore[misc, valid-type]
         """HTTP in which a header has to arrive in time."""
 
     def heed_signals() -> None:

@@ -92,7 +92,8 @@ class Request:
 
     def __init__(self, problem: OptimalControlProblem, time_limit: float) -> None:
         self.goal = SolveOptimalControl.Goal(problem=problem, time_limit=time_limit)
-        self.phase, self.handle, self.is_cancelled = '', None, False
+        self.phase, self.is_cancelled = '', False
+        self.handle: Any = None   # of the goal, once the server has the request
 
     def cancel(self) -> None:
         """Ask for the end; the client passes it on once the server has the request."""

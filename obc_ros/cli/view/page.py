@@ -4,7 +4,7 @@
 
 from typing import Any
 
-from nicegui import app, ui
+from nicegui import app, Client, ui
 from obc_ros.cli.view.access import Helm
 from obc_ros.cli.view.canvas import describe_scene, LoopCanvas
 from obc_ros.cli.view.loop_client import LoopClient
@@ -133,14 +133,17 @@ class LoopPage:
         # A request without a browser behind it gets no frames and no control.
         client = ui.context.client
         client.on_connect(lambda: viewer.add(self._page, self._canvas))
-        # An old connection may end after the page has a new one.
-        client.on_disconnect(
-            lambda: client.has_socket_connection or viewer.remove(self._page))
+        client.on_disconnect(lambda: self._forget(client))
         ui.timer(SLOW, self._refresh)
         if isinstance(viewer.source, LoopClient):
             ui.add_body_html(STOP_KEY)
             ui.on('obc-stop', self._do_stop)
             ui.timer(SLOW, self._show_mode)   # apart: the other one may wait for a node
+
+    def _forget(self, client: Client) -> None:
+        """Forget the page, unless an old connection has ended after the page has a new one."""
+        if not client.has_socket_connection:
+            self._viewer.remove(self._page)
 
     def _controls(self) -> bool:
         return self._viewer.helm.has(self._page)

@@ -172,16 +172,18 @@ class FollowedPath:
 
         """
         path, t = self.path, np.asarray(self.path.t)
+        if not len(t):
+            return []
         groups = [(path.x, path.state_names, plant.state_names)]
         if inputs:
             groups.append((path.u, path.input_names, tuple(each.name for each in plant.inputs)))
-        keep = np.unique(np.linspace(0, len(t) - 1, most).astype(int)) if len(t) else []
-        columns = [self.begin + t[keep, None]] if len(t) else []
+        keep = np.unique(np.linspace(0, len(t) - 1, most).astype(int))
+        columns = [self.begin + t[keep, None]]
         for values, given, wanted in groups:
             names = list(map(str, given))
-            if sorted(names) != sorted(wanted) or not len(t) or len(values) != len(t) * len(names):
+            if sorted(names) != sorted(wanted) or len(values) != len(t) * len(names):
                 return []
-            order = [names.index(name) for name in wanted]
+            order = np.array([names.index(name) for name in wanted], dtype=int)
             columns.append(np.reshape(values, (len(t), -1))[np.ix_(keep, order)])
         return [keep_finite(row) for row in np.hstack(columns)]
 
@@ -204,12 +206,13 @@ def fits_names(design: LqrDesign) -> bool:
 def describe_plant(design: LqrDesign) -> Plant:
     """Return the signals of the plant of a design, with units and limits of a registered one."""
     names = tuple(map(str, design.state_names)), tuple(map(str, design.input_names))
+    bare = Plant(design.system, tuple(map(Named, names[0])), tuple(map(Named, names[1])))
     try:
         system = registry.get_registered(design.system)
     except ObcError:
-        return Plant(design.system, *(tuple(map(Named, group)) for group in names))
+        return bare
     if (system.state_names, system.input_names) != names:
-        return Plant(design.system, *(tuple(map(Named, group)) for group in names))
+        return bare
     return Plant(
         system.name, tuple(Named(each.name, each.unit, each.angle) for each in system.states),
         tuple(Named(each.name, each.unit, False, each.lower, each.upper)
