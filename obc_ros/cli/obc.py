@@ -16,6 +16,7 @@ from importlib import import_module, util
 import os
 import signal
 import sys
+from typing import Any
 
 from obc_ros.cli import leave
 from obc_ros.cli.console.arguments import Parser
@@ -112,7 +113,7 @@ def build_parser(used: Collection[str], unlisted: Collection[str] = (), epilog: 
         '--version', action=Version, nargs=0, help='print the version and exit')
     commands = parser.add_subparsers(title='commands', metavar='COMMAND', required=True)
     for name, text in find_subcommands().items():
-        listed = {} if name in unlisted else {'help': text}
+        listed: dict[str, Any] = {} if name in unlisted else {'help': text}
         command = commands.add_parser(
             name, description=f'{text[:1].upper()}{text[1:]}.', **listed)
         if name in used:

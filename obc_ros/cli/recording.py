@@ -78,7 +78,7 @@ class Recorder:
 
     def __enter__(self) -> 'Recorder':
         self._file = self.path.open('wb')
-        self._writer = Writer(self._file)
+        self._writer: Any = Writer(self._file)   # not all of its methods have types
         self._writer.start(profile='ros2', library=LIBRARY)
         return self
 

@@ -66,8 +66,9 @@ class Question(Asked):
     def read_answer(self, with_problem: bool = False) -> Any:
         """Return the Answer; if nobody has worked on the problem, status and message only."""
         from obc_ros.core.library.answer import Answer  # imports CasADi
+        states, inputs = self.columns
         return Answer(
-            self.name, *map(tuple, self.columns),
+            self.name, tuple(states), tuple(inputs),
             self.solution or Solution(Status(self.status), self.message),
             self.build_problem() if with_problem else None, str(self.mapping.get('title') or ''))
 

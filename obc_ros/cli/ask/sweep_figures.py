@@ -2,7 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Figures of a sweep: value function, switching surfaces, success; curves or maps."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -196,16 +197,17 @@ def _draw_success_scatter(figure: Figure, dataset: Any, keys: list[str]) -> None
     """Draw how samples of two numbers ended."""
     axes = figure.subplots()
     codes = dataset['status'].values
-    axes.scatter(*(dataset[key].values for key in keys), 8,
-                 [_colour(code) for code in codes], rasterized=True)
+    x, y = (dataset[key].values for key in keys)
+    axes.scatter(x, y, 8, [_colour(code) for code in codes], rasterized=True)
     _list_statuses(axes, dataset)
     _label_plane(axes, dataset, keys)
 
 
+_Drawings = dict[int, tuple[Callable[[Figure, Any, list[str]], None], ...]]
 # Value and success by the number of keys.
-_GRIDDED = {1: (_draw_curves, _draw_statuses), 2: (_draw_value_map, _draw_success_map)}
-_SCATTERED = {1: (lambda *given: _draw_curves(*given, style='.'), _draw_statuses),
-              2: (_draw_value_scatter, _draw_success_scatter)}
+_GRIDDED: _Drawings = {1: (_draw_curves, _draw_statuses), 2: (_draw_value_map, _draw_success_map)}
+_SCATTERED: _Drawings = {1: (partial(_draw_curves, style='.'), _draw_statuses),
+                         2: (_draw_value_scatter, _draw_success_scatter)}
 
 
 def _is_solved(dataset: Any) -> Any:

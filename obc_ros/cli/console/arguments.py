@@ -15,6 +15,7 @@ class Parser(argparse.ArgumentParser):
     def parse_args(self, args: Sequence[str] | None = None,  # type: ignore[override]
                    namespace: Any = None) -> argparse.Namespace:
         """Parse a command line; exit with status 2 and a suggestion if a word is unknown."""
+        found: argparse.Namespace
         found, unknown = self.parse_known_args(args, namespace)
         if not unknown:
             return found

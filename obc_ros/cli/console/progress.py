@@ -41,6 +41,7 @@ def show_progress(hidden: bool = False) -> Iterator[Lines]:
         Progress,
         ProgressColumn,
         SpinnerColumn,
+        TaskID,
         TextColumn,
         TimeElapsedColumn,
     )
@@ -51,7 +52,7 @@ def show_progress(hidden: bool = False) -> Iterator[Lines]:
         spinner = 'line' if console.options.ascii_only else 'dots'
         columns = [SpinnerColumn(spinner), columns[0], TimeElapsedColumn(), columns[1]]
     with Progress(*columns, console=console, transient=True) as bars:
-        tasks: dict[str, object] = {}
+        tasks: dict[str, TaskID] = {}
 
         class LiveLines:
             def update(self, name: str, text: str) -> None:

@@ -18,7 +18,7 @@ import signal
 import subprocess
 import tempfile
 import time
-from typing import Any
+from typing import Any, cast
 
 from obc_ros.cli.processes import die_with_parent, find_log_folder
 from obc_ros.cli.ros2.launch_file import LaunchFile, Started
@@ -141,7 +141,7 @@ class Process:
         """Print the lines that it has written; return whether more may follow."""
         assert self.popen and self.popen.stdout
         try:
-            data = self.popen.stdout.read(1 << 16)
+            data = cast(bytes | None, self.popen.stdout.read(1 << 16))   # it does not block
         except ValueError:  # closed
             return False
         if data is None:

@@ -4,7 +4,7 @@
 
 import argparse
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import partial
 import statistics
 import sys
@@ -302,7 +302,7 @@ def _field(message: Any, path: list[str]) -> Any:
     """Return the field of a message at a path."""
     value = message
     for name in path:
-        fields = getattr(value, 'get_fields_and_field_types', dict)()
+        fields: Mapping[str, str] = getattr(value, 'get_fields_and_field_types', dict)()
         if name not in fields:
             raise ObcError(f"Invalid field '{'.'.join(map(quote, path))}': no '{quote(name)}'"
                            + (f'; wanted {", ".join(fields)}' if fields else ''))

@@ -3,7 +3,7 @@
 """Conversions between messages and YAML."""
 
 from array import array
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping, Sized
 from importlib import import_module
 import re
 from typing import Any
@@ -183,7 +183,7 @@ def _basic(value: Any, typename: str, where: str) -> Any:
                          + ('number' if wanted is float else 'integer')) from error
     if wanted is int and not (limits := _limits(typename))[0] <= number <= limits[1]:
         raise FieldError(f'{where}: {number} is not from {limits[0]} to {limits[1]}')
-    return bytes([number]) if typename == 'octet' else number
+    return bytes([int(number)]) if typename == 'octet' else number
 
 
 def _limits(typename: str) -> tuple[int, int]:
@@ -211,7 +211,7 @@ def convert_to_plain(value: Any, *, truncate: int | None = None, no_arr: bool = 
         Type of the field, for `no_arr`.
 
     """
-    options = {'truncate': truncate, 'no_arr': no_arr, 'no_str': no_str}
+    options: dict[str, Any] = {'truncate': truncate, 'no_arr': no_arr, 'no_str': no_str}
     if hasattr(value, 'get_fields_and_field_types'):
         return {name: convert_to_plain(getattr(value, name), **options, kind=of) for name,
                 of in zip(
@@ -229,7 +229,7 @@ def convert_to_plain(value: Any, *, truncate: int | None = None, no_arr: bool = 
     return value.item() if isinstance(value, np.generic) else value
 
 
-def _abbreviated(value: Sequence[Any], kind: Any) -> str:
+def _abbreviated(value: Sized, kind: Any) -> str:
     """Return the type and the length of a sequence."""
     of = kind.value_type
     if isinstance(of, NamespacedType):

@@ -91,7 +91,7 @@ class FormulaQuestion(SheetQuestion):
 
     reference: Formula | FormulaRows
     names: Mapping[str, tuple[float, float]] = field(default_factory=dict)
-    mistakes: Sequence[tuple[Formula | FormulaRows, str]] = ()
+    mistakes: Sequence[tuple[Formula | Sequence[Formula] | FormulaRows, str]] = ()
     advice: str = ''
 
     def judge(self, answer: Any) -> str:
