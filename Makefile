@@ -76,7 +76,7 @@ pure: .venv-pure/.requirements ## the wheel without ROS 2 in .venv-pure, and the
 kernel: setup ## the solver's tests with another kernel of OpenBLAS (KERNEL=Haswell|Nehalem|...)
 	OPENBLAS_CORETYPE=$(KERNEL) $(BIN)/pytest -n 2 --dist load --maxschedchunk 1 -m 'not nodes' $(ARGS) $(SOLVER)
 
-lint: setup ## ruff, and mypy on the numerical core
+lint: setup ## ruff, and mypy --strict on obc_ros
 	$(BIN)/ruff check .
 	$(BIN)/mypy
 
