@@ -155,7 +155,7 @@ def test_a_start_from_which_no_plan_keeps_the_limits_is_refused(spawn, probe):
     states, commands, node = fly(spawn, probe, x0=[1.0, 0.5, 0.0, 3.0 * SPEED, 0.0, 0.0])
     node.wait_for_output('not active yet: no plan from the present state keeps all limits', LONG)
     assert probe.call(GetState, 'mpc_node/get_state').current_state.label == 'inactive'
-    assert states
+    probe.wait_for(lambda: states, LONG, 'a state: the node may be faster than the probe')
     assert not commands
 
 
