@@ -70,7 +70,7 @@ class HeldSetPoint:
 
     @cached_property
     def _constant(self) -> ReferencePoint | None:
-        """The target at all stamps; None: it moves, or its gains change."""
+        """Return the target at all stamps; None: it moves, or its gains change."""
         if isinstance(self.law, StateFeedback) and not any(self.law.drift):
             return self.law.at(0.0)._replace(x=tuple(self.x))
         return None

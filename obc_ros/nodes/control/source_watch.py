@@ -30,9 +30,9 @@ class SourceWatch:
 
     def is_next(self, number: int | None, now: float) -> bool:
         """Return whether a message surely is of the same publisher; if not, `judge` it."""
-        last = self._last
+        last = self._last   # the same number again is that of a message delivered twice
         if number is None or last is None or not last <= number <= last + FAR:
-            return False   # the same number again: delivered twice
+            return False
         self._last, self._heard = number, now
         return True
 

@@ -92,7 +92,7 @@ TOLERANCES: dict[str, float] = {
     Condition.COSTATE: 1e-4, Condition.MINIMUM: 1e-4, Condition.TRANSVERSALITY: 1e-4,
     Condition.HAMILTONIAN: 1e-4, Condition.FINAL_TIME: 1e-4, Condition.COST: 1e-6}
 REPLAY_ERROR = 1e-7   # estimated integration error of all intervals together, of x and cost
-_COSTATE_ERROR = 1e-5   # of lam; like the other, a tenth of the tolerance
+_COSTATE_ERROR = 0.1 * TOLERANCES[Condition.COSTATE]   # of lam; the other is a tenth, too
 LEAST_PART = 1e-2   # scale of a path constraint, relative to the sum of its terms, at least
 ACTIVE = 1e-5   # distance of an active constraint from its bound, relative to its scale
 _KEPT = 32      # problems whose compiled functions are kept
