@@ -22,6 +22,17 @@ states = st.builds(
     st.lists(st.floats(), max_size=3))
 
 
+def list_fields(state: State) -> list[object]:
+    """
+    Return what a state says.
+
+    Numbers are bytes, since a NaN differs from itself. Serialised messages would differ where CDR
+    pads: the middleware leaves in these bytes what was in memory.
+    """
+    header = state.header
+    return [header.stamp, header.frame_id, state.names, state.restarts, state.x.tobytes()]
+
+
 @given(st.lists(states | st.binary(max_size=80), max_size=30))
 def test_whatever_came_before_a_message_is_read_as_rclpy_reads_it(stream: list[State | bytes]
                                                                  ) -> None:
@@ -34,8 +45,7 @@ def test_whatever_came_before_a_message_is_read_as_rclpy_reads_it(stream: list[S
         except RuntimeError:
             assert reader.read(data) is None
             continue
-        # Compared as bytes, since a NaN differs from itself.
-        assert serialize_message(reader.read(data)) == serialize_message(wanted)
+        assert list_fields(reader.read(data)) == list_fields(wanted)
 
 
 @given(states, st.data())
@@ -50,4 +60,4 @@ def test_a_changed_byte_is_seen(state: State, data: st.DataObject) -> None:
     except RuntimeError:
         assert reader.read(bytes(sent)) is None
         return
-    assert serialize_message(reader.read(bytes(sent))) == serialize_message(wanted)
+    assert list_fields(reader.read(bytes(sent))) == list_fields(wanted)
