@@ -1,19 +1,24 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-A process of benchmarks/ablation.py: ``python _ablation.py STRATEGY SECONDS FILE...``.
+A process of benchmarks/ablation.py, and its plugin of pytest: the search without some strategies.
 
-Solves the problems with one strategy of the search switched off ('' for none). Prints a line of
-JSON for each file: its name, status, cost, processor time, and the strategies that had an effect.
+``python _ablation.py NAMES SECONDS FILE...`` switches off the strategies of a list in JSON and
+solves each problem, and again with other numbers and the cache of the first solution. It prints a
+line of JSON for each: file, status, cost, processor times, and the strategies that had an effect.
+
+``pytest -p _ablation`` reads the list from the variable OBC_ROS_WITHOUT, and writes the tests that
+failed to the file in OBC_ROS_FAILED.
 """
 
 import timing  # isort: skip - before numpy
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager, ExitStack
 from dataclasses import replace
 from functools import wraps
 import json
+import os
 from pathlib import Path
 import sys
 import time
@@ -21,14 +26,19 @@ from typing import Any
 from unittest.mock import patch
 
 from obc_ros.core.ocp.solution import Verdict
-from obc_ros.core.ocp.statement import build_problem, load_file
+from obc_ros.core.ocp.statement import load_file
 from obc_ros.core.solver import bench, conclusion, methods, program_cache, search
 from obc_ros.core.solver.diagnosis import explanation
 from obc_ros.core.solver.improve import registry as improvements
-from obc_ros.core.solver.solve import solve
+from obc_ros.core.solver.proofs import contradictions
+from obc_ros.core.solver.solve import Cache, solve
 from obc_ros.core.solver.starts import multistart
 from obc_ros.core.solver.starts import registry as starts
 from obc_ros.core.solver.transcription import banded_program
+import pytest
+from repeats import vary
+
+SIZE = 1e-2   # relative change of the numbers of a repeated problem
 
 
 def skip_multistart(*args: Any, **_: Any) -> Any:
@@ -41,6 +51,11 @@ def skip_tightening(*args: Any) -> Any:
     return args[4], bench.compute_tightening.__wrapped__(*args)[1]   # type: ignore[attr-defined]
 
 
+def name_proof(proof: Callable[..., Any]) -> str:
+    """Return the name of a proof of CONTRADICTIONS."""
+    return f'proof: {proof.__name__.strip("_").replace("_", " ")}'
+
+
 # Where the registries are, the function of a record, and whether its result has an effect.
 REGISTRIES: tuple[tuple[Any, str, str, Callable[..., bool]], ...] = (
     (methods, 'EXACT_METHODS', 'solve', lambda found, *_: found is not None),
@@ -50,10 +65,6 @@ REGISTRIES: tuple[tuple[Any, str, str, Callable[..., bool]], ...] = (
     (explanation, 'CHECKS', 'run', lambda reason, *_: reason is not None))
 RECORDS = tuple(each.name for module, registry, *_ in REGISTRIES
                 for each in getattr(module, registry))
-# Records that do the same at different stages, switched off together.
-TOGETHER = {
-    'bang arcs, both': ('bang arcs', 'bang arcs of jumping inputs'),
-    'boundary arcs, both': ('boundary arcs', 'boundary arcs at once')}
 # Strategies in no registry: where the function is looked up, what takes its place, and whether a
 # result has an effect.
 CALLS: dict[str, tuple[Any, str, Callable[..., Any], Callable[..., bool]]] = {
@@ -66,23 +77,25 @@ CALLS: dict[str, tuple[Any, str, Callable[..., Any], Callable[..., bool]]] = {
     'chattering budget': (search, '_mixes', lambda *_: False, lambda found, *_: found),
     'larger inputs': (conclusion, 'explain_larger_inputs', lambda *_: '',
                       lambda found, *_: bool(found))}
-STRATEGIES = (*RECORDS, *TOGETHER, *CALLS)
+PROOFS = tuple(map(name_proof, contradictions.CONTRADICTIONS))
+STRATEGIES = (*RECORDS, *CALLS, *PROOFS)
 
 
 @contextmanager
-def switched(name: str, acted: set[str]) -> Iterator[None]:
-    """Switch one strategy off, and note the others that have an effect."""
-    without = TOGETHER.get(name, (name,))
+def switched(without: Collection[str], acted: set[str]) -> Iterator[None]:
+    """Switch strategies off together, and note the others that have an effect."""
     with ExitStack() as stack:
         for module, registry, run, acts in REGISTRIES:
             kept = tuple(
                 replace(each, **{run: watched(each.name, getattr(each, run), acts, acted)})
                 for each in getattr(module, registry) if each.name not in without)
             stack.enter_context(patch.object(module, registry, kept))
-        for other, (module, attribute, off, acts) in CALLS.items():
+        for name, (module, attribute, off, acts) in CALLS.items():
             function = getattr(module, attribute)
-            new = wraps(function)(off) if other == name else watched(other, function, acts, acted)
+            new = wraps(function)(off) if name in without else watched(name, function, acts, acted)
             stack.enter_context(patch.object(module, attribute, new))
+        stack.enter_context(patch.object(contradictions, 'CONTRADICTIONS', tuple(
+            proof for proof in contradictions.CONTRADICTIONS if name_proof(proof) not in without)))
         yield
 
 
@@ -93,24 +106,49 @@ def watched(name: str, function: Callable[..., Any], acts: Callable[..., bool],
     def call(*args: Any, **kwargs: Any) -> Any:
         found = function(*args, **kwargs)
         if acts(found, *args, **kwargs):
-            acted.update({name, *(group for group, names in TOGETHER.items() if name in names)})
+            acted.add(name)
         return found
 
     return call
 
 
+_switched, _failed = ExitStack(), list[str]()
+
+
+def pytest_sessionstart() -> None:
+    """Switch the strategies off."""
+    _switched.enter_context(switched(json.loads(os.environ['OBC_ROS_WITHOUT']), set()))
+
+
+def pytest_runtest_logreport(report: pytest.TestReport) -> None:
+    """Keep the name of a test that fails."""
+    if report.failed:
+        _failed.append(report.nodeid)
+
+
+def pytest_sessionfinish() -> None:
+    """Write the tests that failed."""
+    _switched.close()
+    Path(os.environ['OBC_ROS_FAILED']).write_text(json.dumps(_failed), encoding='utf-8')
+
+
 def main() -> None:
     """Solve the problems and print their results."""
     assert timing
-    name, seconds = sys.argv[1], float(sys.argv[2])
-    for file in map(Path, sys.argv[3:]):
-        problem, acted = build_problem(load_file(file)[0]), set[str]()
-        begun = time.process_time()
-        with switched(name, acted):
-            found = solve(problem, time_limit=seconds)
+    without, seconds = json.loads(sys.argv[1]), float(sys.argv[2])
+    for file in sys.argv[3:]:
+        acted, times, cache = set[str](), list[float](), Cache()
+        problems = vary(load_file(Path(file))[0], 1, SIZE)
+        with switched(without, acted):
+            answers = []
+            for problem in problems:
+                begun = time.process_time()
+                answers.append(solve(problem, cache=cache, time_limit=seconds))
+                times.append(time.process_time() - begun)
         print(json.dumps({
-            'name': file.stem, 'status': found.status.value, 'cost': float(found.objective),
-            'time': time.process_time() - begun, 'acted': sorted(acted)}), flush=True)
+            'file': file, 'status': [each.status.value for each in answers],
+            'cost': [float(each.objective) for each in answers], 'time': times,
+            'acted': sorted(acted)}), flush=True)
 
 
 if __name__ == '__main__':

@@ -32,7 +32,7 @@ def steer(default: float | tuple[float, ...], meaning: str, unit: str = '',
     Return a field with its default, its meaning in a phrase, and its unit.
 
     `needed_by` names a problem of obc_ros/examples or test/collections, or a file of tests, that
-    is not solved, costs more or takes longer with another value (benchmarks/provenance.py).
+    is not solved, costs more or takes longer with another value.
     """
     return field(default=default, metadata={
         'meaning': meaning, 'unit': unit, 'needed_by': needed_by})

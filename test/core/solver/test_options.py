@@ -35,7 +35,7 @@ def test_the_provenance_of_an_option_is_a_problem_or_a_test():
 
 
 def test_no_option_without_provenance_is_added():
-    """A new one names what needs it; benchmarks/provenance.py found nothing for these."""
+    """A new one names what needs it; multiples by 1/100 to 100 found nothing for these."""
     assert sum(not each.needed_by for each in list_options()) <= WITHOUT
 
 

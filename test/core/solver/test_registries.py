@@ -170,7 +170,7 @@ def test_the_statement_is_examined_once():
 def test_a_strategy_is_switched_off_for_the_ablation(strategy, others):
     """Without Riccati equations a search solves the problem; the registries are restored."""
     acted = set()
-    with _ablation.switched(strategy, acted):
+    with _ablation.switched((strategy,), acted):
         found = solve(problems.build('lq_scalar_unit'))
     assert found.method == ('arcs' if strategy == 'riccati' else 'riccati')
     assert found.objective == pytest.approx(problems.read(
