@@ -33,9 +33,14 @@ from obc_ros.core.solver.options import DEFAULTS, Options
 from obc_ros.core.solver.program_cache import Answered, ProgramCache
 from obc_ros.core.solver.starts.initial_guess import estimate_scales
 from obc_ros.core.solver.trace import COLLOCATION, Trace
-from obc_ros.core.solver.transcription.local_minima import LocalMinima
 from obc_ros.core.solver.transcription.mesh import Mesh, Path
-from obc_ros.core.solver.transcription.program import ProblemScales, TranscriptionOutcome
+from obc_ros.core.solver.transcription.program import (
+    Nearby,
+    ProblemScales,
+    SolveEffort,
+    TranscriptionOutcome,
+    USUAL,
+)
 from obc_ros.core.solver.transcription.tightening import TightenedLimits
 
 _COURSES_KEPT = 8       # integrated costates that are cached
@@ -212,12 +217,8 @@ class Bench:
         """Return the inputs that may be held at bounds between switching times."""
         return tuple(self.may_hold and each for each in self.programs.switching)
 
-    def collocate(self, mesh: Mesh, start: Path, durations: Array | None = None, *,
-                  near: bool = False, sizes: ProblemScales | None = None, most: int = 500,
-                  warm: TranscriptionOutcome | None = None,
-                  guide: TranscriptionOutcome | None = None,
-                  rough: float = 0.0, once: bool = False, known: LocalMinima | None = None,
-                  least: Array | float = 0.0) -> TranscriptionOutcome:
+    def collocate(self, mesh: Mesh, start: Path, *, near: Nearby | None = None,
+                  effort: SolveEffort = USUAL) -> TranscriptionOutcome:
         """
         Solve the transcription on a mesh from a path.
 
@@ -226,27 +227,11 @@ class Bench:
         mesh : Mesh
             Phases, their intervals, and the scheme.
         start : Path
-            Initial guess.
-        durations : ndarray, shape (phases,), optional
-            Initial lengths of the phases [s]; those of `start` if left out.
-        near : bool
-            The guess is close to the solution; phases are kept from vanishing.
-        sizes : ProblemScales, optional
-            Scales of the unknowns and of the cost; estimated from `start` if left out.
-        most : int
-            Maximum number of iterations.
-        warm : TranscriptionOutcome, optional
-            Outcome of a neighbouring problem on this mesh: initial point and multipliers.
-        guide : TranscriptionOutcome, optional
-            Outcome of this problem on another mesh, from which multipliers are interpolated.
-        rough : float
-            Relative error of the cost at which the iteration may end; 0: the usual tolerance.
-        once : bool
-            Try the faster method only.
-        known : LocalMinima, optional
-            Local minima; the iteration ends once it is seen to lead to one of them.
-        least : ndarray, shape (phases,), or float
-            Lower bound of the lengths of the phases [s].
+            Initial guess, with the initial lengths of the phases of the mesh.
+        near : Nearby, optional
+            If the guess is close to the solution; phases are kept from vanishing then.
+        effort : SolveEffort
+            How much is done.
 
         Returns
         -------
@@ -256,25 +241,23 @@ class Bench:
         """
         problem, final = self.problem, self.problem.final_time
         program = self.programs.transcription(problem, mesh.layout)
-        if sizes is None:
-            sizes = self.programs.guesser.sizes(problem, start)
-        if durations is None:
-            durations = start.durations
+        known, durations = near or Nearby(), start.durations
+        sizes = known.scales or self.programs.guesser.sizes(problem, start)
         usual = durations.sum() / mesh.layout.intervals
-        shortest = np.maximum(np.where(durations < 2 * usual, 0.0, 0.25 * durations), least)
+        shortest = np.maximum(
+            np.where(durations < 2 * usual, 0.0, 0.25 * durations), known.shortest)
         longest = np.maximum(4.0 * durations, 4.0 * usual)
         if len(durations) == 1:
             shortest, longest = np.array([final.lower]), np.array([final.upper])
         limits = TightenedLimits(shortest, longest, self.margin, self.pinned, self.end)
-        w = program.start(mesh, start, durations, sizes) if warm is None else warm.w
+        w = known.warm.w if known.warm else program.start(mesh, start, durations, sizes)
         each = mesh.layout.intervals * (1 + mesh.layout.stages)
         with self.trace.attempt(COLLOCATION, mesh.layout.describe()) as attempt:
-            self.meter.limit(most, each)
-            outcome = program.solve(problem, mesh, w, sizes, limits, self.meter, near=near,
-                                    multipliers=(warm.lam_w, warm.lam_g) if warm else None,
-                                    guide=guide, rough=rough, once=once, known=known)
+            self.meter.limit(effort.most, each)
+            outcome = program.solve(
+                problem, mesh, w, sizes, limits, self.meter, near=near, effort=effort)
             if near and not outcome.converged and not self.meter.stopped:
-                self.meter.limit(most, each)
+                self.meter.limit(effort.most, each)
                 outcome = program.solve(problem, mesh, w, sizes, limits, self.meter)
             attempt.end(*outcome.judge(), cost=outcome.objective)
         self.whole.credit(outcome.iterations * each)

@@ -15,7 +15,7 @@ from obc_ros.core.solver.starts.start import Known, StartStage
 from obc_ros.core.solver.starts.start_pool import StartPool
 from obc_ros.core.solver.trace import GUESS
 from obc_ros.core.solver.transcription.mesh import build_uniform_mesh, STEPPED
-from obc_ros.core.solver.transcription.program import TranscriptionOutcome
+from obc_ros.core.solver.transcription.program import SolveEffort, TranscriptionOutcome
 
 
 @dataclass(frozen=True)
@@ -158,14 +158,14 @@ def solve_next_start(bench: Bench, pool: StartPool, *, once: bool,
             # An input that is an angle and turns by 2 pi within a step interpolates badly: solve
             # with constant inputs first, and remove the whole turns between its steps.
             steps = build_uniform_mesh(bench.problem, bench.intervals, bench.stages, STEPPED)
-            stepped = bench.collocate(steps, start, most=options.iterations)
+            stepped = bench.collocate(steps, start, effort=SolveEffort(options.iterations))
             start, rough = join_whole_turns(stepped.path, pool.periods), 0.0
         # Without terminal constraints a cheap rollout may be near another minimum: allow both
         # methods.
         once = once and not (guess.rollout and not bench.problem.q)
         outcome = bench.collocate(
-            build_uniform_mesh(bench.problem, bench.intervals, bench.stages), start, most=most,
-            rough=rough, once=once, known=pool.known_minima)
+            build_uniform_mesh(bench.problem, bench.intervals, bench.stages), start,
+            effort=SolveEffort(most, rough, once, pool.known_minima))
         pool.known_minima.record_end(
             outcome.objective, outcome.infeasibility,
             outcome.path if outcome.converged else None, rollout=guess.rollout)

@@ -19,7 +19,7 @@ from obc_ros.core.solver.improve.arc_iteration import remove_vanished_arcs
 from obc_ros.core.solver.improve.improvement import DescentStage, State
 from obc_ros.core.solver.improve.registry import try_improvements
 from obc_ros.core.solver.trace import DESCENT, Entry, judge_path, MESH
-from obc_ros.core.solver.transcription.program import TranscriptionOutcome
+from obc_ros.core.solver.transcription.program import Nearby, SolveEffort, TranscriptionOutcome
 
 
 class _Descent:
@@ -157,8 +157,9 @@ class _Descent:
         if bench.meter.stopped or not bench.meter.allows(mesh.layout.intervals):
             return False
         most = options.work // (mesh.layout.intervals * (1 + mesh.layout.stages))
-        new = bench.collocate(mesh, outcome.path, near=True, sizes=bench.sizes(outcome),
-                              guide=outcome, most=min(options.iterations, max(50, most)))
+        new = bench.collocate(
+            mesh, outcome.path, near=Nearby(bench.sizes(outcome), guide=outcome),
+            effort=SolveEffort(min(options.iterations, max(50, most))))
         if new.converged:
             self._state = remove_vanished_arcs(replace(self._state, outcome=new))
         return new.converged

@@ -33,7 +33,7 @@ from obc_ros.core.solver.bench import Bench
 from obc_ros.core.solver.improve.improvement import State
 from obc_ros.core.solver.transcription.local_minima import CHEAPER
 from obc_ros.core.solver.transcription.mesh import build_uniform_mesh
-from obc_ros.core.solver.transcription.program import TranscriptionOutcome
+from obc_ros.core.solver.transcription.program import Nearby, SolveEffort, TranscriptionOutcome
 
 _GONE = 1e-6          # length, as part of T, up to which a phase has vanished
 _PERHAPS, _NEVER = 1, 2   # `touch`: boundary arcs also at near contacts; no boundary arcs
@@ -53,8 +53,10 @@ def solve_on_arcs(bench: Bench, arcs: list[Arc], outcome: TranscriptionOutcome, 
             problem, mesh.layout).solvable(problem, mesh):
         return None
     held = [not np.isnan(arc.levels).any() for arc in arcs]
-    new = bench.collocate(mesh, sharpen_steps(outcome.path, arcs), durations, near=True,
-                          sizes=bench.sizes(outcome), least=kept * durations * held, most=most)
+    new = bench.collocate(
+        mesh, replace(sharpen_steps(outcome.path, arcs), durations=durations),
+        near=Nearby(bench.sizes(outcome), shortest=kept * durations * held),
+        effort=SolveEffort(most))
     return new if new.converged else None
 
 
@@ -126,8 +128,8 @@ class ArcIteration:
             if not bench.meter.allows(int(density)):
                 break
             new = bench.collocate(
-                build_uniform_mesh(self.problem, int(density), bench.stages), outcome.path,
-                outcome.path.t[-1:], near=True, sizes=bench.sizes(outcome))
+                build_uniform_mesh(self.problem, int(density), bench.stages),
+                outcome.path.in_one_phase(), near=Nearby(bench.sizes(outcome)))
             if not new.converged:
                 break
             outcome, now = new, free

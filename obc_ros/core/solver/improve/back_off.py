@@ -12,6 +12,7 @@ from dataclasses import replace
 
 from obc_ros.core.ocp.solution import Condition
 from obc_ros.core.solver.improve.improvement import State
+from obc_ros.core.solver.transcription.program import Nearby, SolveEffort
 
 
 def violates_bounds_only(state: State) -> bool:
@@ -32,9 +33,9 @@ def solve_within_tighter_bounds(state: State) -> State | str:
     options = bench.options.descent
     bench, _ = bench.tighten(bench.course(outcome), options.back_off)
     # A path within the bounds is sought, not its optimum.
-    outcome = bench.collocate(outcome.mesh, outcome.path, near=True, warm=outcome,
-                              sizes=outcome.scales, most=options.iterations,
-                              rough=options.back_off)
+    outcome = bench.collocate(
+        outcome.mesh, outcome.path, near=Nearby(outcome.scales, warm=outcome),
+        effort=SolveEffort(options.iterations, rough=options.back_off))
     if not outcome.converged:
         return 'no path within tighter bounds was found'
     found = bench.certify(outcome)

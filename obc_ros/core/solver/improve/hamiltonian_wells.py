@@ -26,7 +26,7 @@ from obc_ros.core.solver.improve.arc_iteration import solve_on_arcs
 from obc_ros.core.solver.improve.improvement import State
 from obc_ros.core.solver.transcription.local_minima import ANOTHER, CHEAPER
 from obc_ros.core.solver.transcription.mesh import Path
-from obc_ros.core.solver.transcription.program import TranscriptionOutcome
+from obc_ros.core.solver.transcription.program import Nearby, SolveEffort, TranscriptionOutcome
 
 
 def has_branches(state: State) -> bool:
@@ -118,7 +118,8 @@ def _from_inputs(bench: Bench, outcome: TranscriptionOutcome,
         inner = path.t[:-1, None] + h[:, None] * compute_gauss_points(path.inner.shape[1])
         path = replace(path, x=x[np.append(0, np.cumsum(steps))],
                        inner=interpolate_columns(inner, t, x))
-    new = bench.collocate(outcome.mesh, path, near=True, most=bench.options.coarse.iterations)
+    new = bench.collocate(outcome.mesh, path, near=Nearby(),
+                          effort=SolveEffort(bench.options.coarse.iterations))
     return new if new.converged else None
 
 

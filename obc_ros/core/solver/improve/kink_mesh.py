@@ -22,7 +22,7 @@ from obc_ros.core.solver.arcs.input_arcs import Arc, find_arcs, insert_free_arcs
 from obc_ros.core.solver.improve.improvement import State
 from obc_ros.core.solver.program_cache import Answered, ProgramCache
 from obc_ros.core.solver.transcription.mesh import build_path, build_uniform_mesh, Mesh
-from obc_ros.core.solver.transcription.program import ProblemScales, TranscriptionOutcome
+from obc_ros.core.solver.transcription.program import Nearby, ProblemScales, TranscriptionOutcome
 
 _LARGEST = 3e7   # entries of the matrix of the boundary value problem (240 MB)
 
@@ -171,8 +171,8 @@ def solve_on_kinks(state: State) -> State | str:
         found, bench.options.kinks.deviation, longest, 2 * bench.meter.max_intervals))
     if not bench.meter.allows(guide.mesh.layout.intervals):
         return 'it would have too many intervals'
-    new = bench.collocate(guide.mesh, guide.path, near=True, sizes=bench.sizes(outcome),
-                          guide=guide)
+    new = bench.collocate(guide.mesh, guide.path,
+                          near=Nearby(bench.sizes(outcome), guide=guide))
     if not new.converged or is_below(outcome.objective, new.objective, bench.options.bangs.room):
         return 'its cost is higher' if new.converged else new.status
     return replace(state, outcome=new, extremal=found)

@@ -50,7 +50,7 @@ from obc_ros.core.solver.options import BoundaryOptions, DEFAULTS, Options
 from obc_ros.core.solver.trace import judge_path
 from obc_ros.core.solver.transcription.local_minima import ANOTHER, CHEAPER
 from obc_ros.core.solver.transcription.mesh import build_uniform_mesh, Path
-from obc_ros.core.solver.transcription.program import ProblemScales, TranscriptionOutcome
+from obc_ros.core.solver.transcription.program import Nearby, ProblemScales, TranscriptionOutcome
 
 _VANISHING = 1e-4     # length, as part of T, up to which a phase has vanished
 _NEAR = 1e-5          # relative distance from a bound up to which a constraint is active
@@ -439,7 +439,7 @@ def solve_at_once(state: State) -> State | str:
         bench = replace(state.bench, meter=whole.part(options.work))
         mesh = build_uniform_mesh(problem, finer * start.mesh.layout.intervals, bench.stages)
         if finer > 1 and whole.allows(mesh.layout.intervals):
-            new = bench.collocate(mesh, outcome.path, near=True, sizes=bench.sizes(outcome))
+            new = bench.collocate(mesh, outcome.path, near=Nearby(bench.sizes(outcome)))
             outcome = new if new.converged else outcome
         here = replace(state, bench=bench, outcome=outcome)
         if may_have_arcs(here) and isinstance(found := solve_along_bounds(here), State):

@@ -33,7 +33,7 @@ from obc_ros.core.solver.transcription.mesh import (
     label_paths,
     Path,
 )
-from obc_ros.core.solver.transcription.program import TranscriptionOutcome
+from obc_ros.core.solver.transcription.program import SolveEffort, TranscriptionOutcome
 
 
 class _Look(NamedTuple):
@@ -90,7 +90,7 @@ def start_from_rollouts(bench: Bench, pool: StartPool, _: Known) -> Proposal:
         with bench.trace.attempt(GUESS, path.origin) as attempt:
             outcome = bench.collocate(
                 build_uniform_mesh(problem, intervals, bench.stages), path,
-                most=min(usual, most), known=pool.known_minima)
+                effort=SolveEffort(min(usual, most), known=pool.known_minima))
             pool.known_minima.record_end(
                 outcome.objective, outcome.infeasibility,
                 outcome.path if outcome.converged else None)

@@ -17,7 +17,7 @@ from obc_ros.core.solver.bench import Bench
 from obc_ros.core.solver.starts.start import Known, Proposal
 from obc_ros.core.solver.starts.start_pool import StartPool
 from obc_ros.core.solver.transcription.mesh import build_uniform_mesh, Path
-from obc_ros.core.solver.transcription.program import TranscriptionOutcome
+from obc_ros.core.solver.transcription.program import SolveEffort, TranscriptionOutcome
 
 
 def has_other_lengths(bench: Bench, known: Known) -> bool:
@@ -84,4 +84,4 @@ def _held(bench: Bench, T: float, start: Path) -> TranscriptionOutcome:
         final, lower=max(T / wide, final.lower), upper=min(T * wide, final.upper)))
     return replace(bench, problem=problem).collocate(
         build_uniform_mesh(problem, bench.intervals, bench.stages), stretched,
-        most=options.iterations, rough=options.rough, once=True)
+        effort=SolveEffort(options.iterations, options.rough, once=True))

@@ -22,7 +22,7 @@ from obc_ros.core.solver.transcription.mesh import (
     Path,
     Phase,
 )
-from obc_ros.core.solver.transcription.program import TranscriptionOutcome
+from obc_ros.core.solver.transcription.program import SolveEffort, TranscriptionOutcome
 
 
 def has_open_end(bench: Bench, _: Known) -> bool:
@@ -74,7 +74,8 @@ def _solve_finely(bench: Bench, mesh: Mesh,
     for number in range(most):
         if bench.meter.stopped or not bench.meter.allows(mesh.layout.intervals):
             break
-        outcome = bench.collocate(mesh, path, most=bench.options.coarse.iterations)
+        outcome = bench.collocate(
+            mesh, path, effort=SolveEffort(bench.options.coarse.iterations))
         if not outcome.converged:
             break
         if bench.is_accurate(outcome):

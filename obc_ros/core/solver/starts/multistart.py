@@ -22,7 +22,7 @@ from obc_ros.core.solver.starts.stopping_rule import Effort, explain_enough
 from obc_ros.core.solver.trace import GUESS
 from obc_ros.core.solver.transcription.local_minima import ANOTHER, CHEAPER, MET, SAME
 from obc_ros.core.solver.transcription.mesh import build_uniform_mesh, split
-from obc_ros.core.solver.transcription.program import TranscriptionOutcome
+from obc_ros.core.solver.transcription.program import Nearby, SolveEffort, TranscriptionOutcome
 
 
 def descend_from_coarse(bench: Bench, first: TranscriptionOutcome) -> tuple[Candidate, float]:
@@ -158,19 +158,19 @@ class _Multistart:
     def _solve_next(self) -> TranscriptionOutcome:
         """Solve from the next guess; if the cost is lower, on meshes with small errors."""
         bench, options = self._bench, self._options
-        most = bench.options.coarse.iterations
+        effort = SolveEffort(bench.options.coarse.iterations)
         outcome = solve_next_start(bench, self._pool, once=self._best.certified,
                                    hard=self._uneven or self._before > options.hard)
         if not self._is_lowest(outcome):
             return outcome
         if not outcome.converged and outcome.infeasibility <= MET:   # it needs more iterations
-            later = bench.collocate(outcome.mesh, outcome.path, near=True, most=most)
+            later = bench.collocate(outcome.mesh, outcome.path, near=Nearby(), effort=effort)
             outcome = later if later.converged else outcome
         for _ in range(options.splits):
             if not outcome.converged or bench.is_accurate(outcome):
                 break
             mesh = split(outcome.mesh, np.full(outcome.mesh.layout.intervals, 2))
-            outcome = bench.collocate(mesh, outcome.path, near=True, most=most)
+            outcome = bench.collocate(mesh, outcome.path, near=Nearby(), effort=effort)
         return outcome
 
     def _is_lowest(self, outcome: TranscriptionOutcome) -> bool:
@@ -196,7 +196,7 @@ class _Multistart:
         `lower`: whether it is on the coarse mesh.
         """
         bench, options = self._bench, self._options
-        most = bench.options.coarse.iterations
+        effort = SolveEffort(bench.options.coarse.iterations)
         cost, kept, coarse = self._best.solution.objective, self._best.record, self._coarse
         if kept is None or abs(cost - coarse) <= bench.options.coarse.error * abs(coarse) or (
                 outcome.mesh.layout.intervals > bench.intervals):
@@ -204,7 +204,7 @@ class _Multistart:
         mesh = build_uniform_mesh(bench.problem, 2**options.splits * bench.intervals, bench.stages)
         if not bench.meter.allows(mesh.layout.intervals):
             return True
-        known, new = (bench.collocate(mesh, path, path.t[-1:], near=True, most=most)
+        known, new = (bench.collocate(mesh, path.in_one_phase(), near=Nearby(), effort=effort)
                       for path in (kept.outcome.path, outcome.path))
         if not (known.converged and new.converged):
             return lower

@@ -15,6 +15,7 @@ from obc_ros.core.solver.proofs.contradictions import explain_contradiction
 from obc_ros.core.solver.proofs.optimality import describe_local
 from obc_ros.core.solver.trace import judge_path, NEIGHBOUR
 from obc_ros.core.solver.transcription.local_minima import ANOTHER
+from obc_ros.core.solver.transcription.program import Nearby, SolveEffort
 
 
 def solve_from_neighbour(bench: Bench) -> Candidate | None:
@@ -47,19 +48,19 @@ def solve_from_neighbour(bench: Bench) -> Candidate | None:
 
 def _follow(bench: Bench, last: Answered) -> Candidate | None:
     """Do what `solve_from_neighbour` does, from the solution of one neighbour."""
-    most = bench.options.coarse.few_iterations   # another minimum may be better
+    few = SolveEffort(bench.options.coarse.few_iterations)   # another minimum may be better
     programs, stated, start = bench.programs, bench.stated, last.outcome
     bench = replace(
         bench, margin=last.margin, stages=start.mesh.layout.stages,
         problem=programs.twin.problem(stated) if programs.twin else bench.problem)   # the sharpest
     extremal, near = None, start_from_neighbour(programs, stated, last)
     if near is None:
-        outcome = bench.collocate(start.mesh, start.path, near=True, sizes=last.sizes,
-                                  most=most, warm=start)
+        outcome = bench.collocate(start.mesh, start.path, near=Nearby(last.sizes, warm=start),
+                                  effort=few)
     else:
         extremal, guide = near
-        outcome = bench.collocate(guide.mesh, guide.path, near=True, sizes=last.sizes,
-                                  most=most, guide=guide)
+        outcome = bench.collocate(guide.mesh, guide.path, near=Nearby(last.sizes, guide=guide),
+                                  effort=few)
     found = bench.certify(outcome, extremal) if outcome.converged else None
     if found is not None and found.certified:
         found = Candidate(found.solution, nearby=near is not None, record=replace(
@@ -86,8 +87,8 @@ def _follow(bench: Bench, last: Answered) -> Candidate | None:
 
 def follow_rivals(bench: Bench, last: Answered) -> list[float]:
     """Return the costs of the rivals of a neighbour here, scaled from coarse to fine meshes."""
-    most = bench.options.coarse.iterations
-    outcomes = [bench.collocate(rival.mesh, rival.path, near=True, most=most)
+    effort = SolveEffort(bench.options.coarse.iterations)
+    outcomes = [bench.collocate(rival.mesh, rival.path, near=Nearby(), effort=effort)
                 for rival in last.rivals]
     return [last.refined * outcome.objective for outcome in outcomes if outcome.converged]
 

@@ -148,6 +148,10 @@ class Path:
         """Return the inputs at the mesh points, those after a jump, shape (N + 1, m)."""
         return np.vstack([self.ua, self.ub[-1:]])
 
+    def in_one_phase(self) -> 'Path':
+        """Return the path for a mesh of one phase."""
+        return replace(self, durations=self.t[-1:])
+
     def states_at(self, times: Array) -> Array:
         """Return states (K, n) at times (K,) [s], by linear interpolation."""
         t, x = self.t, self.x

@@ -144,6 +144,57 @@ class ProblemScales:
     cost: float
 
 
+@dataclass(frozen=True)
+class SolveEffort:
+    """
+    How much is done for a solve of a program.
+
+    Attributes
+    ----------
+    most : int
+        Maximum number of iterations.
+    rough : float
+        Relative error of the cost at which the iteration may end; 0: the usual tolerance.
+    once : bool
+        Try the faster method only.
+    known : LocalMinima, optional
+        Local minima; the iteration ends once it is seen to lead to one of them.
+
+    """
+
+    most: int = 500
+    rough: float = 0.0
+    once: bool = False
+    known: LocalMinima | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Nearby:
+    """
+    What is known of a solution near the initial guess.
+
+    Attributes
+    ----------
+    scales : ProblemScales, optional
+        Scales of the unknowns and of the cost; estimated from the guess if left out.
+    warm : TranscriptionOutcome, optional
+        Outcome of a neighbouring problem on this mesh: initial point and multipliers.
+    guide : TranscriptionOutcome, optional
+        Outcome of this problem on another mesh, from which multipliers are interpolated.
+    shortest : ndarray, shape (phases,), or float
+        Lower bound of the lengths of the phases [s].
+
+    """
+
+    scales: ProblemScales | None = None
+    warm: TranscriptionOutcome | None = None
+    guide: TranscriptionOutcome | None = None
+    shortest: Array | float = 0.0
+
+
+USUAL = SolveEffort()
+
+
 class Transcription:
     """
     The nonlinear program of a problem on a layout, for any numbers.
@@ -458,11 +509,8 @@ class Transcription:
         return bounds
 
     def solve(self, problem: Problem, mesh: Mesh, start: Array, scales: ProblemScales,
-              limits: TightenedLimits, meter: Meter, *, near: bool = False,
-              rough: float = 0.0,
-              once: bool = False, known: LocalMinima | None = None,
-              multipliers: tuple[Array, Array] | None = None,
-              guide: 'TranscriptionOutcome | None' = None) -> TranscriptionOutcome:
+              limits: TightenedLimits, meter: Meter, *, near: Nearby | None = None,
+              effort: SolveEffort = USUAL) -> TranscriptionOutcome:
         """
         Solve the program for the numbers of a problem of the same structure.
 
@@ -477,19 +525,12 @@ class Transcription:
         limits : TightenedLimits
             Bounds besides those of the problem.
         meter : Meter
-            Counts every iteration and may end the solve.
-        near : bool
-            Whether the start is near the solution.
-        rough : float, optional
-            Relative error of the cost that is small enough; 0: none.
-        once : bool, optional
-            Do not call IPOPT if the banded program applies.
-        known : LocalMinima, optional
-            Known minima, at which a solve that is tried `once` ends early.
-        multipliers : pair of ndarray, optional
-            `lam_w` and `lam_g` of the outcome of a neighbour: warm start.
-        guide : TranscriptionOutcome, optional
-            Of a path nearby on another mesh.
+            Counts every iteration and may end the solve; it knows their maximum.
+        near : Nearby, optional
+            If the start is near the solution.
+        effort : SolveEffort
+            How much is done; `once`: IPOPT is not called if the banded program applies, and the
+            solve ends at known minima.
 
         Returns
         -------
@@ -497,6 +538,9 @@ class Transcription:
 
         """
         lower, upper = self._bounds(problem, mesh, scales, limits)
+        warm, guide = (near.warm, near.guide) if near else (None, None)
+        multipliers = (warm.lam_w, warm.lam_g) if warm else None
+        once, known = effort.once, effort.known
         if self._staged is not None:
             constants = self._constants(problem, mesh, scales, problem.final_time.value)
             self._staged.bind(constants)
@@ -510,8 +554,8 @@ class Transcription:
 
             found = self._staged.run(
                 start, (lower, upper), StoppingRule(
-                    rough=rough, late=self._options.get_early_ends(1 + once)), seen, near=near,
-                multipliers=guessed, mu=0.0 if guide is None else guide.mu)
+                    rough=effort.rough, late=self._options.get_early_ends(1 + once)), seen,
+                near=near is not None, multipliers=guessed, mu=0.0 if guide is None else guide.mu)
             if found.converged or once or meter.stopped or meter.spent:
                 return self._outcome(problem, mesh, scales, found, (0.0, 0.0))
         rows = self._row_bounds(problem, mesh, scales, limits)

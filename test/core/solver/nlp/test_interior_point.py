@@ -19,7 +19,11 @@ from obc_ros.core.solver.nlp.interior_point import (
 from obc_ros.core.solver.nlp.meter import Meter
 from obc_ros.core.solver.starts.initial_guess import estimate_scales, Guesser
 from obc_ros.core.solver.transcription.mesh import build_uniform_mesh
-from obc_ros.core.solver.transcription.program import Transcription, TranscriptionOutcome
+from obc_ros.core.solver.transcription.program import (
+    Nearby,
+    Transcription,
+    TranscriptionOutcome,
+)
 from obc_ros.core.solver.transcription.tightening import TightenedLimits
 import problems
 import pytest
@@ -214,8 +218,7 @@ def solve_transcription(problem: Problem, *, own: bool,
                              guesser.final_state(problem)[1], np.full(problem.n, np.nan))
     start = program.start(mesh, guess, guess.durations, sizes) if near is None else near.w
     return program.solve(problem, mesh, start, sizes, limits, Meter(),
-                         near=near is not None,
-                         multipliers=None if near is None else (near.lam_w, near.lam_g))
+                         near=near and Nearby(warm=near))
 
 
 @pytest.mark.parametrize('changes', [
