@@ -8,7 +8,6 @@ The cost of an outcome is compared with the minimum by the Hamiltonian loss
 of the cost to first order. 'Relative excess' is this loss over |J|.
 """
 
-from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -37,13 +36,12 @@ class _Descent:
 
     def __init__(self, bench: Bench, start: TranscriptionOutcome) -> None:
         self._state, self._tried = State(bench, start, bench.switching), start
-        self._meshes = enumerate(self._refine(bench.options.descent.meshes))
+        self._judged = 0   # paths so far
 
     def run(self) -> Candidate:
         """Do what `descend` does."""
-        done = self._try(DescentStage.START)
-        while not (done or self._step()):
-            pass
+        if not self._try(DescentStage.START):
+            self._refine_until_enough()
         best = self._state.best or self._certify()
         if not (best.certified or self._state.outcome is self._tried):
             self._try(DescentStage.CERTIFIED)
@@ -54,19 +52,63 @@ class _Descent:
             best = self._state.best or best
         return best
 
-    def _step(self) -> bool:
-        """Solve on the next mesh; return whether the descent has ended."""
-        with self._state.bench.trace.attempt(MESH) as attempt:
-            if (step := next(self._meshes, None)) is None:
-                attempt.end(Verdict.STOPPED, 'no finer mesh is tried or leads to a path')
+    def _refine_until_enough(self) -> None:
+        """Measure, improve and judge the path on each mesh, and solve on a finer one."""
+        course, above = None, np.inf
+        for turn in range(self._state.bench.options.descent.meshes + 1):
+            with self._state.bench.trace.attempt(MESH) as attempt:
+                if not self._next_mesh(turn, course):
+                    attempt.end(Verdict.STOPPED, 'no finer mesh is tried or leads to a path')
+                    return
+                course, before = self._course(), above
+                above = self._state.bench.excess(self._state.outcome, course)
+                stalled = self._has_stalled(turn, above, before)
+                # A path that may be certified is judged before it is changed.
+                close = above < self._state.bench.options.descent.enough_bounded
+                if stalled and not close:
+                    course = self._try_jumps()
+                if self._judge_and_improve(attempt, course):
+                    return
+            if stalled and close:
+                with self._state.bench.trace.attempt(MESH) as attempt:
+                    course = self._try_jumps()
+                    if self._judge_and_improve(attempt, course):
+                        return
+
+    def _next_mesh(self, turn: int, course: Extremal | None) -> bool:
+        """Go to the next mesh; return whether there is one, with a path."""
+        if course is None:
+            self._try(DescentStage.FIRST_MESH)
+            return True
+        bench, coarse = self._state.bench, self._state.outcome
+        if turn == bench.options.descent.meshes:
+            return False
+        if twin := bench.programs.twin:
+            self._state = replace(self._state, bench=replace(
+                bench, problem=twin.problem(bench.stated, turn)))
+        if turn > 1:
+            self._try(DescentStage.NEXT_MESH)
+        return self._state.outcome is not coarse or self._solve_finer(course)
+
+    def _has_stalled(self, turn: int, above: float, before: float) -> bool:
+        """Return whether jumping inputs are to be held at bounds, since a mesh gained little."""
+        options = self._state.bench.options.descent
+        stalled = turn and above > options.enough_bounded and above > 0.3 * before
+        return bool(stalled or turn == options.plain) and not any(self._state.switching)
+
+    def _try_jumps(self) -> Extremal:
+        self._try(DescentStage.STALLED)
+        return self._course()
+
+    def _judge_and_improve(self, attempt: Entry, course: Extremal) -> bool:
+        """Judge the path and try arcs; return whether the descent has ended."""
+        number, self._judged = self._judged, self._judged + 1
+        above = self._judge(attempt, number, course)
+        if self._is_due(number, course, above):
+            self._tried = self._state.outcome
+            if self._try(DescentStage.CERTIFIED):
                 return True
-            number, course = step
-            above = self._judge(attempt, number, course)
-            if self._is_due(number, course, above):
-                self._tried = self._state.outcome
-                if self._try(DescentStage.CERTIFIED):
-                    return True
-            return self._is_enough(number, above)
+        return self._is_enough(number, above)
 
     def _try(self, stage: DescentStage) -> bool:
         """Try the improvements of a stage; return whether one led to a candidate."""
@@ -117,33 +159,6 @@ class _Descent:
     @property
     def _is_certified(self) -> bool:
         return self._state.best is not None and self._state.best.certified
-
-    def _refine(self, rounds: int) -> Iterator[Extremal]:
-        """Solve on finer and finer meshes, at most `rounds`; yield the costates of each path."""
-        options = self._state.bench.options.descent
-        self._try(DescentStage.FIRST_MESH)
-        above = np.inf
-        for turn in range(rounds):
-            course = self._course()
-            above, before = self._state.bench.excess(self._state.outcome, course), above
-            stalled = turn and above > options.enough_bounded and above > 0.3 * before
-            if (stalled or turn == options.plain) and not any(self._state.switching):
-                if above < options.enough_bounded:
-                    yield course
-                self._try(DescentStage.STALLED)
-                course = self._course()
-            yield course
-            if turn == rounds - 1:
-                return
-            bench = self._state.bench
-            if twin := bench.programs.twin:
-                self._state = replace(self._state, bench=replace(
-                    bench, problem=twin.problem(bench.stated, turn + 1)))
-            coarse = self._state.outcome
-            if turn:
-                self._try(DescentStage.NEXT_MESH)
-            if self._state.outcome is coarse and not self._solve_finer(course):
-                return
 
     def _course(self) -> Extremal:
         return self._state.bench.course(self._state.outcome)
