@@ -30,9 +30,9 @@ from obc_ros.core.ocp.statement import load_file
 from obc_ros.core.solver import bench, conclusion, methods, program_cache, search
 from obc_ros.core.solver.diagnosis import explanation
 from obc_ros.core.solver.improve import registry as improvements
+from obc_ros.core.solver.multistart import multistart
 from obc_ros.core.solver.proofs import contradictions
 from obc_ros.core.solver.solve import Cache, solve
-from obc_ros.core.solver.starts import multistart
 from obc_ros.core.solver.starts import registry as starts
 from obc_ros.core.solver.transcription import banded_program
 import pytest

@@ -15,13 +15,13 @@ import numpy as np
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.ocp.solution import Solution, Status, Verdict
 from obc_ros.core.solver.bench import Bench, build_bench, Candidate, Task
-from obc_ros.core.solver.coarse_mesh import CoarseResult, solve_coarse
 from obc_ros.core.solver.descent import descend
+from obc_ros.core.solver.multistart.coarse_mesh import CoarseResult, solve_coarse
+from obc_ros.core.solver.multistart.multistart import descend_from_coarse, explore_starts
+from obc_ros.core.solver.multistart.neighbour import solve_from_neighbour
 from obc_ros.core.solver.nlp.meter import Meter
 from obc_ros.core.solver.proofs.contradictions import explain_contradiction
 from obc_ros.core.solver.proofs.optimality import describe_local
-from obc_ros.core.solver.starts.multistart import descend_from_coarse, explore_starts
-from obc_ros.core.solver.starts.neighbour import solve_from_neighbour
 from obc_ros.core.solver.starts.start_pool import StartPool
 from obc_ros.core.solver.trace import GUESS
 from obc_ros.core.solver.transcription.program import TranscriptionOutcome

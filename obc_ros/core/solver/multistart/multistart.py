@@ -9,16 +9,16 @@ import numpy as np
 from obc_ros.core.ocp.solution import MOST_MINIMA, Solution, Verdict
 from obc_ros.core.solver.adjoint.mesh_refinement import is_below
 from obc_ros.core.solver.bench import Bench, Candidate
-from obc_ros.core.solver.coarse_mesh import solve_next_start
 from obc_ros.core.solver.descent import descend
 from obc_ros.core.solver.improve.improvement import DescentStage, State
 from obc_ros.core.solver.improve.registry import try_improvements
+from obc_ros.core.solver.multistart.coarse_mesh import solve_next_start
+from obc_ros.core.solver.multistart.stopping_rule import Effort, explain_enough
 from obc_ros.core.solver.program_cache import Answered, collect_numbers
 from obc_ros.core.solver.proofs.optimality import describe_local
 from obc_ros.core.solver.starts.registry import try_starts
 from obc_ros.core.solver.starts.start import Known, StartStage
 from obc_ros.core.solver.starts.start_pool import is_rough, StartPool
-from obc_ros.core.solver.starts.stopping_rule import Effort, explain_enough
 from obc_ros.core.solver.trace import GUESS
 from obc_ros.core.solver.transcription.local_minima import ANOTHER, CHEAPER, MET, SAME
 from obc_ros.core.solver.transcription.mesh import build_uniform_mesh, split

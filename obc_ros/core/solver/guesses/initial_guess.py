@@ -1,9 +1,9 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Initial guesses and scales from the statement of a problem alone.
+Initial guesses from the statement of a problem alone.
 
-The module is long because guesses and scales are read from the same numbers of the statement.
+The module is long because guesses and the ranges around them are read from the same numbers.
 """
 
 from collections.abc import Callable, Iterator
@@ -21,6 +21,7 @@ from obc_ros.core.ocp.least_time_form import get_final_time
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.solver.adjoint.costates import CostateIntegrator
 from obc_ros.core.solver.exact.reachable_set import bound_first_reach, bound_reach
+from obc_ros.core.solver.guesses.scales import estimate_scales, round_to_power
 from obc_ros.core.solver.options import DEFAULTS, GuessOptions
 from obc_ros.core.solver.transcription.mesh import build_path, Path
 from obc_ros.core.solver.transcription.program import ProblemScales
@@ -172,9 +173,9 @@ class Guesser:
         guessed = np.where(limit > 0, limit, moved)
         still &= np.isfinite(guessed) & (guessed > 0)
         still &= guessed > np.abs(path.x[0])
-        found = replace(found, x=np.where(still, _power(guessed), found.x))
+        found = replace(found, x=np.where(still, round_to_power(guessed), found.x))
         cost = float(path.t[-1] * np.abs(L).mean()) or self._beside(problem, path, found)
-        return replace(found, cost=float(_power(cost)) if 0 < cost < 1 else 1.0)
+        return replace(found, cost=float(round_to_power(cost)) if 0 < cost < 1 else 1.0)
 
     def _within_reach(self, problem: Problem, path: Path, u_size: Array) -> Array:
         """
@@ -467,11 +468,6 @@ def _path(t: Array, x: Array, u: Array) -> Path:
     return build_path(t, x, u[:-1], u[1:])
 
 
-def _power(size: Array | float) -> Array:
-    """Return the power of 2 nearest to a size."""
-    return np.asarray(np.exp2(np.round(np.log2(np.clip(size, 1e-8, 1e12)))))
-
-
 def join_whole_turns(path: Path, periods: Array) -> Path:
     """
     Make piecewise constant inputs that are angles continuous, by removing whole turns.
@@ -495,31 +491,3 @@ def join_whole_turns(path: Path, periods: Array) -> Path:
         u[:, i] -= periods[i] * np.round(np.mean(u[:, i]) / periods[i])
     nodes = np.vstack([u[:1], (u[1:] + u[:-1]) / 2, u[-1:]])
     return replace(path, ua=nodes[:-1], ub=nodes[1:])
-
-
-def estimate_scales(problem: Problem, path: Path) -> ProblemScales:
-    """
-    Estimate the scales of states, inputs and time.
-
-    Parameters
-    ----------
-    problem : Problem
-        Its bounds give the scales of what is 0 on the path.
-    path : Path
-        Its largest values give the others.
-
-    Returns
-    -------
-    ProblemScales
-        Powers of 2; the scale of the cost is 1.
-
-    """
-    def size(values: Array, lower: Array, upper: Array) -> Array:
-        seen = np.max(np.abs(values), axis=0, initial=0.0)
-        span = np.where(np.isfinite(upper - lower), upper - lower, 0.0)
-        largest = np.where(seen > 0, seen, np.where(span > 0, span, 1.0))
-        return _power(largest)
-
-    return ProblemScales(size(path.x, problem.x_lower, problem.x_upper),
-                         size(np.vstack([path.ua, path.ub]), problem.u_lower, problem.u_upper),
-                         float(np.exp2(np.round(np.log2(path.t[-1])))), 1.0)
