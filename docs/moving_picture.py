@@ -19,8 +19,8 @@ import matplotlib as mpl
 from mcap.reader import make_reader
 import numpy as np
 from obc_ros.cli.demo.aircraft import CHANGE, FIRST_STEP, GUST, REFUSAL, SECOND_STEP
-from obc_ros.cli.gallery.bodies import draw_aircraft
 import obc_ros.core as obc
+from obc_ros.core.library.figures.bodies import draw_aircraft
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.msg import Command, LqrDesign, State
 from PIL import Image

@@ -15,7 +15,7 @@ from obc_ros.cli.console.tables import print_table
 from obc_ros.cli.demo.flight import Flight, FlightEvent, fly, make_gust, set_parameters
 from obc_ros.cli.demo.report import measure_step, report_loop
 from obc_ros.cli.flight_client import Pilot
-from obc_ros.cli.gallery.bodies import ARM, draw_aircraft, PLUME
+from obc_ros.core.library.figures.bodies import ARM, draw_aircraft, PLUME
 from obc_ros.core.library.figures.files import save_figure
 from obc_ros.core.library.figures.style import (
     get_line,

@@ -8,8 +8,14 @@ from typing import Any
 
 from matplotlib.figure import Figure
 from nicegui.element import Element
-from obc_ros.cli.gallery.bodies import ARM, draw_aircraft, draw_two_wheeled, draw_vehicle, PLUME
 from obc_ros.cli.view.telemetry import FollowedPath, Frame, Named, Plant
+from obc_ros.core.library.figures.bodies import (
+    ARM,
+    draw_aircraft,
+    draw_two_wheeled,
+    draw_vehicle,
+    PLUME,
+)
 from obc_ros.core.library.figures.style import LINE_COLOURS
 
 BODIES: dict[str, Callable[..., list[Any]]] = {

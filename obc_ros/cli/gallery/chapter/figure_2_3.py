@@ -9,7 +9,6 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Arc
 import numpy as np
-from obc_ros.cli.gallery.bodies import draw_aircraft, INK, place_points
 from obc_ros.cli.gallery.drawing import draw_arrow, label_axes
 from obc_ros.cli.gallery.entries.aircraft import (
     ARM,
@@ -23,6 +22,7 @@ from obc_ros.cli.gallery.entries.aircraft import (
 from obc_ros.cli.gallery.entry import ComparedRow, EntryResult, GalleryEntry
 from obc_ros.cli.gallery.loop import Run
 from obc_ros.cli.gallery.runner import Desk, read_design
+from obc_ros.core.library.figures.bodies import draw_aircraft, INK, place_points
 from obc_ros.core.library.figures.style import LINE_COLOURS, new_figure, THIN
 from obc_ros.core.numerics.arrays import Array
 from scipy.linalg import eigvals, solve_continuous_are
