@@ -3,9 +3,9 @@
 """
 The command `obc`: its subcommands, each imported only when it is used.
 
-A subcommand is a module of `obc_ros.cli` with `add_arguments(parser)` and
-`run(args) -> int`, the exit status: 0 for success, 1 for a failure or no certified solution, 2
-for invalid input.
+A subcommand is a module with `add_arguments(parser)` and `run(args) -> int`, the exit status: 0
+for success, 1 for a failure or no certified solution, 2 for invalid input. It is imported by its
+name in `MODULES`, for it may be of a folder that imports this one.
 """
 
 import argparse
@@ -35,10 +35,6 @@ SUBCOMMANDS = {
     'bench': 'run the benchmarks',
     'completion': 'print what completes commands, options and names in a shell',
 }
-# The modules of subcommands that have a folder.
-MODULES = {'demo': 'demo.command', 'solve': 'ask.solve', 'lqr': 'ask.lqr', 'sweep': 'ask.sweep',
-           'gallery': 'gallery.command', 'completion': 'console.completion',
-           'view': 'view.command'}
 # With the names and arguments of `ros2`: modules of obc_ros.cli.ros2.
 ROS2 = {
     'param': 'parameters of running nodes: list, get, set, describe, dump, load',
@@ -50,6 +46,14 @@ ROS2 = {
     'node': 'running nodes: list',
     'run': 'one node: obc run obc_ros plant_simulator --ros-args -p system:=vehicle',
     'launch': 'a loop or a fleet: obc launch obc_ros loop.launch.py scenario:=vehicle',
+}
+MODULES = {
+    'demo': 'obc_ros.cli.demo.command', 'solve': 'obc_ros.cli.ask.solve',
+    'lqr': 'obc_ros.cli.ask.lqr', 'sweep': 'obc_ros.cli.ask.sweep',
+    'gallery': 'obc_ros.cli.gallery.command', 'examples': 'obc_ros.cli.examples',
+    'view': 'obc_ros.cli.view.command', 'bench': 'obc_ros.cli.bench',
+    'completion': 'obc_ros.cli.console.completion',
+    **{name: f'obc_ros.cli.ros2.{name}' for name in ROS2},
 }
 # The commands that do not work without ROS 2.
 NEED_ROS = ('demo', 'view', *ROS2)
@@ -68,12 +72,12 @@ class Version(argparse.Action):
 def find_subcommands() -> dict[str, str]:
     """Return the installed subcommands, with one line of help each."""
     return {name: text for name, text in {**SUBCOMMANDS, **ROS2}.items()
-            if util.find_spec(_module(name))}
+            if util.find_spec(MODULES[name])}
 
 
-def _module(name: str) -> str:
+def import_subcommand(name: str) -> Any:
     """Return the module of a subcommand."""
-    return f'obc_ros.cli.{f"ros2.{name}" if name in ROS2 else MODULES.get(name, name)}'
+    return import_module(MODULES[name])
 
 
 def parse(arguments: Sequence[str]) -> argparse.Namespace:
@@ -117,7 +121,7 @@ def build_parser(used: Collection[str], unlisted: Collection[str] = (), epilog: 
         command = commands.add_parser(
             name, description=f'{text[:1].upper()}{text[1:]}.', **listed)
         if name in used:
-            module = import_module(_module(name))
+            module = import_subcommand(name)
             module.add_arguments(command)
             command.set_defaults(run=module.run, command=name)
     return parser

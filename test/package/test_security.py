@@ -42,7 +42,7 @@ PROCESSES = {'Popen', 'call', 'check_call', 'check_output', 'run'}
 IMPORTS = ('exec_module', 'import_module')
 # Files that import modules by a variable name, and the origin of that name.
 IMPORTS_BY_NAME = {
-    'obc_ros/cli/obc.py': 'one of SUBCOMMANDS',
+    'obc_ros/cli/obc.py': 'one of MODULES',
     'obc_ros/workers/process.py': 'given by the pool on the command line',
     'obc_ros/workers/steps/step_process.py': 'given by the link on the command line',
     'obc_ros/core/__init__.py': 'one of the modules of the public names',

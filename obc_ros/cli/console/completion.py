@@ -13,7 +13,7 @@ from typing import Any
 from zlib import crc32
 
 from obc_ros.cli.bench import find_benchmarks
-from obc_ros.cli.obc import build_parser, find_subcommands, NEED_ROS
+from obc_ros.cli.obc import build_parser, find_subcommands, import_subcommand, NEED_ROS
 from obc_ros.core.text.errors import ObcError
 from obc_ros.core.text.example_files import list_examples
 from obc_ros.ros.installation import explain_missing_ros
@@ -74,10 +74,8 @@ def _list_names(command: str) -> list[str]:
     if command == 'examples':
         return list_examples()
     if command == 'gallery':
-        if explain_missing_ros():
-            return []
-        from obc_ros.cli.gallery.chapter.all import ENTRIES  # matplotlib takes a second
-        return [entry.name for entry in ENTRIES]
+        names: list[str] = import_subcommand(command).list_entries()
+        return names
     try:
         return list(find_benchmarks())
     except ObcError:   # none are installed

@@ -18,7 +18,7 @@ import sys
 from obc_ros.cli import results
 from obc_ros.cli.processes import lock_folder
 from obc_ros.core.text.errors import quote, StatementError, suggest_name
-from obc_ros.ros.installation import require_ros
+from obc_ros.ros.installation import explain_missing_ros, require_ros
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -58,6 +58,14 @@ def run(args: argparse.Namespace) -> int:
     with lock_folder(args.out):
         return work_and_write(chosen, args.out, list(known),
                               tuple(dict.fromkeys(('png', *args.format))))
+
+
+def list_entries() -> list[str]:
+    """Return the names of the entries; none without ROS 2."""
+    if explain_missing_ros():
+        return []
+    from obc_ros.cli.gallery.chapter.all import ENTRIES  # matplotlib takes a second
+    return [entry.name for entry in ENTRIES]
 
 
 def _teach(args: argparse.Namespace) -> int:
