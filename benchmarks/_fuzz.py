@@ -30,7 +30,7 @@ from obc_ros.msg import (
 )
 from obc_ros.srv import SolveOptimalControl
 
-PAGE = ['obc_ros.core', 'obc_ros.cli.view', 'mcap', 'uvicorn.protocols']
+PAGE = ['obc_ros.core', 'obc_ros.view', 'mcap', 'uvicorn.protocols']
 SYMBOLS = {'x': ca.SX.sym('x'), 'v': ca.SX.sym('v')}
 VALUES = {'x': 2.0, 'v': -1.0}
 PIECES = ['x', 'v', 'u', 'p', '1', '0', '2', '.5', '1e9', '+', '-', '*', '/', '**', '(', ')', ',',

@@ -12,7 +12,7 @@ import logging
 import re
 from typing import Any
 
-from obc_ros.cli.view.access import COOKIE, Gate, HeaderDeadline
+from obc_ros.view.access import COOKIE, Gate, HeaderDeadline
 import uvicorn
 from uvicorn.protocols.http.h11_impl import H11Protocol
 from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol

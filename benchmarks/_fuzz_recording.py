@@ -14,11 +14,11 @@ from typing import Any
 
 from mcap.writer import CompressionType, Writer
 import numpy as np
-from obc_ros.cli.view.canvas import AHEAD, describe_scene
-from obc_ros.cli.view.playback import Playback
 from obc_ros.core import lqr, systems
 from obc_ros.core.text.errors import ObcError
 from obc_ros.msg import Command, Estimate, LqrDesign, State, Trajectory
+from obc_ros.view.canvas import AHEAD, describe_scene
+from obc_ros.view.playback import Playback
 from rclpy.serialization import serialize_message
 
 LONGEST = 1000   # characters of a sentence

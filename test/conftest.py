@@ -54,7 +54,7 @@ _DOOR, _ROOM = (os.open(path, os.O_RDONLY) for path in (__file__, Path(__file__)
 QUICK = 0.5  # [s] of processor time that a test may take without the marker `slow`
 
 # Files whose tests share a loop or a browser: three of them would overload two cores.
-TOGETHER = ('test/cli/view/test_page.py', 'test/nodes/test_hostile.py')
+TOGETHER = ('test/view/test_page.py', 'test/nodes/test_hostile.py')
 
 _SPAWNER = pytest.StashKey[support.Spawner]()
 _PURE = bool(explain_missing_ros())

@@ -51,7 +51,7 @@ MODULES = {
     'demo': 'obc_ros.cli.demo.command', 'solve': 'obc_ros.cli.ask.solve',
     'lqr': 'obc_ros.cli.ask.lqr', 'sweep': 'obc_ros.cli.ask.sweep',
     'gallery': 'obc_ros.cli.gallery.command', 'examples': 'obc_ros.cli.examples',
-    'view': 'obc_ros.cli.view.command', 'bench': 'obc_ros.cli.bench',
+    'view': 'obc_ros.view.command', 'bench': 'obc_ros.cli.bench',
     'completion': 'obc_ros.cli.console.completion',
     **{name: f'obc_ros.cli.ros2.{name}' for name in ROS2},
 }

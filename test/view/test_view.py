@@ -16,7 +16,6 @@ from hypothesis import strategies as st
 import numpy as np
 from obc_ros.cli.obc import main
 from obc_ros.cli.recording import LATCHED
-from obc_ros.cli.view import command
 from obc_ros.core import lqr, systems
 from obc_ros.core.lqr.weights import from_bryson
 from obc_ros.core.ocp.statement import build_problem
@@ -24,24 +23,20 @@ from obc_ros.core.systems.registry import get_system
 from obc_ros.core.text.errors import ObcError
 from obc_ros.msg import Estimate, LqrDesign, NamedBounds, State, Trajectory
 from obc_ros.srv import PlanMotion
+from obc_ros.view import command
 import pytest
 from scipy.stats import chi2, norm
 from std_srvs.srv import Trigger
 
 pytest.importorskip('nicegui', reason='NiceGUI is not installed')
-from obc_ros.cli.view import access
-from obc_ros.cli.view.access import COOKIE, Gate, Helm, make_token
-from obc_ros.cli.view.canvas import describe_scene, LoopCanvas
-from obc_ros.cli.view.charts import (
-    add_unit,
-    compute_steps,
-    find_switching_functions,
-    list_figures,
-)
-from obc_ros.cli.view.loop_client import LoopClient, NEWS
-from obc_ros.cli.view.plan_panel import compute_switching
-from obc_ros.cli.view.playback import Playback
-from obc_ros.cli.view.telemetry import (
+from obc_ros.view import access
+from obc_ros.view.access import COOKIE, Gate, Helm, make_token
+from obc_ros.view.canvas import describe_scene, LoopCanvas
+from obc_ros.view.charts import add_unit, compute_steps, find_switching_functions, list_figures
+from obc_ros.view.loop_client import LoopClient, NEWS
+from obc_ros.view.plan_panel import compute_switching
+from obc_ros.view.playback import Playback
+from obc_ros.view.telemetry import (
     describe_plant,
     describe_uncertainty,
     FollowedPath,
@@ -53,7 +48,7 @@ from obc_ros.cli.view.telemetry import (
     SetPoint,
     ShownMode,
 )
-from obc_ros.cli.view.weights_panel import convert_weights
+from obc_ros.view.weights_panel import convert_weights
 import uvicorn
 from view_recording import record
 

@@ -5,16 +5,16 @@
 from typing import Any
 
 from nicegui import app, Client, ui
-from obc_ros.cli.view.access import Helm
-from obc_ros.cli.view.canvas import describe_scene, LoopCanvas
-from obc_ros.cli.view.loop_client import LoopClient
-from obc_ros.cli.view.plan_panel import PlanPanel
-from obc_ros.cli.view.plant_panel import PlantPanel
-from obc_ros.cli.view.playback import Playback
-from obc_ros.cli.view.problem_panel import ProblemPanel
-from obc_ros.cli.view.telemetry import FollowedPath, Frame, Plant, ShownMode, STOPPED
-from obc_ros.cli.view.weights_panel import WeightsPanel
 from obc_ros.core.closed_loop.modes import FOLLOWING, Mode
+from obc_ros.view.access import Helm
+from obc_ros.view.canvas import describe_scene, LoopCanvas
+from obc_ros.view.loop_client import LoopClient
+from obc_ros.view.plan_panel import PlanPanel
+from obc_ros.view.plant_panel import PlantPanel
+from obc_ros.view.playback import Playback
+from obc_ros.view.problem_panel import ProblemPanel
+from obc_ros.view.telemetry import FollowedPath, Frame, Plant, ShownMode, STOPPED
+from obc_ros.view.weights_panel import WeightsPanel
 
 PERIOD = 1.0 / 31.0  # [s] between two frames: 30 a second with the delays of timers
 STEPS = 500          # of the slider of a recording

@@ -7,8 +7,8 @@ import math
 from typing import Any
 
 from nicegui import ui
-from obc_ros.cli.view.loop_client import LoopClient
 from obc_ros.core.text.errors import ObcError
+from obc_ros.view.loop_client import LoopClient
 from std_srvs.srv import SetBool
 
 NODE = 'plant_simulator'

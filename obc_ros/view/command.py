@@ -94,8 +94,8 @@ def format_address(host: str, port: int) -> str:
 
 def open_source(args: argparse.Namespace, stack: ExitStack) -> tuple[Any, str, bool]:
     """Return what is shown, the title, and whether pages may control it."""
-    from obc_ros.cli.view.loop_client import LoopClient
-    from obc_ros.cli.view.playback import Playback
+    from obc_ros.view.loop_client import LoopClient
+    from obc_ros.view.playback import Playback
     if args.recording is not None:
         return Playback(args.recording), f'recording {args.recording.name}', False
     if args.namespace is not None:
@@ -184,8 +184,8 @@ def _watch(children: Children, ended: threading.Event) -> None:
 def serve(source: Any, title: str, controls: bool, args: argparse.Namespace) -> None:
     """Serve the pages until the process is asked to end."""
     from nicegui import app, ui
-    from obc_ros.cli.view.access import Gate, HeaderDeadline, Helm, make_token
-    from obc_ros.cli.view.page import Viewer
+    from obc_ros.view.access import Gate, HeaderDeadline, Helm, make_token
+    from obc_ros.view.page import Viewer
     from uvicorn.protocols.http.auto import AutoHTTPProtocol
 
     # uvicorn chooses the class when it is imported.

@@ -6,7 +6,7 @@ import os
 from pathlib import Path
 import re
 
-from obc_ros.cli.view.command import LOOP_PRIORITY
+from obc_ros.view.command import LOOP_PRIORITY
 from obc_ros.workers.real_time import find_priority_refusal
 import pytest
 import support

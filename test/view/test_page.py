@@ -13,10 +13,10 @@ from urllib.parse import urlsplit
 
 import numpy as np
 from obc_ros.cli.processes import reserve_domain
-from obc_ros.cli.view.access import HEADER_TIME
 from obc_ros.core.text.example_files import find_example
 from obc_ros.msg import Estimate, LqrDesign, State, Trajectory
 from obc_ros.srv import PlanMotion
+from obc_ros.view.access import HEADER_TIME
 from probes import Probe
 import pytest
 from rcl_interfaces.msg import Log

@@ -6,13 +6,6 @@ from collections.abc import Callable
 from typing import Any
 
 from nicegui import run, ui
-from obc_ros.cli.view.charts import (
-    draw_path_lines,
-    find_switching_functions,
-    show_attempts,
-    show_certificate,
-)
-from obc_ros.cli.view.loop_client import LoopClient, Request
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.ocp.augmentation import restore_added_states
 from obc_ros.core.ocp.problem import Problem
@@ -21,6 +14,13 @@ from obc_ros.core.text.errors import ObcError
 from obc_ros.core.text.example_files import find_example, list_examples
 from obc_ros.core.text.yaml_files import MAX_BYTES, read_text_entries
 from obc_ros.ros.messages import build_problem_message, read_solution
+from obc_ros.view.charts import (
+    draw_path_lines,
+    find_switching_functions,
+    show_attempts,
+    show_certificate,
+)
+from obc_ros.view.loop_client import LoopClient, Request
 
 LIMIT = 60.0  # [s] for a problem
 

@@ -11,7 +11,9 @@ from typing import Any
 from mcap.exceptions import McapError
 from mcap.reader import make_reader
 from obc_ros.cli.recording import type_name
-from obc_ros.cli.view.telemetry import (
+from obc_ros.core.text.errors import ObcError
+from obc_ros.msg import Command, Estimate, LqrDesign, State, Trajectory
+from obc_ros.view.telemetry import (
     describe_plant,
     describe_uncertainty,
     fits_names,
@@ -20,8 +22,6 @@ from obc_ros.cli.view.telemetry import (
     Plant,
     SetPoint,
 )
-from obc_ros.core.text.errors import ObcError
-from obc_ros.msg import Command, Estimate, LqrDesign, State, Trajectory
 from rclpy.serialization import deserialize_message
 from zstandard import ZstdError
 

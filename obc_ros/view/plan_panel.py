@@ -8,16 +8,6 @@ from typing import Any
 
 from nicegui import run, ui
 import numpy as np
-from obc_ros.cli.view.canvas import LoopCanvas
-from obc_ros.cli.view.charts import (
-    choose_points,
-    draw_path_lines,
-    find_switching_functions,
-    show_attempts,
-    show_certificate,
-)
-from obc_ros.cli.view.loop_client import LoopClient
-from obc_ros.cli.view.telemetry import Plant
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.ocp.statement import build_problem
 from obc_ros.core.solver.motion_planning import Motion, state_motion
@@ -26,6 +16,16 @@ from obc_ros.core.text.errors import ObcError
 from obc_ros.msg import Trajectory
 from obc_ros.ros.messages import read_message_bounds
 from obc_ros.srv import PlanMotion
+from obc_ros.view.canvas import LoopCanvas
+from obc_ros.view.charts import (
+    choose_points,
+    draw_path_lines,
+    find_switching_functions,
+    show_attempts,
+    show_certificate,
+)
+from obc_ros.view.loop_client import LoopClient
+from obc_ros.view.telemetry import Plant
 
 LIMIT = 30.0     # [s] for a plan
 GOALS = {'quadratic': 'quadratic cost', 'effort': 'minimum effort', 'time': 'minimum time'}

@@ -11,13 +11,13 @@ from typing import Any
 
 from nicegui import background_tasks, ui
 import numpy as np
-from obc_ros.cli.view.charts import compute_steps, frame_chart, list_figures
-from obc_ros.cli.view.loop_client import LoopClient
-from obc_ros.cli.view.telemetry import keep_finite, Named
 from obc_ros.core.library.figures.style import LINE_COLOURS
 from obc_ros.core.text.errors import ObcError
 from obc_ros.msg import LqrDesign, LqrWeights
 from obc_ros.srv import TryDesign
+from obc_ros.view.charts import compute_steps, frame_chart, list_figures
+from obc_ros.view.loop_client import LoopClient
+from obc_ros.view.telemetry import keep_finite, Named
 
 LOWEST, HIGHEST = -4.0, 5.0  # powers of 10 of a slider
 HALF_STEP = 0.01             # of a slider

@@ -21,19 +21,6 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticArray
 from obc_ros.action import SolveOptimalControl
 from obc_ros.cli.recording import LATCHED
-from obc_ros.cli.view.telemetry import (
-    describe_plant,
-    describe_uncertainty,
-    fits_names,
-    FollowedPath,
-    Frame,
-    Plant,
-    read_mode,
-    SetPoint,
-    ShownMode,
-    STOPPED,
-    Uncertainty,
-)
 from obc_ros.core.text.errors import ObcError
 from obc_ros.msg import (
     Command,
@@ -46,6 +33,19 @@ from obc_ros.msg import (
 from obc_ros.ros.execution.executor import limit_leaving
 from obc_ros.ros.execution.subscription_thread import Apart
 from obc_ros.ros.service_qos import BURST
+from obc_ros.view.telemetry import (
+    describe_plant,
+    describe_uncertainty,
+    fits_names,
+    FollowedPath,
+    Frame,
+    Plant,
+    read_mode,
+    SetPoint,
+    ShownMode,
+    STOPPED,
+    Uncertainty,
+)
 from rcl_interfaces.msg import Log, Parameter
 from rcl_interfaces.srv import GetParameters, ListParameters, SetParametersAtomically
 import rclpy

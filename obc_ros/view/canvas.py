@@ -8,7 +8,6 @@ from typing import Any
 
 from matplotlib.figure import Figure
 from nicegui.element import Element
-from obc_ros.cli.view.telemetry import FollowedPath, Frame, Named, Plant
 from obc_ros.core.library.figures.bodies import (
     ARM,
     draw_aircraft,
@@ -17,6 +16,7 @@ from obc_ros.core.library.figures.bodies import (
     PLUME,
 )
 from obc_ros.core.library.figures.style import LINE_COLOURS
+from obc_ros.view.telemetry import FollowedPath, Frame, Named, Plant
 
 BODIES: dict[str, Callable[..., list[Any]]] = {
     'aircraft': draw_aircraft, 'vehicle': draw_vehicle, 'vehicle_lateral': draw_vehicle,
