@@ -18,7 +18,7 @@ import sys
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = 'obc_ros'
 # From the top. A room imports from the rows below it and from the other rooms of its row.
-ROWS = (('view',), ('cli', 'nodes'), ('ros',), ('sweep',), ('workers',),
+ROWS = (('book', 'view'), ('cli', 'nodes'), ('ros',), ('sweep',), ('workers',),
         ('core.library', 'core.receding'), ('core.solver',),
         ('core.closed_loop', 'core.simulation', 'core.estimation', 'core.lqr', 'core.riccati',
          'core.ocp'),
@@ -27,13 +27,13 @@ ROOMS = tuple(room for row in ROWS for room in row)
 CERTIFICATE = 'core.ocp.certificate'
 UNDER_CERTIFICATE = ('core.ocp', 'core.numerics')   # all that the certificate imports
 # Where start-up is waited for: rclpy, CasADi and matplotlib load when needed.
-LAZY = ('view', 'cli', 'nodes')
+LAZY = ('book', 'view', 'cli', 'nodes')
 CONSTANT = 'core.solver'   # where an object is changed by itself only
 FEWEST, MOST = 4, 12   # files of a folder, without `__init__` and the folders in it
 # Public names that several modules define because others look for them by that name.
 SHARED_NAMES = {
-    'add_arguments': ('view', 'cli'),   # of a subcommand
-    'run': ('view', 'cli'),             # of a subcommand
+    'add_arguments': ('book', 'view', 'cli'),   # of a subcommand
+    'run': ('book', 'view', 'cli'),             # of a subcommand
     'main': ('cli', 'nodes', 'workers'),   # of an executable
     'answer': ('sweep', 'workers'),   # of a module that a pool's workers import
     'Settings': ('nodes',),      # the parameters of a node; docs/sources.py reads them

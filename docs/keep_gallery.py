@@ -19,8 +19,8 @@ import sys
 import textwrap
 from typing import Any
 
-from obc_ros.cli.gallery.chapter.all import ENTRIES
-from obc_ros.cli.gallery.page import ERRORS, format_markup, strip_markup
+from obc_ros.book.chapter.all import ENTRIES
+from obc_ros.book.page import ERRORS, format_markup, strip_markup
 from PIL import Image
 
 Record = Mapping[str, Any]

@@ -50,7 +50,7 @@ ROS2 = {
 MODULES = {
     'demo': 'obc_ros.cli.demo.command', 'solve': 'obc_ros.cli.ask.solve',
     'lqr': 'obc_ros.cli.ask.lqr', 'sweep': 'obc_ros.cli.ask.sweep',
-    'gallery': 'obc_ros.cli.gallery.command', 'examples': 'obc_ros.cli.examples',
+    'gallery': 'obc_ros.book.command', 'examples': 'obc_ros.cli.examples',
     'view': 'obc_ros.view.command', 'bench': 'obc_ros.cli.bench',
     'completion': 'obc_ros.cli.console.completion',
     **{name: f'obc_ros.cli.ros2.{name}' for name in ROS2},

@@ -5,8 +5,8 @@
 from types import SimpleNamespace
 
 import numpy as np
+from obc_ros.book.entries import aircraft as flights
 from obc_ros.cli.demo import aircraft as demo
-from obc_ros.cli.gallery.entries import aircraft as flights
 import pytest
 
 

@@ -7,10 +7,10 @@ import re
 import shlex
 import subprocess
 
-from obc_ros.cli.gallery import records
-from obc_ros.cli.gallery.chapter.all import ENTRIES
-from obc_ros.cli.gallery.entry import GalleryEntry, TOLERANCE
-from obc_ros.cli.gallery.page import strip_markup
+from obc_ros.book import records
+from obc_ros.book.chapter.all import ENTRIES
+from obc_ros.book.entry import GalleryEntry, TOLERANCE
+from obc_ros.book.page import strip_markup
 from obc_ros.cli.obc import parse
 from obc_ros.cli.ros2.yaml_messages import fill, find_type
 from obc_ros.cli.ros2.yaml_messages import parse_values as parse_yaml

@@ -14,11 +14,11 @@ ROOT = Path(__file__).resolve().parents[2]
 FILES = sorted((ROOT / 'test').rglob('test_*.py'))
 # What may import ROS 2 outside of `FOLDERS`; all others run without it.
 LEFT_OUT = {
-    'cli/test_demo.py', 'cli/test_determinism.py', 'cli/test_gallery.py', 'cli/test_recording.py',
-    'cli/test_demo_figure.py', 'cli/test_regulator_figures.py', 'cli/test_server_option.py',
-    'docs/test_gallery_pages.py', 'view/test_loop_nodes.py', 'view/test_page.py',
-    'view/test_plant_panel.py', 'view/test_problem_panel.py', 'view/test_view.py',
-    'view/test_weights_panel.py'}
+    'book/test_gallery.py', 'cli/test_demo.py', 'cli/test_demo_figure.py',
+    'cli/test_determinism.py', 'cli/test_recording.py', 'cli/test_regulator_figures.py',
+    'cli/test_server_option.py', 'docs/test_gallery_pages.py', 'view/test_loop_nodes.py',
+    'view/test_page.py', 'view/test_plant_panel.py', 'view/test_problem_panel.py',
+    'view/test_view.py', 'view/test_weights_panel.py'}
 # Each module of ROS 2 is hidden before pytest loads conftest.py.
 HIDDEN = ('import sys, pytest, selection\n'
           'names = {*selection.ROS, "obc_ros.msg", "obc_ros.srv", "obc_ros.action", "mcap"}\n'

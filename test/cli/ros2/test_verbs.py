@@ -8,7 +8,7 @@ import subprocess
 from typing import Any
 
 import _endless  # of benchmarks/
-from obc_ros.cli.gallery.runner import solve_request
+from obc_ros.book.runner import solve_request
 from obc_ros.cli.ros2.yaml_messages import convert_to_yaml
 from obc_ros.msg import Trajectory
 import pytest

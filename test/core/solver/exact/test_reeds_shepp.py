@@ -8,7 +8,7 @@ from math import acos, asin, cos, hypot, pi, remainder, sin, sqrt
 from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
-from obc_ros.cli.gallery.extremals import find_least_times
+from obc_ros.book.extremals import find_least_times
 from obc_ros.core.solver.exact.reeds_shepp import find_shortest_path
 from obc_ros.core.text.errors import StatementError
 import pytest

@@ -1,0 +1,92 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+`obc gallery`: examples, theorems and exercises of chapter 2 and beyond, by running nodes.
+
+Exercise sheets and slides need no ROS 2.
+
+``DIR/index.html`` is the page, ``DIR/NAME.png`` the figure of an entry, ``DIR/gallery.json`` the
+numbers. The page shows the PNG files; ``--format`` adds PDF and SVG. Results of other entries in
+DIR are kept. Loops are recorded in ``DIR/recordings``.
+"""
+
+import argparse
+from collections.abc import Collection
+from pathlib import Path
+import sys
+
+from obc_ros.cli import results
+from obc_ros.cli.processes import lock_folder
+from obc_ros.core.text.errors import quote, StatementError, suggest_name
+from obc_ros.ros.installation import explain_missing_ros, require_ros
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments of `obc gallery`."""
+    parser.add_argument('names', nargs='*', metavar='NAME', help='entries (default: all)')
+    parser.add_argument('--out', type=Path, default=Path('out/gallery'), metavar='DIR',
+                        help='directory of page, figures and numbers (default: out/gallery)')
+    results.add_format(parser)
+    instead = parser.add_mutually_exclusive_group()
+    instead.add_argument('--list', action='store_true', help='list the entries')
+    instead.add_argument('--sheet', type=Path, metavar='FILE',
+                         help='write an exercise sheet of the chapter, a YAML file')
+    instead.add_argument('--check', type=Path, metavar='FILE',
+                         help='check the answers of a sheet and say why wrong ones are wrong')
+    instead.add_argument('--slides', action='store_true',
+                         help='make slides.html of the figures in the directory of --out')
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run entries; return 0 if all numbers are in tolerance, 1 if not, 2 for an unknown name."""
+    if args.sheet or args.check or args.slides:
+        return _teach(args)
+    require_ros('the gallery')
+    from obc_ros.book.chapter.all import ENTRIES  # matplotlib takes a second
+    known = {entry.name: entry for entry in ENTRIES}
+    unknown = [name for name in args.names if name not in known]
+    if unknown:
+        print(f"obc gallery: no entry '{quote(unknown[0])}'{_suggest(unknown[0], known)}; "
+              f"there are {', '.join(known)}", file=sys.stderr)
+        return 2
+    if args.list:
+        width = max(map(len, known))
+        print('\n'.join(f'{name:{width}}  {entry.title}' for name, entry in known.items()))
+        return 0
+    chosen = [entry for name, entry in known.items() if not args.names or name in args.names]
+    from obc_ros.book.records import work_and_write  # imports ROS
+    with lock_folder(args.out):
+        return work_and_write(chosen, args.out, list(known),
+                              tuple(dict.fromkeys(('png', *args.format))))
+
+
+def list_entries() -> list[str]:
+    """Return the names of the entries; none without ROS 2."""
+    if explain_missing_ros():
+        return []
+    from obc_ros.book.chapter.all import ENTRIES  # matplotlib takes a second
+    return [entry.name for entry in ENTRIES]
+
+
+def _teach(args: argparse.Namespace) -> int:
+    """Write or check a sheet, or write slides; return the exit status."""
+    if args.slides:
+        from obc_ros.book.slides import write_slides
+        print(write_slides(args.out, args.names))
+        return 0
+    from obc_ros.book.teaching.sheet import report_sheet, write_sheet  # imports CasADi
+    if args.sheet:
+        write_sheet(args.sheet)
+        print(f'{args.sheet}; obc gallery --check {args.sheet} checks the answers')
+        return 0
+    try:
+        return report_sheet(args.check)
+    except StatementError as error:
+        print(f'obc gallery: {error}', file=sys.stderr)
+        return 2
+
+
+def _suggest(name: str, known: Collection[str]) -> str:
+    """Return a suggestion; a number alone may be that of an exercise or a theorem."""
+    longer = [each for each in known if each.endswith(f'-{name}')]
+    return suggest_name(longer[0] if longer else name, known)

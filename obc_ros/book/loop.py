@@ -1,0 +1,233 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""Nodes as processes whose topics are recorded, and a loop with `lqr_node` in lockstep."""
+
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import closing, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from obc_ros.book.ros2_commands import publish, run_node, set_parameter, write_argument
+from obc_ros.cli.flight_client import Pilot, Samples
+from obc_ros.cli.processes import Children
+from obc_ros.cli.recording import Recorder
+from obc_ros.core.numerics.arrays import Array
+from obc_ros.core.text.errors import ObcError
+from obc_ros.msg import Command, LqrDesign, State, Trajectory
+from rclpy.serialization import deserialize_message
+from std_srvs.srv import Trigger
+
+RESET = 'ros2 service call /plant_simulator/reset std_srvs/srv/Trigger'
+DESIGN = 'ros2 topic echo --once /lqr_node/design obc_ros/msg/LqrDesign'
+ATTEMPTS = 8
+PACE = {'lockstep': True, 'speed': 1e6, 'dt': 0.005}  # speed 0 would publish a /clock
+# A subscriber may fall behind for a moment: commands are queued. No state comes while the time is
+# paused: this is no outage, after which a horizon would begin anew. In lockstep the stamps are
+# those of the simulation.
+PATIENT = {'qos_overrides./command.publisher.depth': 1000, 'state_timeout': 0.0,
+           'stamp_timeout': 0.0}
+SIMULATED = {'unlimited': True, 'transition_time': 0.0}   # no protections of a robot
+
+
+class UnansweredError(ObcError):
+    """The nodes have no result that an entry needs."""
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """
+    All states of one run, and the commands computed from them.
+
+    Attributes
+    ----------
+    t : ndarray, shape (N,)
+        Times [s] since the reset.
+    x, u : ndarray, shape (N, n) and (N, m)
+        States and inputs.
+
+    """
+
+    t: Array
+    x: Array
+    u: Array
+
+
+@dataclass(frozen=True, eq=False)
+class RecordedNodes:
+    """
+    Nodes as processes, and the client that records their topics.
+
+    Attributes
+    ----------
+    children : Children
+        The processes.
+    recorder : Recorder
+        Writes the topics.
+    pilot : Pilot
+        The client.
+
+    """
+
+    children: Children
+    recorder: Recorder
+    pilot: Pilot
+
+    def start(self, node: str, parameters: Mapping[str, Any],
+              renamed: Mapping[str, str] | None = None) -> None:
+        """Start a node with parameters, and with other names for topics."""
+        self.children.start(
+            node, *(word for name, value in parameters.items()
+                    for word in ('-p', write_argument(name, value))),
+            *(word for topic, name in (renamed or {}).items()
+              for word in ('-r', f'{topic}:={name}')))
+
+
+@contextmanager
+def record_nodes(folder: Path, controller: str) -> Iterator[RecordedNodes]:
+    """Yield a client of `controller` that starts nodes; all of them end with the block."""
+    with (Children(folder / 'log') as children, Recorder(folder) as recorder,
+          closing(Pilot(children, recorder, controller=controller)) as pilot):
+        yield RecordedNodes(children, recorder, pilot)
+
+
+class NodeLoop:
+    """A running loop whose time is paused between runs."""
+
+    def __init__(self, pilot: Pilot, recorder: Recorder, note: Callable[[str], None]) -> None:
+        self._pilot = pilot
+        self._folder = recorder.folder
+        self._note = note
+        self._before = 0  # [ns] of earlier runs: the times of the recording increase
+        recorder.now = lambda: self._before + (pilot.states.stamp or [0])[-1]
+
+    @property
+    def design(self) -> LqrDesign:
+        """Return the design in use."""
+        return self._pilot.designs[-1]
+
+    def set(self, node: str = 'lqr_node', **values: Any) -> None:
+        """
+        Set parameters of a node in one transaction; for `lqr_node`, wait for the new design.
+
+        Raises
+        ------
+        UnansweredError
+            If they are rejected.
+
+        """
+        pilot = self._pilot
+        revision = self.design.revision
+        done, reason = pilot.set_parameters(node, values)
+        if not done:
+            raise UnansweredError(f'{node} rejects {values}: {reason}')
+        for name, value in values.items():
+            self._note(set_parameter(node, name, value))
+        if node == 'lqr_node':
+            pilot.wait(lambda: self.design.revision > revision, 'the new design')
+
+    def run(self, duration: float, reference: Trajectory | None = None, name: str = 'reference'
+            ) -> Run:
+        """
+        Reset the plant, run the loop for `duration` [s], along a reference if given.
+
+        The reference is written to a file called `name`, for the command that publishes it.
+
+        Raises
+        ------
+        UnansweredError
+            If messages of the loop are lost in each of `ATTEMPTS` runs.
+
+        """
+        self._note(RESET)
+        if reference:
+            self._note(publish('reference', reference, self._folder / f'{name}.yaml'))
+        for _ in range(ATTEMPTS):
+            found = self._run(round(duration * 1e9), reference)
+            if found:
+                return found
+        raise UnansweredError('states or commands of the loop were lost in transit')
+
+    def _run(self, end: int, reference: Trajectory | None) -> Run | None:
+        pilot = self._pilot
+        begin, answered = len(pilot.states.stamp), len(pilot.commands.stamp)
+        self._before += pilot.states.stamp[-1]
+        pilot.call(Trigger, 'plant_simulator/reset', Trigger.Request())
+        pilot.wait(lambda: 0 in pilot.states.stamp[begin:], 'the state after the reset')
+        if reference:
+            said = len(pilot.said)
+            pilot.publisher.publish(reference)
+            # Not the end of an earlier one, or that it is given up: such a line may come late.
+            pilot.wait(lambda: any(each.msg.startswith('a reference of ')
+                                   for each in pilot.said[said:]), 'the reference to be taken')
+        pilot.pause(False)
+        # The last command of an earlier run is not one of this run.
+        pilot.wait(lambda: pilot.states.stamp[-1] >= end
+                   and max(pilot.commands.stamp[answered:], default=-1) >= end,
+                   f't = {end * 1e-9:g} s', 60.0)
+        pilot.pause(True)
+        return self._recorded(begin, answered, end)
+
+    def _recorded(self, begin: int, answered: int, end: int) -> Run | None:
+        """Return the last run; None if messages of it are missing."""
+        return read_run(self._pilot.states, self._pilot.commands, end, begin, answered)
+
+
+def read_run(states: Samples, commands: Samples, end: int, begin: int = 0, answered: int = 0
+             ) -> Run | None:
+    """
+    Return the states of a run and the commands computed from them.
+
+    Parameters
+    ----------
+    states, commands : Samples
+        As recorded.
+    end : int
+        Stamp of the last state [ns].
+    begin, answered : int
+        Numbers of states and commands of earlier runs.
+
+    Returns
+    -------
+    Run or None
+        From the stamp 0 on; None if messages are missing.
+
+    """
+    begin += states.stamp[begin:].index(0)
+    # A repeated state counts once; a command from before the reset may arrive late.
+    ticks, first = np.unique(states.stamp[begin:], return_index=True)
+    place = {stamp: answered + k for k, stamp in enumerate(commands.stamp[answered:])}
+    count = np.searchsorted(ticks, end, 'right')
+    steps = np.diff(ticks[:count + 1])
+    if not steps.size or np.ptp(steps) > 1 or not place.keys() >= {*ticks[:count].tolist()}:
+        return None
+    x = [deserialize_message(states.data[begin + k], State).x for k in first[:count]]
+    u = [deserialize_message(commands.data[place[tick]], Command).u
+         for tick in ticks[:count].tolist()]
+    return Run(ticks[:count] * 1e-9, np.array(x), np.array(u))
+
+
+@contextmanager
+def run_loop(folder: Path, plant: Mapping[str, Any], regulator: Mapping[str, Any],
+             note: Callable[[str], None]) -> Iterator[NodeLoop]:
+    """Start a loop whose time is paused, and yield it; its topics are recorded in `folder`."""
+    regulator = {**regulator, **SIMULATED}
+    note(run_node('plant_simulator', plant))  # in real time
+    note(run_node('lqr_node', regulator))
+    note(DESIGN)
+    plant, regulator = {**PACE, **plant}, {**PATIENT, **regulator}
+    with record_nodes(folder, 'lqr_node') as nodes:
+        nodes.start('plant_simulator', plant)
+        nodes.start('lqr_node', regulator)
+        pilot = nodes.pilot
+        pilot.wait(lambda: bool(pilot.designs) and pilot.hears('command')
+                   and bool(pilot.states.stamp), 'the loop', 60.0)
+        pilot.pause(True)
+        yield NodeLoop(pilot, nodes.recorder, note)
+
+
+def reshape_rows(values: NDArray[np.float64], width: int) -> NDArray[np.float64]:
+    """Return row-major numbers as an array (N, width)."""
+    return np.asarray(values, dtype=float).reshape(-1, width)

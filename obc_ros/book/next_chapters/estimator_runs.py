@@ -1,0 +1,161 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""Runs of plant_simulator with estimator_node, for entries of the gallery."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+import time
+from typing import Any
+
+import numpy as np
+from obc_ros.book.loop import record_nodes, UnansweredError
+from obc_ros.book.ros2_commands import run_node, write_service_call
+from obc_ros.book.runner import Desk
+from obc_ros.cli.flight_client import Pilot, Samples
+from obc_ros.core.numerics.arrays import Array
+from obc_ros.msg import Estimate, Measurement, State
+from obc_ros.srv import SuggestNoise
+from rclpy.serialization import deserialize_message
+from std_srvs.srv import Trigger
+
+RENAMED = {'state': 'true_state'}  # of the plant; estimator_node publishes the estimate as state
+ECHO = 'ros2 topic echo --once /estimator_node/estimate obc_ros/msg/Estimate'
+SPEED = 2.0      # other than 1: the stamps are simulated time from 0
+AGAIN = 0.5      # [s] after which a paused plant is asked for another state
+LONGEST = 60.0   # [s] that the nodes may take to begin, and for a run
+
+
+@dataclass(frozen=True, eq=False)
+class EstimatedRun:
+    """
+    Estimates after each measurement.
+
+    Attributes
+    ----------
+    t : ndarray, shape (N,)
+        Times of the measurements [s].
+    y : ndarray, shape (N, q)
+        Measurements.
+    x : ndarray, shape (N, n)
+        Estimates.
+    P : ndarray, shape (N, n, n)
+        Covariances of their errors.
+    true : ndarray, shape (N, n)
+        States of the plant.
+
+    """
+
+    t: Array
+    y: Array
+    x: Array
+    P: Array
+    true: Array
+
+
+def run_estimator(desk: Desk, plant: Mapping[str, Any], estimator: Mapping[str, Any], count: int
+                  ) -> EstimatedRun:
+    """
+    Return estimates of a plant, from the first one that arrives.
+
+    Parameters
+    ----------
+    desk : Desk
+        Of the entry.
+    plant, estimator : mapping
+        Parameters of the nodes. The estimator has the rate 0: one estimate after each
+        measurement.
+    count : int
+        Number of estimates.
+
+    Returns
+    -------
+    EstimatedRun
+
+    Raises
+    ------
+    UnansweredError
+        If a message is lost.
+
+    """
+    plant, estimator = {**plant, 'speed': SPEED}, {**estimator, 'stamp_timeout': 0.0}
+    desk.note(run_node('plant_simulator', plant, RENAMED))
+    desk.note(run_node('estimator_node', estimator))
+    desk.note(ECHO)
+    heard = {kind: Samples() for kind in (Measurement, Estimate, State)}
+    topics = {Measurement: 'measurement', Estimate: 'estimator_node/estimate',
+              State: RENAMED['state']}
+    with record_nodes(desk.name_folder(plant['system']), 'estimator_node') as nodes:
+        pilot = nodes.pilot
+        for kind, samples in heard.items():
+            nodes.recorder.subscribe(pilot.node, topics[kind], kind, samples.append)
+        # The plant is paused after its first states: the nodes begin together.
+        nodes.start('plant_simulator', {**plant, 'pause_at': 1.0 / plant['publish_rate']}, RENAMED)
+        nodes.start('estimator_node', estimator)
+        _begin(pilot, heard[Estimate])
+        pilot.pause(False)
+        pilot.wait(lambda: len(heard[Estimate].stamp) >= count, f'{count} estimates', LONGEST)
+        pilot.pause(True)
+    return _read(heard, count)
+
+
+def ask_estimator(desk: Desk, estimator: Mapping[str, Any], request: SuggestNoise.Request
+                  ) -> SuggestNoise.Response:
+    """
+    Return the answer of estimator_node to a request for process noise.
+
+    Parameters
+    ----------
+    desk : Desk
+        Of the entry.
+    estimator : mapping
+        Parameters of the node.
+    request : SuggestNoise.Request
+        The request, with the gain of the regulator.
+
+    Raises
+    ------
+    UnansweredError
+        If the node rejects the request.
+
+    """
+    desk.note(run_node('estimator_node', estimator))
+    desk.note(write_service_call('suggest_weights', SuggestNoise, request, 'estimator_node'))
+    with record_nodes(desk.name_folder('suggestion'), 'estimator_node') as nodes:
+        nodes.start('estimator_node', estimator)
+        answer = nodes.pilot.call(
+            SuggestNoise, 'estimator_node/suggest_weights', request, LONGEST)
+    if not answer.success:
+        raise UnansweredError(f'estimator_node: {answer.message}')
+    return answer
+
+
+def _begin(pilot: Pilot, estimates: Samples) -> None:
+    """Advance the paused plant until there is an estimate."""
+    stepper = pilot.node.create_client(Trigger, 'plant_simulator/step')
+    pilot.wait(stepper.service_is_ready, 'the plant', LONGEST)
+    due = 0.0
+
+    def is_estimated() -> bool:
+        nonlocal due
+        if not estimates.stamp and time.monotonic() > due:
+            stepper.call_async(Trigger.Request())
+            due = time.monotonic() + AGAIN
+        return bool(estimates.stamp)
+
+    pilot.wait(is_estimated, 'the first estimate', LONGEST)
+
+
+def _read(heard: Mapping[Any, Samples], count: int) -> EstimatedRun:
+    """Return the messages of each stamp side by side."""
+    by_stamp = {kind: {stamp: deserialize_message(data, kind) for stamp, data in zip(
+        samples.stamp, samples.data, strict=True)} for kind, samples in heard.items()}
+    stamps = heard[Estimate].stamp[:count]
+    if any(stamp not in by_stamp[kind] for kind in heard for stamp in stamps):
+        raise UnansweredError('measurements or states of the run were lost in transit')
+    estimates = [by_stamp[Estimate][stamp] for stamp in stamps]
+    x = np.array([each.x for each in estimates])
+    n = x.shape[1]
+    return EstimatedRun(
+        1e-9 * np.array(stamps), np.array([by_stamp[Measurement][stamp].y for stamp in stamps]),
+        x, np.array([each.covariance for each in estimates]).reshape(-1, n, n),
+        np.array([by_stamp[State][stamp].x for stamp in stamps]))

@@ -1,0 +1,114 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+Slides of the figures of a gallery: one HTML file without external resources.
+
+Right, Down, Space, Page Down and a click go on; Left, Up and Page Up go back. Printed, each slide
+is a page.
+"""
+
+from base64 import b64encode
+from collections.abc import Sequence
+import html
+import json
+from pathlib import Path
+
+from obc_ros.book.page import format_markup, Record, strip_markup
+from obc_ros.core.text.errors import ObcError
+
+_STYLE = """
+* { box-sizing: border-box; margin: 0; }
+body { font: 20px/1.4 Georgia, 'Times New Roman', serif; color: #1b1f24; background: #fff; }
+section { display: none; height: 100vh; padding: 3vh 4vw 2vh; flex-direction: column; }
+section.shown { display: flex; }
+h2 { font-size: 30px; line-height: 1.2; }
+p { color: #57606a; font-style: italic; }
+img { flex: 1; min-height: 0; width: 100%; object-fit: contain; margin: 2vh 0 1vh; }
+footer { text-align: right; color: #57606a; font-size: 15px; }
+sub, sup { line-height: 0; font-size: 75%; }
+@media print {
+  @page { size: landscape; margin: 1cm; }
+  section { display: flex; height: 98vh; padding: 0; break-after: page; }
+}
+"""
+_SCRIPT = """
+const slides = [...document.querySelectorAll('section')];
+let now = Math.min(Math.max(parseInt(location.hash.slice(1)) || 1, 1), slides.length) - 1;
+function go(to) {
+  now = Math.min(Math.max(to, 0), slides.length - 1);
+  slides.forEach((slide, index) => slide.classList.toggle('shown', index === now));
+  history.replaceState(null, '', '#' + (now + 1));
+}
+const steps = { ArrowRight: 1, ArrowDown: 1, PageDown: 1, ' ': 1, ArrowLeft: -1, ArrowUp: -1,
+  PageUp: -1, Home: -slides.length, End: slides.length };
+addEventListener('keydown', event => {
+  if (event.key in steps) { event.preventDefault(); go(now + steps[event.key]); }
+});
+addEventListener('click', () => go(now + 1));
+go(now);
+"""
+
+
+def write_slides(folder: Path, names: Sequence[str]) -> Path:
+    """
+    Write ``slides.html`` from the results of a gallery.
+
+    Parameters
+    ----------
+    folder : Path
+        That `obc gallery` has written.
+    names : sequence of str
+        Entries; empty: all.
+
+    Returns
+    -------
+    Path
+        The file.
+
+    Raises
+    ------
+    ObcError
+        If there are no results of these entries, or a file cannot be read or written.
+
+    """
+    path = folder / 'slides.html'
+    try:
+        slides = _read_slides(folder, names)
+        if slides:
+            path.write_text(_write_page(slides), encoding='utf-8')
+    except OSError as error:
+        raise ObcError(f'{error.filename}: {error.strerror}; obc gallery --out DIR writes the '
+                       'results that slides are made of') from error
+    except (ValueError, KeyError, TypeError) as error:
+        raise ObcError(f'{folder / "gallery.json"} is not of obc gallery') from error
+    if not slides:
+        raise ObcError(f'{folder} has no figures of these entries; obc gallery computes them')
+    return path
+
+
+def _read_slides(folder: Path, names: Sequence[str]) -> list[str]:
+    """Return the slides of all figures of some entries, or of all."""
+    entries = json.loads((folder / 'gallery.json').read_text(encoding='utf-8'))['entries']
+    shown = [(each, figure) for each in entries if each['name'] in (names or (each['name'],))
+             for figure in each['figures']]
+    return [_write_slide(*each, folder, f'{number} of {len(shown)}')
+            for number, each in enumerate(shown, 1)]
+
+
+def _write_slide(record: Record, figure: str, folder: Path, count: str) -> str:
+    """Return a slide with one figure of an entry."""
+    path = folder / Path(figure).name
+    data = b64encode(path.read_bytes()).decode()
+    shown = html.escape(f'{record["label"]}: {strip_markup(record["title"])}')
+    source = '' if record['source'] == record['label'] else (
+        f'<p>{format_markup(record["source"])}</p>\n')
+    return (f'<section>\n<h2>{html.escape(record["label"])}: {format_markup(record["title"])}</h2>'
+            f'\n{source}'
+            f'<img src="data:image/png;base64,{data}" alt="Figure of {shown}">\n'
+            f'<footer>{count}</footer>\n</section>')
+
+
+def _write_page(slides: Sequence[str]) -> str:
+    return ('<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
+            f'<title>obc_ros: slides of the gallery</title>\n<style>{_STYLE}</style>\n</head>\n'
+            '<body>\n' + '\n'.join(slides) + f'\n<script>{_SCRIPT}</script>\n</body>\n</html>\n')

@@ -1,0 +1,125 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""Write the sheet of all questions, and check the answers of a filled one."""
+
+from collections import Counter
+from dataclasses import dataclass
+from pathlib import Path
+import textwrap
+from typing import Any
+
+from obc_ros.book.teaching.estimation_questions import ESTIMATION_QUESTIONS
+from obc_ros.book.teaching.question import SheetQuestion
+from obc_ros.book.teaching.regulator_questions import REGULATOR_QUESTIONS
+from obc_ros.book.teaching.trajectory_questions import TRAJECTORY_QUESTIONS
+from obc_ros.cli.console.tables import print_table
+from obc_ros.core.text.errors import (
+    describe_type,
+    ObcError,
+    quote,
+    StatementError,
+    suggest_name,
+)
+from obc_ros.core.text.yaml_files import read_yaml
+
+QUESTIONS: tuple[SheetQuestion, ...] = (
+    *TRAJECTORY_QUESTIONS, *REGULATOR_QUESTIONS, *ESTIMATION_QUESTIONS)
+COMMENT_WIDTH = 97   # characters
+COLOURS = {'right': 'green', 'wrong': 'red', 'unreadable': 'red'}
+HEAD = """\
+Exercises of chapter 2 of R. M. Murray, Optimization-Based Control (draft v2.1a), and of
+estimation and receding horizons.
+Write each answer after the colon; leave it empty to skip a question. Then:
+    obc gallery --check {name}
+Numbers: three digits, or a formula such as sqrt(3)/2. Formulas: + - * / **, sin cos tan exp log
+sqrt, pi. Matrices: rows as [[1, 2], [3, 4]]. SI units and radians. The costate belongs to
+H = L + lambda f, which the optimal input minimises; feedback is u = -K x."""
+
+
+@dataclass(frozen=True)
+class CheckedAnswer:
+    """An answer of a sheet: `verdict` is right, wrong, unreadable or open, `why` the reason."""
+
+    name: str
+    verdict: str
+    why: str = ''
+
+
+def write_sheet(path: Path) -> None:
+    """
+    Write the sheet, a YAML file without answers.
+
+    Raises
+    ------
+    ObcError
+        If the file exists or cannot be written.
+
+    """
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with path.open('x', encoding='utf-8') as file:
+            file.write(format_sheet(path.name))
+    except FileExistsError:
+        raise ObcError(f'{path} exists; give another name, so that no answers are lost') from None
+    except OSError as error:
+        raise ObcError(f'{path} cannot be written: {error.strerror}') from error
+
+
+def format_sheet(name: str) -> str:
+    """Return the text of the sheet; `name` is that of its file."""
+    parts = [f'# {line}' for line in HEAD.format(name=name).splitlines()]
+    for question in QUESTIONS:
+        parts += ['', _comment(question.text), _comment(f'Answer: {question.form}.'),
+                  f'{question.name}:']
+    return '\n'.join(parts) + '\n'
+
+
+def check_sheet(path: Path) -> list[CheckedAnswer]:
+    """
+    Check the answers of a sheet, in the order of the questions.
+
+    Raises
+    ------
+    StatementError
+        If the file cannot be read, or has a key that is no question.
+
+    """
+    answers = read_yaml(path)
+    if not isinstance(answers, dict):
+        raise StatementError(f'{path}: wanted the names of questions with answers, found '
+                             f'{describe_type(answers)}; obc gallery --sheet FILE writes a sheet')
+    known = [question.name for question in QUESTIONS]
+    for name in answers:
+        if name not in known:
+            raise StatementError(f"{path}: there is no question '{quote(str(name))}'"
+                                 f'{suggest_name(str(name), known)}')
+    return [check_answer(question, answers.get(question.name)) for question in QUESTIONS]
+
+
+def check_answer(question: SheetQuestion, answer: Any) -> CheckedAnswer:
+    """Check one answer; None is an open question."""
+    if answer is None:
+        return CheckedAnswer(question.name, 'open')
+    try:
+        why = question.judge(answer)
+    except ObcError as error:
+        return CheckedAnswer(question.name, 'unreadable', str(error))
+    return CheckedAnswer(question.name, 'wrong' if why else 'right', why)
+
+
+def report_sheet(path: Path) -> int:
+    """Check a sheet, print the verdicts; return 1 for a wrong answer, 2 for an unreadable one."""
+    found = check_sheet(path)
+    given = [each for each in found if each.verdict != 'open']
+    print_table(('question', 'verdict'), [(each.name, each.verdict) for each in given], COLOURS)
+    for each in given:
+        if each.why:
+            print(quote(f'{each.name}: {each.why.removeprefix(f"{each.name}: ")}', None))
+    count = Counter(each.verdict for each in found)
+    print(f'{count["right"]} of {len(given)} answers are right; {count["open"]} of '
+          f'{len(found)} questions are open')
+    return 2 if count['unreadable'] else int(count['wrong'] > 0)
+
+
+def _comment(text: str) -> str:
+    return textwrap.fill(text, COMMENT_WIDTH, initial_indent='# ', subsequent_indent='# ')

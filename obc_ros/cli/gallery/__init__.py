@@ -1,3 +1,0 @@
-# Copyright 2026 The obc_ros developers
-# SPDX-License-Identifier: Apache-2.0
-"""The command `obc gallery`: examples of the book, computed by running nodes and compared."""

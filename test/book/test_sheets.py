@@ -1,0 +1,338 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""Exercise sheets: right answers pass, typical wrong ones are told why, references are right."""
+
+from math import exp, pi, sqrt
+
+import numpy as np
+from obc_ros.book.teaching.question import FormulaQuestion
+from obc_ros.book.teaching.sheet import check_answer, check_sheet, format_sheet, QUESTIONS
+from obc_ros.book.teaching.trajectory_questions import find_end, find_extremal, STATEMENT
+from obc_ros.cli.obc import main
+import obc_ros.core as obc
+from obc_ros.core.text.expressions import parse_number
+import pytest
+from scipy.integrate import quad, solve_bvp
+from scipy.linalg import solve_continuous_are
+import yaml
+
+ASKED = {question.name: question for question in QUESTIONS}
+END = find_end()
+EXTREMAL = {'x': f'exp(-t) - {END}*exp(-1)*sinh(t)', 'u': f'-{END}*exp(t - 1)',
+            'lam': f'{END}*exp(t - 1)'}
+SPECIAL = {'2.4-a-extremal': EXTREMAL, '2.4-a-problem': STATEMENT}
+MISTAKES = [(question.name, answer, why) for question in QUESTIONS
+            if isinstance(question, FormulaQuestion) for answer, why in question.mistakes]
+
+
+def judge(name, answer):
+    return check_answer(ASKED[name], answer)
+
+
+def evaluate(name, **values):
+    """Return the values of a reference as an array."""
+    reference = ASKED[name].reference
+    rows = [[reference]] if isinstance(reference, (str, float)) else reference
+    rows = [rows] if not isinstance(rows[0], (list, tuple)) else rows
+    return np.array([[parse_number(each, values, name) for each in row] for row in rows])
+
+
+def as_yaml(answer):
+    return [as_yaml(each) for each in answer] if isinstance(answer, (list, tuple)) else answer
+
+
+def write(tmp_path, answers):
+    path = tmp_path / 'answers.yaml'
+    path.write_text(yaml.safe_dump(as_yaml_mapping(answers)))
+    return path
+
+
+def as_yaml_mapping(answers):
+    return {name: as_yaml(answer) for name, answer in answers.items()}
+
+
+def test_the_sheet_is_yaml_with_every_question_open(tmp_path, capsys):
+    path = tmp_path / 'new' / 'sheet.yaml'
+    assert main(['gallery', '--sheet', str(path)]) == 0
+    assert yaml.safe_load(path.read_text()) == dict.fromkeys(ASKED)
+    assert max(map(len, path.read_text().splitlines())) <= 99
+    assert {each.verdict for each in check_sheet(path)} == {'open'}
+    assert main(['gallery', '--check', str(path)]) == 0
+    assert f'{len(ASKED)} of {len(ASKED)} questions are open' in capsys.readouterr().out
+
+
+def test_every_exercise_of_the_chapter_has_a_question():
+    text = format_sheet('sheet.yaml')
+    for number in range(1, 11):
+        assert f'\n2.{number}-' in text
+    assert len(ASKED) == len(QUESTIONS) > 30
+
+
+def test_a_sheet_with_answers_is_not_overwritten(tmp_path, capsys):
+    path = tmp_path / 'sheet.yaml'
+    path.write_text('2.1-a: [3, -2]')
+    assert main(['gallery', '--sheet', str(path)]) == 1
+    assert 'exists; give another name' in capsys.readouterr().err
+    assert path.read_text() == '2.1-a: [3, -2]'
+
+
+@pytest.mark.slow
+def test_right_answers_pass(tmp_path, capsys):
+    answers = {name: SPECIAL.get(name) or question.reference for name, question in ASKED.items()}
+    assert main(['gallery', '--check', str(write(tmp_path, answers))]) == 0
+    output = capsys.readouterr().out
+    assert 'wrong' not in output
+    assert f'{len(ASKED)} of {len(ASKED)} answers are right; 0 of' in output
+
+
+@pytest.mark.parametrize('name, answer', [
+    ('2.8-b-gain', [1, '2/(a + sqrt(2 + a*a))']), ('2.8-b-gain', [[1, 'sqrt(a**2 + 2) - a']]),
+    ('example-2.4-gain', ['q', '(4*q**2)**0.25']), ('2.2-cost', 9.42), ('2.2-cost', '3*pi'),
+    ('2.10-A', [[0, 10], [0, 0]]), ('2.7-gain', [4, 2.83]), ('2.8-c-frequency', 1),
+    ('2.4-a-end', 'x0/(exp(a*T) + b**2*c*sinh(a*T)/a)'), ('2.4-a-limit', 0)], ids=str)
+def test_the_form_of_a_right_answer_is_free(name, answer):
+    assert judge(name, answer).verdict == 'right'
+
+
+@pytest.mark.parametrize('name, answer, why', MISTAKES, ids=str)
+def test_a_typical_mistake_is_told(name, answer, why):
+    found = judge(name, as_yaml(answer))
+    assert (found.verdict, found.why) == ('wrong', why)
+
+
+@pytest.mark.parametrize('name, answer, words', [
+    ('example-2.4-gain', ['1/q', 'sqrt(2/q)'], 'printed in the book, and a misprint'),
+    ('2.4-a-costate', '-c*exp(a*(t-T))*exp(-a*T)*x0/(1 + b**2*c*(1 - exp(-2*a*T))/(2*a))',
+     'L + lambda f is minimised'),
+    ('2.4-a-input', 'b*c*exp(a*(t-T))*exp(-a*T)*x0/(1 + b**2*c*(1 - exp(-2*a*T))/(2*a))',
+     'maximises H'),
+    ('2.7-gain', [0.25, 0.1768], 'factor 1/rho is missing'),
+    ('2.6-turn', 45, 'in degrees'), ('2.6-switching', 'lam1*sin(theta) + lam2*cos(theta)',
+                                     'exchanged'),
+    ('example-2.3-hamiltonian', 1, 'transversality for a free T'),
+    ('2.10-gain', [0.2, 0.4], 'the factor B^T = (0, 5) is missing'),
+    ('2.10-gain', [[-5, 5], [-5, -5]], 'these are the closed-loop poles'),
+    ('2.8-b-gain', [1, '-a - sqrt(a**2 + 2)'], 'not positive definite'),
+    ('2.2-cost', '6*pi', 'the factor 1/2 of the cost is missing'),
+    ('2.4-d-optimum', '2/(1 - exp(-2))', 'twice the right answer: look for a factor 1/2'),
+    ('2.10-B', [0, 5], 'the transpose'), ('2.9-a-gain', '-2*a/b', 'no minus'),
+    ('2.2-speed', 'sqrt(6*pi)*180/pi', 'in degrees'),
+    ('2.5-costate', '-3*a*x**2*lam', 'sign of the costate equation'),
+    ('2.4-a-end', 'sqrt(-a)', 'no finite value'), ('2.10-A', [1, 2, 3], 'wanted 2 x 2'),
+    ('2.10-A', [[1, 2], [3, 4]], 'differentiate f')], ids=str)
+def test_a_wrong_answer_is_told_why(name, answer, words):
+    found = judge(name, answer)
+    assert found.verdict == 'wrong'
+    assert words in found.why
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('change, words', [
+    ({}, ''), ({'lam': f'-{EXTREMAL["lam"]}'}, 'lambda has the opposite sign'),
+    ({'lam': f'2*{EXTREMAL["lam"]}'}, 'a factor of 2'),
+    ({'lam': f'{END}*exp(1 - t)'}, "the costate equation lambda' = -dH/dx does not hold"),
+    ({'u': f'{END}*exp(t - 1)'}, 'u does not minimise H'),
+    ({'x': 'exp(-t)', 'u': 0, 'lam': 0}, 'lambda(T) is not dV/dx'),
+    ({'x': EXTREMAL['x'] + ' + 1'}, 'x(0) is not the given state'),
+    ({'x': '1/(t - 1)'}, 'no finite value')], ids=str)
+def test_the_certificate_says_what_is_wrong_with_an_extremal(change, words):
+    found = judge('2.4-a-extremal', EXTREMAL | change)
+    assert words in found.why
+    assert found.verdict == ('wrong' if words else 'right')
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('change, words', [
+    ({}, ''), ({'running_cost': 'u**2', 'terminal_cost': 'x**2'}, 'both factors 1/2'),
+    ({'terminal_cost': 'x**2'}, 'factor 1/2 of the terminal cost'),
+    ({'running_cost': 'u**2'}, 'factor 1/2 of the running cost'),
+    ({'dynamics': {'x': 'x + u'}}, 'the sign of the dynamics'),
+    ({'initial_state': {'x': 2}}, 'its minimum cost is 0.188972'),
+    ({'dynamics': {'x': '0*u'}, 'terminal_cost': f'{END * exp(-1) / 2!r}*x'},
+     'the optimum of the exercise is not one of this problem'),
+    ({'input_bounds': {'u': [1, 2]}, 'terminal_constraints': ['x + 5']},
+     'no certified solution')], ids=str)
+def test_a_statement_is_solved_and_certified(change, words):
+    found = judge('2.4-a-problem', STATEMENT | change)
+    assert words in found.why
+    assert found.verdict == ('wrong' if words else 'right')
+
+
+@pytest.mark.parametrize('name, answer, words', [
+    ('2.8-b-gain', [1, 'sqrt(z)'], "unknown name 'z'"), ('2.2-cost', 'x' * 100_000, '2.2-cost'),
+    ('2.2-cost', float('nan'), 'nan'), ('2.2-cost', '1/0', '2.2-cost'),
+    ('2.2-cost', '__import__("os")', '2.2-cost'), ('2.2-cost', {'a': 1}, 'a mapping'),
+    ('2.2-cost', [], 'an empty list'), ('2.2-cost', [[]], '2.2-cost'),
+    ('2.2-cost', True, '2.2-cost'), ('2.10-A', [[1, 2], [3]], 'different lengths'),
+    ('2.10-A', [[1] * 30] * 30, 'more than 100 entries'), ('2.10-A', [[[1]]], '2.10-A'),
+    ('2.4-a-extremal', 3, 'wanted formulas of x, u, lam'),
+    ('2.4-a-extremal', {'x': 't'}, '2.4-a-extremal.u: missing'),
+    ('2.4-a-extremal', {'lambda': 't'}, "(did you mean 'lam'?)"),
+    ('2.4-a-extremal', {**EXTREMAL, 'x': 'w'}, "unknown name 'w'"),
+    ('2.4-a-problem', [1], 'wanted the keys of a problem file'),
+    ('2.4-a-problem', {'states': ['x']}, '2.4-a-problem: '),
+    ('2.4-a-problem', {1: 2}, '2.4-a-problem: '),
+    ('2.2-cost', '\x1b[31m', 'the character U+001B')], ids=lambda each: str(each)[:40])
+def test_an_unreadable_answer_is_refused_in_words(name, answer, words):
+    found = judge(name, answer)
+    assert found.verdict == 'unreadable'
+    assert words in found.why
+    assert found.why.isprintable()
+
+
+@pytest.mark.parametrize('text, words', [
+    ('2.2-costs: 3', "no question '2.2-costs' (did you mean '2.2-cost'?)"), ('[1]', 'a list of 1'),
+    ('', 'obc gallery --sheet FILE writes a sheet'), ('a: {', 'answers.yaml'),
+    ('2.2-cost: 1\n2.2-cost: 2', 'occurs twice'), ('2.2-cost: *a', 'answers.yaml'), ('\0', '')])
+def test_a_malformed_sheet_exits_with_2(tmp_path, capsys, text, words):
+    path = tmp_path / 'answers.yaml'
+    path.write_text(text)
+    assert main(['gallery', '--check', str(path)]) == 2
+    told = capsys.readouterr()
+    assert told.out == ''
+    assert told.err.startswith('obc gallery: ')
+    assert words in told.err
+
+
+def test_a_missing_sheet_exits_with_2(capsys):
+    assert main(['gallery', '--check', 'missing.yaml']) == 2
+    assert 'cannot be read' in capsys.readouterr().err
+
+
+def test_a_partial_sheet_is_checked(tmp_path, capsys):
+    path = write(tmp_path, {'2.2-cost': 9.42, '2.6-turn': 45, '2.1-a': None, '2.2-speed': 'y'})
+    assert main(['gallery', '--check', str(path)]) == 2
+    output = capsys.readouterr().out
+    assert '\n2.2-cost   right\n' in output
+    assert '\n2.6-turn   wrong\n' in output
+    assert '\n2.6-turn: the angle is in degrees' in output
+    assert '\n2.2-speed  unreadable\n' in output
+    assert '1 of 3 answers are right' in output
+
+
+# The references, by other means.
+
+def chain(rate=1.0, gain=1.0, drag=0.0):
+    return np.array([[0.0, rate], [0.0, -drag]]), np.array([[0.0], [gain]])
+
+
+@pytest.mark.parametrize('name, values, plant, Q, R', [
+    *(('example-2.4-gain', {'q': q}, chain(), np.diag([q**2, 0]), 1.0) for q in (0.3, 1.0, 4.0)),
+    ('2.7-gain', {}, chain(), np.diag([1.0, 0.0]), 1 / 16),
+    *(('2.8-b-gain', {'a': a, 'b': 1.0}, chain(drag=a), np.diag([1.0, 0.0]), 1.0)
+      for a in (0.5, 3.0)),
+    ('2.10-gain', {}, chain(10.0, 5.0), np.diag([1.0, 0.0]), 1.0)], ids=str)
+def test_a_gain_solves_the_riccati_equation(name, values, plant, Q, R):
+    A, B = plant
+    P = solve_continuous_are(A, B, Q, [[R]])
+    K = B.T @ P / R
+    assert evaluate(name, **values) == pytest.approx(K, abs=1e-9)
+    poles = np.sort_complex(np.linalg.eigvals(A - B @ K))[::-1]
+    frequency, damping = abs(poles[0]), -poles[0].real / abs(poles[0])
+    if name.startswith('example'):
+        assert evaluate('example-2.4-frequency', **values) == pytest.approx(frequency)
+        assert evaluate('example-2.4-damping') == pytest.approx(damping)
+    if name.startswith('2.7'):
+        assert evaluate('2.7-poles') == pytest.approx(np.c_[poles.real, poles.imag])
+    if name.startswith('2.8') and poles[0].imag:
+        assert evaluate('2.8-c-frequency', **values) == pytest.approx(frequency)
+        assert evaluate('2.8-c-damping', **values) == pytest.approx(damping)
+
+
+@pytest.mark.parametrize('a, q, r', [(0.7, 1.3, 0.4), (-1.5, 0.3, 2.0)])
+def test_the_scalar_filter_solves_the_riccati_equation_of_the_dual(a, q, r):
+    P = solve_continuous_are([[a]], [[1.0]], [[q]], [[r]]).item()
+    for name, wanted in (('variance', P), ('gain', P / r), ('pole', a - P / r)):
+        found = evaluate(f'estimation-1-{name}', a=a, q=q, r=r).item()
+        assert found == pytest.approx(wanted, abs=1e-9)
+
+
+@pytest.mark.parametrize('w', [0.4, 2.0])
+def test_the_filter_of_the_double_integrator_solves_the_riccati_equation_of_the_dual(w):
+    A, C = chain()[0], np.array([[1.0, 0.0]])
+    P = solve_continuous_are(A.T, C.T, np.diag([0.0, w**4]), [[1.0]])
+    assert evaluate('estimation-2-gain', w=w) == pytest.approx(C @ P, abs=1e-9)
+    pole = np.linalg.eigvals(A - P @ C.T @ C)[0]
+    assert evaluate('estimation-2-damping').item() == pytest.approx(-pole.real / abs(pole))
+
+
+@pytest.mark.parametrize('q, s', [(1.0, 3.0), (100.0, 10.0)])
+def test_the_margin_of_doyle_is_where_a_pole_vanishes(q, s):
+    A, ones = np.array([[1.0, 1.0], [0.0, 1.0]]), np.ones((2, 2))
+    B, C = np.array([[0.0], [1.0]]), np.array([[1.0, 0.0]])
+    K = B.T @ solve_continuous_are(A, B, q * ones, [[1.0]])
+    L = solve_continuous_are(A.T, C.T, s * ones, [[1.0]]) @ C.T
+    f, d = (evaluate('estimation-3-gain', q=each).item() for each in (q, s))
+    assert pytest.approx(f * np.ones((1, 2)), rel=1e-9) == K
+    assert pytest.approx(d * np.ones((2, 1)), rel=1e-9) == L
+    m = evaluate('estimation-3-margin', d=d, f=f).item()
+    loop = np.block([[A, -m * B @ K], [L @ C, A - B @ K - L @ C]])
+    assert abs(np.linalg.eigvals(loop)).min() < 1e-6
+
+
+@pytest.mark.parametrize('a, b', [(0.7, 1.3), (2.0, 0.5)])
+def test_the_gain_of_exercise_2_9_moves_the_pole_to_its_mirror_image(a, b):
+    P, k = (evaluate(f'2.9-a-{name}', a=a, b=b).item() for name in ('riccati', 'gain'))
+    assert 2 * a * P == pytest.approx(b**2 * P**2)
+    assert k == pytest.approx(b * P)
+    assert a - b * k == pytest.approx(-a)
+
+
+@pytest.mark.parametrize('values', [
+    {'a': 0.6, 'b': 1.7, 'c': 0.9, 'x0': 1.4, 'T': 1.2},
+    {'a': 2.0, 'b': 0.5, 'c': 2.0, 'x0': 1.0, 'T': 2.0}], ids=str)
+def test_exercise_2_4_solves_its_boundary_value_problem(values):
+    a, b, c, x0, T = values.values()
+    found = solve_bvp(lambda t, y: [-a * y[0] - b**2 * y[1], a * y[1]],
+                      lambda start, end: [start[0] - x0, end[1] - c * end[0]],
+                      np.linspace(0, T, 50), np.ones((2, 50)), tol=1e-9, max_nodes=20_000)
+    assert found.success
+    assert evaluate('2.4-a-end', **values).item() == pytest.approx(found.sol(T)[0], abs=1e-8)
+    for t in (0.0, 0.3, T):
+        lam = found.sol(t)[1]
+        assert evaluate('2.4-a-costate', **values, t=t).item() == pytest.approx(lam, abs=1e-8)
+        assert evaluate('2.4-a-input', **values, t=t).item() == pytest.approx(-b * lam, abs=1e-8)
+
+
+def test_the_extremal_of_exercise_2_4_is_certified():
+    t = np.linspace(0, 1, 2001)
+    x, u, lam = find_extremal(t)
+    cost = quad(lambda s: find_extremal(np.array([0.0, s]))[1][1, 0]**2 / 2, 0, 1)[0] + END**2 / 2
+    assert obc.certify(STATEMENT, t=t, x=x, u=u, lam=lam, objective=cost).holds
+    assert ASKED['2.4-a-problem'].cost == pytest.approx(cost)
+
+
+def test_the_end_of_exercise_2_9_solves_its_boundary_value_problem():
+    a, b, c = 2.0, 0.5, 10.0
+    found = solve_bvp(lambda t, y: [a * y[0] - b**2 * y[1], -a * y[1]],
+                      lambda start, end: [start[0] - 4.0, end[1] - c * end[0]],
+                      np.linspace(0, 1, 50), np.ones((2, 50)), tol=1e-9, max_nodes=20_000)
+    assert evaluate('2.9-b-end').item() == pytest.approx(found.sol(1.0)[0], abs=1e-8)
+
+
+def test_the_flat_trajectories_reach_the_end():
+    values = {'a': 0.8, 'b': 1.6, 'x0': 0.4, 'xf': 1.9, 'T': 1.3}
+    for name, power in (('2.4-c-input', 1), ('2.5-c-input', 3)):
+        for t in (0.0, 0.5, 1.3):
+            x = 0.4 + 1.5 * t / 1.3
+            u = evaluate(name, **values, t=t).item()
+            assert -0.8 * x**power + 1.6 * u == pytest.approx(1.5 / 1.3)
+
+
+def test_the_costs_of_exercise_2_4_d():
+    flat = quad(lambda t: (1 + t)**2 / 2, 0, 1)[0]
+    gramian = quad(lambda t: exp(-2 * (1 - t)), 0, 1)[0]
+    assert evaluate('2.4-d-cost').item() == pytest.approx(flat)
+    assert evaluate('2.4-d-optimum').item() == pytest.approx(1 / (2 * gramian))
+
+
+def test_the_loop_of_exercise_2_2_encloses_the_area():
+    speed = evaluate('2.2-speed').item()
+
+    def turn(t):   # of q1 u2 - q2 u1 on the circle through 0
+        q = speed / (2 * pi) * np.array([np.sin(2 * pi * t), 1 - np.cos(2 * pi * t)])
+        u = speed * np.array([np.cos(2 * pi * t), np.sin(2 * pi * t)])
+        return q[0] * u[1] - q[1] * u[0]
+
+    assert abs(quad(turn, 0, 1)[0]) == pytest.approx(sqrt(1 + 4 + 4))
+    assert evaluate('2.2-cost').item() == pytest.approx(speed**2 / 2)
