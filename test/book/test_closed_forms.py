@@ -9,7 +9,7 @@ from math import inf, pi, sqrt
 from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
-from obc_ros.core.solver.exact import closed_forms
+from obc_ros.book import closed_forms
 from obc_ros.core.text.errors import StatementError
 import pytest
 from scipy.integrate import quad, solve_ivp

@@ -7,6 +7,7 @@ from typing import Any
 
 from matplotlib.figure import Figure
 import numpy as np
+from obc_ros.book.closed_forms import solve_double_integrator_regulator
 from obc_ros.book.drawing import create_panels, draw_pole_pairs, label_axes
 from obc_ros.book.entry import ComparedRow, EntryResult, GalleryEntry
 from obc_ros.book.exact_loops import compute_free_motion, run_sampled_loop
@@ -21,7 +22,6 @@ from obc_ros.core.library.figures.style import (
     THIN,
 )
 from obc_ros.core.numerics.arrays import Array
-from obc_ros.core.solver.exact.closed_forms import solve_double_integrator_regulator
 from scipy.linalg import solve_continuous_are, solve_continuous_lyapunov
 
 N, M = 4, 2

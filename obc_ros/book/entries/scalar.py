@@ -7,6 +7,7 @@ from itertools import product
 from typing import Any
 
 import numpy as np
+from obc_ros.book.closed_forms import solve_scalar_finite_horizon, solve_scalar_infinite_horizon
 from obc_ros.book.drawing import create_panels, label_axes, place_legend_below
 from obc_ros.book.entry import ComparedRow, EntryResult, GalleryEntry
 from obc_ros.book.loop import UnansweredError
@@ -19,10 +20,6 @@ from obc_ros.core.library.figures.style import (
     THIN,
 )
 from obc_ros.core.numerics.arrays import Array
-from obc_ros.core.solver.exact.closed_forms import (
-    solve_scalar_finite_horizon,
-    solve_scalar_infinite_horizon,
-)
 from obc_ros.srv import DesignLqr
 
 WEIGHTS = (0.1, 1.0, 10.0, 100.0)
