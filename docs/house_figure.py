@@ -290,7 +290,7 @@ def _arrow(edge: tuple[str, str], ends: tuple[Point, Point], count: int, is_wron
 
 
 def _arrows_between_rows(boxes: dict[str, Box], shown: Edges, edges: Edges) -> list[Arrow]:
-    """Return the arrows between rooms: level within a row, else upright."""
+    """Return the arrows between rooms: level within a row, else upright if one is below."""
     wrong = _upward(edges) | circular(edges)
     taken: list[tuple[float, float, float]] = []   # x, from y, to y
     arrows = []
@@ -305,9 +305,15 @@ def _arrows_between_rows(boxes: dict[str, Box], shown: Edges, edges: Edges) -> l
         else:
             down = source.y < target.y
             y1, y2 = (source.bottom, target.y) if down else (source.y, target.bottom)
-            x, hidden = _free(boxes.values(), source, target, taken)
-            taken.append((x, min(y1, y2), max(y1, y2)))
-            points = (x, y1), (x, y2)
+            if source.right < target.x or target.right < source.x:   # none is below the other
+                forward = source.x < target.x
+                points = ((source.right - 30, y1), (target.x + 30, y2)) if forward else (
+                    (source.x + 30, y1), (target.right - 30, y2))
+                hidden = abs(_row(b) - _row(a)) > 1
+            else:
+                x, hidden = _free(boxes.values(), source, target, taken)
+                taken.append((x, min(y1, y2), max(y1, y2)))
+                points = (x, y1), (x, y2)
         is_wrong = (a, b) in wrong
         arrows.append(((a, b), _arrow((a, b), points, count, is_wrong),
                        hidden and not is_wrong))

@@ -211,6 +211,18 @@ def test_the_picture_has_all_folders_and_imports(figure, measure, ours):
     assert drawn | also == wanted
 
 
+def test_arrows_begin_and_end_at_their_boxes(figure, ours):
+    root = ElementTree.fromstring(figure.draw(ours))
+    boxes = {each.get('data-folder'): [float(each[0].get(key)) for key in (
+        'x', 'y', 'width', 'height')] for each in root.iter() if each.get('data-folder')}
+    for line in root:
+        for end, kind in enumerate(('from', 'to'), 1):
+            if folder := line.get(f'data-{kind}'):
+                x, y, width, height = boxes[folder]
+                assert -0.2 <= float(line.get(f'x{end}')) - x <= width + 0.2, line.attrib
+                assert -0.2 <= float(line.get(f'y{end}')) - y <= height + 0.2, line.attrib
+
+
 def test_a_violating_import_is_drawn_red(figure, measure, tmp_path):
     assert figure.WRONG not in ''.join(re.findall(
         '<line.*?>', figure.draw(read(measure, tmp_path))))
