@@ -29,7 +29,7 @@ UNDER_CERTIFICATE = ('core.ocp', 'core.numerics')   # all that the certificate i
 # Where start-up is waited for: rclpy, CasADi and matplotlib load when needed.
 LAZY = ('book', 'view', 'cli', 'nodes')
 CONSTANT = 'core.solver'   # where an object is changed by itself only
-FEWEST, MOST = 4, 12   # files of a folder, without `__init__` and the folders in it
+MOST = 12   # files of a folder, without `__init__` and the folders in it
 # Public names that several modules define because others look for them by that name.
 SHARED_NAMES = {
     'add_arguments': ('book', 'view', 'cli'),   # of a subcommand
@@ -147,6 +147,14 @@ def within(name: str, folder: str) -> bool:
     return name == folder or name.startswith(f'{folder}.')
 
 
+def part_ways(one: str, other: str) -> tuple[str, str]:
+    """Return the two of one folder that two modules are or are in."""
+    first, second = one.split('.'), other.split('.')
+    same = next((k for k, pair in enumerate(zip(first, second, strict=False))
+                 if pair[0] != pair[1]), min(len(first), len(second)))
+    return '.'.join(first[:same + 1]), '.'.join(second[:same + 1])
+
+
 def _imports(name: str, tree: ast.Module, modules: dict[str, Path]) -> Iterator[Import]:
     waiting: list[tuple[ast.AST, str]] = [(tree, '')]
     while waiting:
@@ -190,9 +198,10 @@ def find_module_circles(house: House) -> list[str]:
 
 
 def find_folder_circles(house: House) -> list[str]:
-    """Return the circles of folders; a folder and those in it count as apart."""
+    """Return the circles between what lies in one folder, files and folders alike."""
     return [' <-> '.join(part) for part in find_circles(
-        (a, b) for a, b in house.edges(str) if not (within(a, b) or within(b, a)))]
+        part_ways(each.source, each.target) for each in house.imports
+        if not (within(each.source, each.target) or within(each.target, each.source)))]
 
 
 def find_upward(house: House) -> list[str]:
@@ -212,9 +221,9 @@ def find_hidden(house: House) -> list[str]:
 
 
 def find_large(house: House) -> list[str]:
-    """Return the folders with too few or too many files."""
+    """Return the folders with too many files."""
     return [f'{folder or PACKAGE} has {len(files)} files' for folder, files in
-            sorted(house.files.items()) if not FEWEST <= len(files) <= MOST]
+            sorted(house.files.items()) if len(files) > MOST]
 
 
 def find_silent(house: House) -> list[str]:
@@ -257,7 +266,7 @@ RULES: dict[str, Callable[[House], list[str]]] = {
     'imports upwards': find_upward,
     'imports under TYPE_CHECKING': find_type_checking,
     f'imports inside functions, outside {", ".join(LAZY)}': find_hidden,
-    f'folders with fewer than {FEWEST} or more than {MOST} files': find_large,
+    f'folders with more than {MOST} files': find_large,
     'folders without a sentence': find_silent,
     'public names with two meanings': find_ambiguous,
     'modules with a name that is not of the field': find_retired,

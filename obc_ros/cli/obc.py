@@ -52,7 +52,7 @@ MODULES = {
     'lqr': 'obc_ros.cli.ask.lqr', 'sweep': 'obc_ros.cli.ask.sweep',
     'gallery': 'obc_ros.book.command', 'examples': 'obc_ros.cli.examples',
     'view': 'obc_ros.view.command', 'bench': 'obc_ros.cli.bench',
-    'completion': 'obc_ros.cli.console.completion',
+    'completion': 'obc_ros.cli.completion',
     **{name: f'obc_ros.cli.ros2.{name}' for name in ROS2},
 }
 # The commands that do not work without ROS 2.

@@ -72,6 +72,11 @@ from obc_ros.ros.parameters.node_parameters import (
     Parameters,
     StartValues,
 )
+from obc_ros.ros.parameters.system_parameters import (
+    choose_node_system,
+    choose_system,
+    list_system_parameters,
+)
 from obc_ros.ros.state_sources import Components, NamesError
 from obc_ros.ros.throttled_log import ThrottledLog
 from rclpy.clock import Clock
@@ -87,14 +92,14 @@ LONGEST_WAIT = 0.5  # [s] between two checks in the thread
 
 
 def _of_states(values: Mapping[str, Any]) -> Iterator[ParameterRow]:
-    for signal in conversions.choose_node_system(values).states:
+    for signal in choose_node_system(values).states:
         yield ParameterRow(
             signal.name, 0.0, 'standard deviation of the measurement noise', signal.unit,
             lower=0.0, upper=1e9)
 
 
 def _of_disturbances(values: Mapping[str, Any]) -> Iterator[ParameterRow]:
-    for signal in conversions.choose_node_system(values).states:
+    for signal in choose_node_system(values).states:
         unit = f'{signal.unit or "1"}/s'
         yield ParameterRow(
             f'constant.{signal.name}', 0.0, 'constant added to the derivative', unit)
@@ -109,7 +114,7 @@ def _of_disturbances(values: Mapping[str, Any]) -> Iterator[ParameterRow]:
 
 
 def _of_outputs(values: Mapping[str, Any]) -> Iterator[ParameterRow]:
-    for signal in conversions.choose_node_system(values).outputs:
+    for signal in choose_node_system(values).outputs:
         yield ParameterRow(
             f'{signal.name}.rate', 0.0, 'measurements per simulated second, published on '
             'measurement: publish_rate divided by a whole number; 0: none', 'Hz', lower=0.0,
@@ -144,7 +149,7 @@ class Settings:
 
     system: str = declare_field(
         'aircraft', 'name of a registered system, or path of a YAML file', read_only=True)
-    system_parameters: Mapping[str, Any] = group(conversions.list_system_parameters)
+    system_parameters: Mapping[str, Any] = group(list_system_parameters)
     problem: str = declare_field(
         '', 'problem file, or name of an example, that gives system, system_parameters and x0; '
         'values that are given besides override it. Empty: none', read_only=True,
@@ -232,7 +237,7 @@ def judge_plant_settings(settings: Settings) -> PlantCandidate:
         If a setting is rejected.
 
     """
-    system = conversions.choose_system(settings.system, settings.system_parameters)
+    system = choose_system(settings.system, settings.system_parameters)
     dt, steps = choose_step(settings.dt, settings.publish_rate)
     disturbance = settings.disturbance
     conditions = Conditions(

@@ -1,7 +1,7 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Conversions between odometry and states, and between parameters of systems and of ROS.
+Conversions between odometry and states.
 
 Odometry of a body that moves in a plane (REP 103: x forward, y left, z up, right-handed):
 
@@ -14,7 +14,7 @@ twist        in the body's frame: (forward, left, 0), or (forward, 0, up); rate 
 ===========  ==================================  =======================================
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 import math
 from typing import Any
 
@@ -22,10 +22,8 @@ from builtin_interfaces.msg import Time
 from nav_msgs.msg import Odometry
 import numpy as np
 from obc_ros.core.numerics.arrays import Array
-from obc_ros.core.systems import registry
 from obc_ros.core.systems.system import System
-from obc_ros.core.text.errors import DynamicsError, StatementError
-from obc_ros.ros.parameters.table import ParameterRow
+from obc_ros.core.text.errors import StatementError
 from obc_ros.ros.state_sources import Body, Components
 
 Read = Callable[[Any], Sequence[float]]
@@ -33,7 +31,6 @@ Read = Callable[[Any], Sequence[float]]
 ODOM, BASE = 'odom', 'base_link'  # REP 105
 # Squares of the norms 0.99 and 1.01: beyond, a quaternion is not rounded but incomplete.
 LEAST, MOST = 0.99**2, 1.01**2
-SYSTEM_PARAMETERS = 'system_parameters.'   # begins the names of the parameters of a node's system
 _HORIZONTAL, _VERTICAL = ('x', 'y', 'yaw'), ('x', 'z', 'pitch')
 _HORIZONTAL_RATES = 'vx', 'vy', 'angular.z', 'linear.x', 'linear.y'
 _VERTICAL_RATES = 'vx', 'vz', 'angular.y', 'linear.x', 'linear.z'
@@ -71,95 +68,6 @@ def set_stamp(stamp: Time, time: int) -> None:
 
     """
     stamp.sec, stamp.nanosec = divmod(time, 10**9)
-
-
-def list_system_parameters(values: Mapping[str, Any]) -> Iterator[ParameterRow]:
-    """
-    Yield the parameters and construction options of a system, for `parameters.table.group`.
-
-    Parameters
-    ----------
-    values : mapping
-        With the name of the system under ``system``.
-
-    Yields
-    ------
-    ParameterRow
-        Named without a prefix.
-
-    Raises
-    ------
-    ObcError
-        If there is no such system.
-
-    """
-    name = str(values['system'])
-    options = registry.get_options(name)
-    for option, default in options.items():
-        yield ParameterRow(
-            name=option,
-            default=tuple(default) if isinstance(default, (tuple, list)) else default,
-            description=f'construction option of {name}')
-    try:
-        system = registry.get_system(name)
-    except DynamicsError:
-        if not options:
-            raise
-        return  # the system needs values of its options
-    for each in system.parameters:
-        yield ParameterRow(
-            name=each.name, default=each.value, description=each.description, unit=each.unit,
-            lower=each.lower, upper=each.upper)
-
-
-def choose_system(name: str, values: Mapping[str, Any]) -> System:
-    """
-    Return a system with given values of parameters and options.
-
-    Only values that differ from the declared ones are passed on: a default that a system file
-    gives as an expression of other parameters follows these.
-
-    Parameters
-    ----------
-    name : str
-        Of a registered system.
-    values : mapping
-        Parameters and construction options by name.
-
-    Returns
-    -------
-    System
-        The system.
-
-    Raises
-    ------
-    ObcError
-        If there is no such system, or a value is invalid.
-
-    """
-    declared = {entry.name: entry.default for entry in list_system_parameters({'system': name})}
-    return registry.get_system(name, {key: value for key, value in values.items()
-                                      if value != declared.get(key)})
-
-
-def choose_node_system(values: Mapping[str, Any]) -> System:
-    """
-    Return the system of a node.
-
-    Parameters
-    ----------
-    values : mapping
-        Parameters of the node by name: ``system``, ``system_parameters.*`` and any others.
-
-    Raises
-    ------
-    ObcError
-        If there is no such system, or a value is invalid.
-
-    """
-    return choose_system(str(values['system']), {
-        name.removeprefix(SYSTEM_PARAMETERS): value for name, value in values.items()
-        if name.startswith(SYSTEM_PARAMETERS)})
 
 
 class OdometryMap:

@@ -6,7 +6,7 @@ import shutil
 import subprocess
 import sys
 
-from obc_ros.cli.console.completion import SHELLS
+from obc_ros.cli.completion import SHELLS
 from obc_ros.cli.obc import find_subcommands, main
 import pytest
 

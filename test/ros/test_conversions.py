@@ -13,6 +13,10 @@ from obc_ros.core.systems import registry
 from obc_ros.core.text.errors import DynamicsError, StatementError
 from obc_ros.ros import conversions
 from obc_ros.ros.conversions import OdometryMap
+from obc_ros.ros.parameters.system_parameters import (
+    choose_system,
+    list_system_parameters,
+)
 import pytest
 from scipy.spatial.transform import Rotation
 
@@ -181,7 +185,7 @@ def test_stamps_keep_nanoseconds(time):
 def test_a_system_lists_its_parameters_and_options():
     def declared(name):
         return {entry.name: entry
-                for entry in conversions.list_system_parameters({'system': name})}
+                for entry in list_system_parameters({'system': name})}
 
     aircraft = declared('aircraft')
     assert set(aircraft) == {'m', 'J', 'r', 'g', 'c'}
@@ -197,7 +201,7 @@ def test_only_changed_values_override_the_parameters_of_a_system(tmp_path):
     path = tmp_path / 'plant.yaml'
     path.write_text('states: [x]\ninputs: [u]\nparameters: {m: 1, M: 2*m}\n'
                     'dynamics: {x: u/M}\n')
-    chosen = conversions.choose_system(str(path), {'m': 3.0, 'M': 2.0})
+    chosen = choose_system(str(path), {'m': 3.0, 'M': 2.0})
     assert_allclose(chosen.p_value, [3, 6])
-    linear = conversions.choose_system('linear', {'A': (0.0, 1.0, 0.0, 0.0), 'B': (0.0, 1.0)})
+    linear = choose_system('linear', {'A': (0.0, 1.0, 0.0, 0.0), 'B': (0.0, 1.0)})
     assert linear.n == 2

@@ -10,7 +10,6 @@ from typing import Any
 
 from hypothesis import given, settings, strategies
 from obc_ros.core.text.errors import ObcError, StatementError
-from obc_ros.ros.conversions import list_system_parameters
 from obc_ros.ros.parameters.node_parameters import (
     declare_field,
     group,
@@ -19,6 +18,7 @@ from obc_ros.ros.parameters.node_parameters import (
     StartValues,
     Value,
 )
+from obc_ros.ros.parameters.system_parameters import list_system_parameters
 import pytest
 from rcl_interfaces.msg import Parameter as ParameterMsg
 from rcl_interfaces.msg import ParameterType, ParameterValue

@@ -28,8 +28,8 @@ from obc_ros.nodes.control.controller_settings import (
     make_key,
     make_rules,
 )
-from obc_ros.ros.conversions import choose_node_system, list_system_parameters
 from obc_ros.ros.parameters.node_parameters import declare_field, StartValues
+from obc_ros.ros.parameters.system_parameters import choose_node_system, list_system_parameters
 from obc_ros.workers.steps.step_link import StepLink
 from obc_ros.workers.wire import Packet
 
