@@ -96,7 +96,7 @@ def fly(seed: int, seconds: float, estimates: bool) -> tuple[Array, Array, float
         delayed.command(stamp, u)
         noise = discretize_noise(system.jacobians(x, u)[0], QW, period)[1]
         x = step(system, x, u, period) + rng.multivariate_normal(np.zeros(6), noise)
-    return np.array(states), np.array(errors), nees, delayed.monitor.judge().ratio
+    return np.array(states), np.array(errors), nees, delayed.monitor.assess().ratio
 
 
 def step(system: System, x: Array, u: Array, h: float) -> Array:

@@ -55,7 +55,7 @@ class ClockWatch:
             node.get_logger().warning(sentence)
         return sentence
 
-    def judge(self, status: DiagnosticStatus) -> None:
+    def add_fault(self, status: DiagnosticStatus) -> None:
         """Make a status an error, and add what is wrong, if there is a fault."""
         if fault := self.find_fault():
             status.level, status.message = DiagnosticStatus.ERROR, f'{status.message}; {fault}'

@@ -59,7 +59,7 @@ class Diagnostics:
         for status in statuses:
             self._log(status, status.name in told)
         if self._clock is not None:
-            self._clock.judge(statuses[0])
+            self._clock.add_fault(statuses[0])
         array = DiagnosticArray(status=statuses)
         array.header.stamp = stamp
         self._publisher.publish(array)

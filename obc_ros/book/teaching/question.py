@@ -59,7 +59,7 @@ class SheetQuestion(ABC):
     form: str
 
     @abstractmethod
-    def judge(self, answer: Any) -> str:
+    def check(self, answer: Any) -> str:
         """
         Return why an answer is wrong, '' if it is right.
 
@@ -94,7 +94,7 @@ class FormulaQuestion(SheetQuestion):
     mistakes: Sequence[tuple[Formula | Sequence[Formula] | FormulaRows, str]] = ()
     advice: str = ''
 
-    def judge(self, answer: Any) -> str:
+    def check(self, answer: Any) -> str:
         """Return why an answer is wrong, '' if it is right."""
         given = self.evaluate(answer)
         right = self.evaluate(self.reference)

@@ -101,7 +101,7 @@ def check_answer(question: SheetQuestion, answer: Any) -> CheckedAnswer:
     if answer is None:
         return CheckedAnswer(question.name, 'open')
     try:
-        why = question.judge(answer)
+        why = question.check(answer)
     except ObcError as error:
         return CheckedAnswer(question.name, 'unreadable', str(error))
     return CheckedAnswer(question.name, 'wrong' if why else 'right', why)

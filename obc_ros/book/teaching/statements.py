@@ -54,7 +54,7 @@ class ExtremalQuestion(SheetQuestion):
 
     statement: Statement
 
-    def judge(self, answer: Any) -> str:
+    def check(self, answer: Any) -> str:
         """Return which condition does not hold, '' if all of them do."""
         x, u, lam = self._read(answer)
         if not all(np.all(np.isfinite(each)) for each in (x, u, lam)):
@@ -130,7 +130,7 @@ class ProblemQuestion(SheetQuestion):
     final_time: float
     mistakes: Sequence[tuple[float, str]] = ()
 
-    def judge(self, answer: Any) -> str:
+    def check(self, answer: Any) -> str:
         """Return why a statement is wrong, '' if it has the known optimum."""
         if not isinstance(answer, Mapping):
             raise StatementError(f'{self.name}: wanted the keys of a problem file, found '

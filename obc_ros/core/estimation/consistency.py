@@ -103,7 +103,7 @@ class InnovationMonitor:
         """Add a normalised innovation squared and its degrees of freedom."""
         self._kept.append((nis, degrees))
 
-    def judge(self) -> Consistency:
+    def assess(self) -> Consistency:
         """Return the consistency of what is kept."""
         if not self._kept:
             return Consistency(1.0, 1.0, 1.0, 0)

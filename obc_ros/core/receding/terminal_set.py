@@ -126,13 +126,13 @@ def find_terminal_set(problem: RecedingProblem) -> TerminalSet:
     if linear <= _SMALLEST:
         raise RefusedDesignError(f'terminal set: the set point is at the limit of {limit}')
     top = min(linear, _LARGEST)
-    found = bounds.judge(top)
+    found = bounds.prove(top)
     if found is not None:
         return _state(problem, top, limit if linear < _LARGEST else 'none', linear, found)
     low, high, best = 0.0, top, None
     while high > _SMALLEST and best is None:
         high /= 4.0
-        best = bounds.judge(high)
+        best = bounds.prove(high)
     if best is None:
         raise RefusedDesignError(
             'terminal set: the decrease of V cannot be proved in any ellipsoid about the set '
@@ -141,7 +141,7 @@ def find_terminal_set(problem: RecedingProblem) -> TerminalSet:
     low, high = high, min(4.0 * high, top)
     for _ in range(_BISECTIONS):
         middle = 0.5 * (low + high)
-        found = bounds.judge(middle)
+        found = bounds.prove(middle)
         if found is None:
             high = middle
         else:
@@ -298,7 +298,7 @@ class _PeriodBounds:
         self._p_box = limits.p_value, limits.p_value
         self._path_box = limits.path_lower, limits.path_upper
 
-    def judge(self, level: float) -> _Found | None:
+    def prove(self, level: float) -> _Found | None:
         """Return the bounds that prove a level; None if they do not."""
         if self.paths_reached(level):
             return None

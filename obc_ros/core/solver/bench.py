@@ -23,7 +23,7 @@ from obc_ros.core.solver.adjoint.mesh_refinement import (
     compute_tightening,
     Error,
     EXCEEDED,
-    Judgement,
+    HamiltonianLoss,
     measure_loss,
     refine_mesh,
 )
@@ -118,7 +118,7 @@ class _Memo:
 
     def __init__(self) -> None:
         self._courses: dict[TranscriptionOutcome, tuple[Problem, Extremal]] = {}
-        self._judged: tuple[Problem, Extremal, Judgement] | None = None
+        self._loss: tuple[Problem, Extremal, HamiltonianLoss] | None = None
         self._checked: dict[TranscriptionOutcome, tuple[Problem, bool]] = {}
 
     def course(self, problem: Problem, outcome: TranscriptionOutcome) -> Extremal | None:
@@ -131,12 +131,12 @@ class _Memo:
             self._courses.clear()
         self._courses[outcome] = problem, course
 
-    def judgement(self, problem: Problem, course: Extremal) -> Judgement | None:
-        kept = self._judged
+    def loss(self, problem: Problem, course: Extremal) -> HamiltonianLoss | None:
+        kept = self._loss
         return kept[2] if kept and kept[0] is problem and kept[1] is course else None
 
-    def keep_judgement(self, problem: Problem, course: Extremal, verdict: Judgement) -> None:
-        self._judged = problem, course, verdict
+    def keep_loss(self, problem: Problem, course: Extremal, verdict: HamiltonianLoss) -> None:
+        self._loss = problem, course, verdict
 
     def accuracy(self, problem: Problem, outcome: TranscriptionOutcome) -> bool | None:
         kept, accurate = self._checked.get(outcome, (None, None))
@@ -290,7 +290,7 @@ class Bench:
 
     def _check_accuracy(self, outcome: TranscriptionOutcome) -> bool:
         options, course = self.options.coarse, self.course(outcome)
-        error, loss = course.local.max(), self.judged(course).lost.sum()
+        error, loss = course.local.max(), self.measure_loss(course).lost.sum()
         if error < options.error and loss < options.wild * max(abs(outcome.objective), 1.0):
             return True
         with self.trace.attempt('check', 'discretisation error') as attempt:
@@ -319,20 +319,20 @@ class Bench:
         problem = self.stated if stated else self.problem
         if (course := self._memo.course(problem, outcome)) is not None:
             return course
-        integrator = self.programs.judge if stated else self.programs.integrator
+        integrator = self.programs.stated_integrator if stated else self.programs.integrator
         course = integrator.extremal(problem, outcome, 4 if self.stages else 2)
         if self.bounded:
             course = self.programs.fitter(problem, stated).fit(problem, outcome, course)
         self._memo.keep_course(problem, outcome, course)
         return course
 
-    def judged(self, course: Extremal) -> Judgement:
+    def measure_loss(self, course: Extremal) -> HamiltonianLoss:
         """Return the Hamiltonian loss of a course; the last one is cached."""
-        if (verdict := self._memo.judgement(self.problem, course)) is None:
+        if (verdict := self._memo.loss(self.problem, course)) is None:
             slack = None if course.density_path is None else (
                 self.programs.fitter(self.problem).slack(self.problem, course))
             verdict = measure_loss(self.problem, self.programs.integrator, course, slack)
-            self._memo.keep_judgement(self.problem, course, verdict)
+            self._memo.keep_loss(self.problem, course, verdict)
         return verdict
 
     def excess(self, outcome: TranscriptionOutcome, course: Extremal) -> float:
@@ -343,7 +343,7 @@ class Bench:
         """
         if not outcome.converged or course.defect > 1e-3 and course.local.max() > 1e-4:
             return np.inf
-        lost = self.judged(course).lost.sum()
+        lost = self.measure_loss(course).lost.sum()
         if self.margin.any():
             lost += outcome.tightening_costs() @ self.margin
         return float(lost / max(self.cost_size(outcome), 1e-3))
@@ -412,7 +412,7 @@ class Bench:
 
         """
         options = self.options.refinement
-        verdict, N = self.judged(course), len(course.local)
+        verdict, N = self.measure_loss(course), len(course.local)
         aim = options.loss_bounded if self.bounded else options.loss
         share = aim * max(abs(outcome.objective), _LEAST * self._summands(outcome).unit) / N
         errors = [
@@ -445,8 +445,8 @@ class Bench:
             course = self.course(outcome, stated=True)
         times = (np.cumsum(record.extremal.lengths)[:-1] if record.extremal else
                  find_switching_times(outcome))
-        found = replace(self.programs.judge.samples(problem, course), switching_times=times,
-                        iterations=self.meter.iterations)
+        found = replace(self.programs.stated_integrator.samples(problem, course),
+                        switching_times=times, iterations=self.meter.iterations)
         if self.meter.stopped:   # to certify a path far from a solution may take long
             return Candidate(found, record)
         found = replace(found, certificate=certificate.certify(problem, found))

@@ -44,7 +44,7 @@ def conclude(task: Task, found: Solution) -> Solution:
     problem, meter = task.problem, task.meter
     late = meter.stopped and (meter.stopped == 'cancelled' or not np.isfinite(found.objective))
     if found.status is not Status.INFEASIBLE and (found.certificate or not late):
-        found = judge(problem, found)
+        found = certify_solution(problem, found)
     sentence = explain_larger_inputs(problem, found, _solver_of_related(task)) if (
         meter.trace.searched and found.certified and find_constant_cost(problem) is None) else ''
     found = _without_least(task, found, sentence) if sentence else _ended(task, found)
@@ -56,7 +56,7 @@ def _add_remark(problem: Problem, found: Solution) -> Solution:
     return replace(found, remark=remark, message=f'{found.message}; {remark}') if remark else found
 
 
-def judge(problem: Problem, found: Solution) -> Solution:
+def certify_solution(problem: Problem, found: Solution) -> Solution:
     """
     Return a solution with its certificate and the status and message that follow from it.
 
@@ -161,7 +161,7 @@ def _explained(task: Task, found: Solution) -> Solution:
         return replace(found, message='; '.join(filter(None, (
             sentence, meter.trace.describe_effort(), advise_bounds(problem)))))
     if reason.solution is not None:
-        return judge(problem, replace(reason.solution, method=found.method))
+        return certify_solution(problem, replace(reason.solution, method=found.method))
     if not reason.infeasible:
         return replace(found, message='; '.join(
             [reason.sentence, *([_uncertified(found)] if found.feasible else [])]))

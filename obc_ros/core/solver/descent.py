@@ -140,13 +140,13 @@ class _Descent:
         bench, options = self._state.bench, self._state.bench.options.descent
         # The certificate may pass although the next mesh would reduce the excess.
         worth = number and above < bench.options.coarse.error and (
-            bench.programs.twin or bench.judged(course).spread < options.spread)
+            bench.programs.twin or bench.measure_loss(course).spread < options.spread)
         return bool(above < options.enough_bounded or worth or bench.meter.stopped)
 
     def _is_due(self, number: int, course: Extremal, above: float) -> bool:
         """Return whether improvements are tried that lead to certificates."""
         bench, options = self._state.bench, self._state.bench.options.descent
-        chorded = above > options.enough_bounded and bench.judged(course).chorded
+        chorded = above > options.enough_bounded and bench.measure_loss(course).chorded
         close = above < options.boundary_excess
         return number > 0 and close and (chorded or not self._is_certified)
 

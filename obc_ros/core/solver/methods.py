@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.ocp.solution import Solution, Status, Verdict
 from obc_ros.core.solver.bench import Bench, Candidate, Task
-from obc_ros.core.solver.conclusion import drop_multipliers, judge, look_for_proof
+from obc_ros.core.solver.conclusion import certify_solution, drop_multipliers, look_for_proof
 from obc_ros.core.solver.diagnosis.explanation import explain, Reason
 from obc_ros.core.solver.exact.time_optimal import solve_time_optimal
 from obc_ros.core.solver.exact.two_wheeled import solve_two_wheeled
@@ -62,7 +62,7 @@ class ExactMethod:
             if found is None:
                 attempt.end(Verdict.REJECTED, 'it does not apply')
                 return None
-            found = replace(judge(task.problem, found), method=self.name)
+            found = replace(certify_solution(task.problem, found), method=self.name)
             attempt.end(*judge_path(found), cost=found.objective)
         return found
 

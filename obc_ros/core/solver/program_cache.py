@@ -127,9 +127,9 @@ class ProgramCache:
         begun = time.monotonic()
         differentiable = make_differentiable(problem)
         self.twin = build_smooth_twin(differentiable)
-        self.judge = CostateIntegrator(differentiable)
+        self.stated_integrator = CostateIntegrator(differentiable)
         smooth = self.twin.problem(problem, 0) if self.twin else problem
-        self.integrator = CostateIntegrator(smooth) if self.twin else self.judge
+        self.integrator = CostateIntegrator(smooth) if self.twin else self.stated_integrator
         self.guesser = Guesser(smooth if self.twin else differentiable, options.guesses)
         self.switching = find_switching_inputs(smooth)
         self.affine = not ca.depends_on(

@@ -226,7 +226,7 @@ class ControllerNode(LifecycleNode):  # type: ignore[misc] # rclpy's classes are
         number = info['publication_sequence_number']
         if self._source.is_next(number, now):
             return True
-        found = self._source.judge(
+        found = self._source.identify(
             number, now, self._adopted.control.rules.state_timeout or CHECK_PERIOD)
         if found is Source.REPLACED:
             self._loop.replace_source()

@@ -36,7 +36,7 @@ class SourceWatch:
         self._last, self._heard = number, now
         return True
 
-    def judge(self, number: int | None, now: float, patience: float) -> Source:
+    def identify(self, number: int | None, now: float, patience: float) -> Source:
         """
         Return whose message this is.
 

@@ -32,8 +32,8 @@ def test_monitor_says_what_is_wrong():
         monitor = InnovationMonitor()
         for _ in range(200):
             monitor.add(scale * chi2.rvs(2, random_state=rng), 2)
-        assert str(monitor.judge()).startswith(word)
-    assert str(InnovationMonitor().judge()) == 'no innovation yet'
+        assert str(monitor.assess()).startswith(word)
+    assert str(InnovationMonitor().assess()) == 'no innovation yet'
 
 
 @pytest.mark.slow

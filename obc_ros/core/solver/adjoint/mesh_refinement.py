@@ -55,7 +55,7 @@ class Error:
 
 
 @dataclass(frozen=True, eq=False)
-class Judgement:
+class HamiltonianLoss:
     """
     The Hamiltonian loss of a path.
 
@@ -87,7 +87,7 @@ class Judgement:
 
 
 def measure_loss(problem: Problem, integrator: CostateIntegrator, course: Extremal,
-                 slack: Array | None = None) -> Judgement:
+                 slack: Array | None = None) -> HamiltonianLoss:
     """
     Compute the Hamiltonian loss of a path.
 
@@ -105,7 +105,7 @@ def measure_loss(problem: Problem, integrator: CostateIntegrator, course: Extrem
 
     Returns
     -------
-    Judgement
+    HamiltonianLoss
         From the quadratic model of H at the input, with the bounds of the input.
 
     """
@@ -125,7 +125,7 @@ def measure_loss(problem: Problem, integrator: CostateIntegrator, course: Extrem
     moved = course.lam * (course.x_end - course.x) / np.maximum(h, 1e-300)[:, None]
     size = np.max(np.abs(energy[0] - moved.sum(axis=1)) + np.abs(moved).sum(axis=1))
     H = np.nan_to_num(energy.T.reshape(len(lost), -1) / max(size, 1e-300))
-    return Judgement(lost, chords, _crossings(problem, course.t, targets), np.ptp(H, axis=1),
+    return HamiltonianLoss(lost, chords, _crossings(problem, course.t, targets), np.ptp(H, axis=1),
                      float(np.ptp(H)))
 
 

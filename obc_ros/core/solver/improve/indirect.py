@@ -131,7 +131,7 @@ def _sampled(bench: Bench, found: BoundaryValues, wanted: float) -> Solution:
     x, lam = z[:, :problem.n], z[:, problem.n:]
     free = found.free[k]
     for _ in range(2):
-        _, Hu, Huu = bench.programs.judge.hamiltonian(problem, x, u, lam)
+        _, Hu, Huu = bench.programs.stated_integrator.hamiltonian(problem, x, u, lam)
         whole = np.where(free[:, :, None], Huu, np.eye(problem.m))
         u = u - np.linalg.solve(whole, np.where(free, Hu, 0.0)[:, :, None])[:, :, 0]
     off, drift = _in_the_mean(found, t, arc)
@@ -142,7 +142,7 @@ def _sampled(bench: Bench, found: BoundaryValues, wanted: float) -> Solution:
     u = np.clip(u, problem.u_lower, problem.u_upper)
     new = _joined(found, k, u)
     t, x, u, lam = problem.final_time.place_end(t[new]), x[new], u[new], lam[new]
-    H, _, _ = bench.programs.judge.hamiltonian(problem, x, u, lam)
+    H, _, _ = bench.programs.stated_integrator.hamiltonian(problem, x, u, lam)
     return Solution(
         status=Status.NOT_CONVERGED, message='', objective=found.cost, t=t, x=x, u=u, lam=lam,
         hamiltonian=H, nu=found.nu, switching_times=np.cumsum(found.lengths)[:-1],

@@ -54,7 +54,8 @@ def _with_slopes(programs: ProgramCache, problem: Problem, arcs: Sequence[Arc],
         for i in np.flatnonzero(np.isfinite(bound)):
             held = u.copy()
             held[:, i] = bound[i]
-            slopes[side, :, i] = programs.judge.hamiltonian(problem, x, held, lam)[1][:, i]
+            slopes[side, :, i] = programs.stated_integrator.hamiltonian(
+                problem, x, held, lam)[1][:, i]
     return insert_free_arcs(arcs, course.t, (slopes[0], slopes[1]),
                             [not each for each in programs.switching])
 

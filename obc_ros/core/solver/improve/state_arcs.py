@@ -354,7 +354,7 @@ def _settled_on(bench: Bench, program: PhasedProgram, outcome: TranscriptionOutc
     """
     options = bench.options.boundary
     problem, meter, pinned = bench.problem, bench.meter, bench.pinned
-    judge, fitter = bench.programs.judge, bench.programs.fitter(problem)
+    integrator, fitter = bench.programs.stated_integrator, bench.programs.fitter(problem)
     turn, sizes = _Turn(arcs, sharpen_steps(outcome.path, arcs), spread_like(outcome.path)), (
         bench.sizes(outcome))
     for number in range(bench.options.bangs.solves):
@@ -368,7 +368,7 @@ def _settled_on(bench: Bench, program: PhasedProgram, outcome: TranscriptionOutc
                             turn.fine, turn.spread, bench.options)
         if found is None or found.cost > allowed:
             break
-        answer = certify_samples(problem, program, judge, fitter, found)
+        answer = certify_samples(problem, program, integrator, fitter, found)
         assert answer.certificate is not None
         if answer.certificate.holds:
             return answer
@@ -383,7 +383,7 @@ def _settled_on(bench: Bench, program: PhasedProgram, outcome: TranscriptionOutc
         if erred > answer.certificate.tolerances[Condition.COSTATE]:
             turn = turn.finer(found, erred, meter, options)
             continue
-        new = reread_arcs(problem, program, judge, found, answer, value)
+        new = reread_arcs(problem, program, integrator, found, answer, value)
         if get_signature(new) == get_signature(found.arcs):
             new = add_exceeded_bounds(problem, new, program.bounds, answer.t, value,
                                       answer.certificate.tolerances[Condition.BOUNDS])
@@ -394,7 +394,7 @@ def _settled_on(bench: Bench, program: PhasedProgram, outcome: TranscriptionOutc
         smooth = _grazing(problem, program, found, sizes, pinned, meter,
                           found.grazing(options.nearly, touched=True), bench.options)
         if smooth is not found and (
-                better := certify_samples(problem, program, judge, fitter, smooth)).certified:
+                better := certify_samples(problem, program, integrator, fitter, smooth)).certified:
             return better
         turn = replace(turn, arcs=new, guess=sharpen_steps(join_phases(found), new))
         turn = _resolve(bench, program, turn, found, answer, seen)
@@ -410,7 +410,7 @@ def _resolve(bench: Bench, program: PhasedProgram, turn: _Turn, found: Phased,
     turn = replace(turn, off=(answer.certificate.residuals[worst]
                               / answer.certificate.tolerances[worst]))
     if before < math.inf:
-        _, Hu, _ = bench.programs.judge.hamiltonian(
+        _, Hu, _ = bench.programs.stated_integrator.hamiltonian(
             problem, answer.x, answer.u, answer.lam, answer.path_multipliers)
         ended = cut_at_ends(problem, program, found, answer.t, answer.x, answer.u, Hu)
         if (get_signature(ended), turn.fine, turn.graded) not in seen:

@@ -459,7 +459,7 @@ class Filter:
         """Add a pair, with its margins."""
         self._pairs.append(((1 - 1e-5) * theta, phi - 1e-5 * theta))
 
-    def judge(self, before: tuple[float, float], after: tuple[float, float], slope: float,
+    def accept(self, before: tuple[float, float], after: tuple[float, float], slope: float,
               part: float) -> tuple[bool, bool]:
         """
         Judge a trial point.
@@ -555,14 +555,14 @@ def _advance(work: Interior, now: Iterate, pairs: Filter) -> tuple[Iterate, floa
     trial, f, c, part = now.y + longest * step, there.f, there.c, longest
     while True:
         after = float(np.abs(c).sum()), work.barrier(f, work.gaps(trial), now.mu)
-        good, descends = pairs.judge(before, after, slope, part)
+        good, descends = pairs.accept(before, after, slope, part)
         if not good and part == longest and after[0] >= before[0]:
             # A second-order correction.
             second = factor.solve(work.right(now, part * now.values.c + c))
             other = now.y + _part(now.gap, work.moves(second), keep) * second
             f, c = work.program.merit(other)
             after = float(np.abs(c).sum()), work.barrier(f, work.gaps(other), now.mu)
-            good, descends = pairs.judge(before, after, slope, part)
+            good, descends = pairs.accept(before, after, slope, part)
             trial = other if good else trial
         if good:
             break

@@ -37,7 +37,7 @@ def test_densities_bend_at_mesh_points_where_these_are_the_samples(intervals):
             part = (k + side) / course.parts
             np.testing.assert_allclose(density[:, k, side], (1 - part) * first + part * last,
                                        atol=1e-9 * np.abs(density).max())
-    samples = bench.programs.judge.samples(problem, course)
+    samples = bench.programs.stated_integrator.samples(problem, course)
     assert certify(problem, samples).residuals['costate'] < 1e-3
 
 

@@ -143,7 +143,7 @@ def test_costates_with_fast_modes_need_few_intervals():
         problem, [Arc(0.0, 1.0, (np.nan,))], [np.full(24, 1 / 24)], line,
         estimate_scales(problem, line),
         np.zeros(2, dtype=bool), Meter())
-    answer = sample_phases(problem, programs.phased, programs.judge, found, 300)
+    answer = sample_phases(problem, programs.phased, programs.stated_integrator, found, 300)
     lam_x = np.exp(-40 * (1 - answer.t))
     assert answer.lam == pytest.approx(np.column_stack([lam_x, 1 - lam_x]), abs=2e-5)
 
