@@ -28,6 +28,7 @@ from obc_ros.core.solver.adjoint.mesh_refinement import (
     refine_mesh,
 )
 from obc_ros.core.solver.arcs.control_discontinuities import find_switching_times
+from obc_ros.core.solver.best_path import BestPath
 from obc_ros.core.solver.guesses.scales import estimate_scales
 from obc_ros.core.solver.nlp.meter import Meter
 from obc_ros.core.solver.options import DEFAULTS, Options
@@ -63,6 +64,8 @@ class Task:
         Limits of iterations, work and time.
     time_limit : float, optional
         As the caller has given it [s], for messages.
+    best : BestPath, optional
+        Receives intermediate paths.
 
     """
 
@@ -70,6 +73,7 @@ class Task:
     programs: ProgramCache
     meter: Meter
     time_limit: float = math.inf
+    best: BestPath | None = None
 
     @property
     def options(self) -> Options:
@@ -174,6 +178,8 @@ class Bench:
         Of the coarse mesh: intervals, collocation points in an interval (0: Runge-Kutta).
     typical : int
         Iterations of a solve on the coarse mesh that converged.
+    best : BestPath, optional
+        As in `Task`.
 
     """
 
@@ -190,6 +196,7 @@ class Bench:
     intervals: int = DEFAULTS.coarse.intervals
     stages: int = 0
     typical: int = DEFAULTS.coarse.iterations
+    best: BestPath | None = None
     _memo: _Memo = field(default_factory=_Memo, repr=False)
 
     @property
@@ -452,8 +459,8 @@ class Bench:
         found = replace(found, certificate=certificate.certify(problem, found))
         if found.feasible:
             self.trace.found(found.objective, found.certified)
-        if self.meter.best:
-            self.meter.best.take(problem, found)
+        if self.best:
+            self.best.take(problem, found)
         return Candidate(found, record)
 
     def record(self, outcome: TranscriptionOutcome,
@@ -466,8 +473,7 @@ class Bench:
 
     def keep(self, outcome: TranscriptionOutcome, extremal: BoundaryValues | None = None) -> None:
         """Certify an intermediate outcome and pass it on, if the caller wants such paths."""
-        best = self.meter.best
-        if best and outcome.converged and best.is_due(self.stated):
+        if self.best and outcome.converged and self.best.is_due(self.stated):
             self.certify(outcome, extremal)
 
 
@@ -486,4 +492,4 @@ def build_bench(task: Task, *, with_arcs: bool = True, quick: bool = False) -> B
         may_hold=with_arcs, intervals=programs.options.coarse.intervals,
         typical=programs.options.coarse.iterations, stages=3 if bounded else 0,
         margin=np.zeros(problem.n + int(problem.path.numel())),
-        pinned=pinned, end=np.where(known, x, np.nan))
+        pinned=pinned, end=np.where(known, x, np.nan), best=task.best)

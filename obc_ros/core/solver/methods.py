@@ -104,8 +104,8 @@ def _try_exact(task: Task, exact: ExactMethod) -> Solution | None:
         return None
     if found.status in (Status.SOLVED, Status.INFEASIBLE) or exact.decides and not found.t.size:
         return found
-    if task.meter.best:
-        task.meter.best.take(task.problem, found)
+    if task.best:
+        task.best.take(task.problem, found)
     return None
 
 

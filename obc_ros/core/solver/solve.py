@@ -18,9 +18,10 @@ from obc_ros.core.ocp.method_names import get_method
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.ocp.solution import Attempt, MAX_INTERVALS, Report, Solution
 from obc_ros.core.solver.bench import Task
+from obc_ros.core.solver.best_path import BestPath
 from obc_ros.core.solver.conclusion import conclude, mark_unfinished
 from obc_ros.core.solver.methods import METHODS
-from obc_ros.core.solver.nlp.meter import BestPath, Meter
+from obc_ros.core.solver.nlp.meter import Meter
 from obc_ros.core.solver.options import DEFAULTS, Options
 from obc_ros.core.solver.program_cache import ProgramCache
 
@@ -113,12 +114,11 @@ def solve(problem: Problem, *, method: str = '', time_limit: float = 60.0,
         kept = min(kept, options.budget.least)
     meter = Meter(time_limit - kept, report, max_intervals, kept=kept)
     problem, programs = (cache or Cache(1)).prepared(problem, options)
-    if keep is not None:
-        meter.watch(BestPath(problem, lambda path: keep(replace(
-            mark_unfinished(path), attempts=meter.trace.attempts()))))
+    best = None if keep is None else BestPath(problem, lambda path: keep(replace(
+        mark_unfinished(path), attempts=meter.trace.attempts())))
     if note is not None:
         meter.trace.watch(lambda: note(meter.trace.attempts()))
-    task = Task(problem, programs, meter, time_limit)
+    task = Task(problem, programs, meter, time_limit, best)
     found = conclude(task, METHODS[name](task))
     built = programs.take_build_time()
     return replace(found, method=found.method or name, iterations=meter.iterations,

@@ -36,8 +36,8 @@ from obc_ros.core.solver.arcs.constraint_orders import BoundRates
 from obc_ros.core.solver.arcs.implied_bounds import build_curvatures, find_implied_bounds
 from obc_ros.core.solver.arcs.input_arcs import Arc, limit_shortening
 from obc_ros.core.solver.arcs.phases import DEGREE, drop_negligible, Grazing, OUTWARDS, Phased
-from obc_ros.core.solver.nlp.ipopt import build_ipopt, Found, run_ipopt
-from obc_ros.core.solver.nlp.meter import Meter, Watch
+from obc_ros.core.solver.nlp.ipopt import build_ipopt, Found, run_ipopt, Watch
+from obc_ros.core.solver.nlp.meter import Meter
 from obc_ros.core.solver.transcription.mesh import Path
 from obc_ros.core.solver.transcription.program import ProblemScales
 

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """IPOPT, as CasADi's wheel contains it: the one place that calls it, and its options by use."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 import math
 from typing import Any
@@ -10,7 +10,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 from obc_ros.core.numerics.arrays import Array
-from obc_ros.core.solver.nlp.meter import Watch
+from obc_ros.core.solver.nlp.meter import Meter
 from obc_ros.core.solver.nlp.optimality import ACCEPTED, measure_optimality
 
 _NO_STEP = 'Search_Direction_Becomes_Too_Small'
@@ -72,6 +72,55 @@ class Found:
     status: str
     iterations: int
     mu: float = 0.0
+
+
+class Watch(ca.Callback):
+    """
+    The iteration callback of IPOPT.
+
+    Attributes
+    ----------
+    meter : Meter
+    lower, upper : ndarray, shape (rows,)
+        Bounds of g.
+    cost_scale : float
+        Cost of the problem over that of the program.
+
+    """
+
+    def __init__(self, unknowns: int, rows: int, constants: int) -> None:
+        ca.Callback.__init__(self)
+        self._sizes = {'x': unknowns, 'f': 1, 'g': rows, 'lam_x': unknowns, 'lam_g': rows,
+                       'lam_p': constants}
+        self.meter = Meter()
+        self.lower = self.upper = np.zeros(rows)
+        self.cost_scale = 1.0
+        self.construct('watch', {})
+
+    def begin(self, meter: Meter, lower: Array, upper: Array,
+              cost_scale: float) -> None:
+        """Set the attributes, before each solve."""
+        self.meter, self.cost_scale = meter, cost_scale
+        self.lower, self.upper = lower, upper
+
+    def get_n_in(self) -> int:
+        """Return the number of inputs, the outputs of `nlpsol`."""
+        return int(ca.nlpsol_n_out())
+
+    def get_n_out(self) -> int:
+        """Return the number of outputs."""
+        return 1
+
+    def get_sparsity_in(self, i: int) -> ca.Sparsity:
+        """Return the shape of an input."""
+        return ca.Sparsity.dense(self._sizes[ca.nlpsol_out(i)], 1)
+
+    def eval(self, arg: Sequence[ca.DM]) -> Sequence[ca.DM]:
+        """Return 1 if the solver has to stop, else 0."""
+        g = arg[2].full().ravel()
+        violation = np.maximum(self.lower - g, g - self.upper)
+        return [ca.DM(int(self.meter.step(
+            float(arg[1]) * self.cost_scale, float(np.max(violation, initial=0.0)))))]
 
 
 def build_ipopt(use: str, nlp: Mapping[str, Any], *, watch: Watch | None = None,

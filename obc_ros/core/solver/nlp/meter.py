@@ -1,77 +1,12 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""
-The meter of a solve: iterations, work and time, their limits, and reports of progress.
+"""The meter of a solve: iterations, work and time, their limits, and reports of progress."""
 
-The best intermediate path and the iteration callback of IPOPT are here because both report to it.
-"""
-
-from collections.abc import Callable, Sequence
 import math
 import time
 
-import casadi as ca
-import numpy as np
-from obc_ros.core.numerics.arrays import Array
-from obc_ros.core.ocp.problem import Problem
-from obc_ros.core.ocp.solution import MAX_INTERVALS, Report, Solution
+from obc_ros.core.ocp.solution import MAX_INTERVALS, Report
 from obc_ros.core.solver.trace import Trace
-
-PERIOD = 0.5   # [s] least time between two intermediate paths that are certified for `BestPath`
-SHARE = 0.05   # largest part of the time that certifying them takes
-
-
-class BestPath:
-    """
-    Passes on each path of a problem that is better than those before.
-
-    A certified path is better than a feasible one, and this better than one that is not feasible.
-    Among equals the lower cost decides, or the smaller largest residual if none is feasible.
-
-    Parameters
-    ----------
-    problem : Problem
-        Paths of other problems are ignored.
-    tell : callable
-        Called with each better path.
-
-    """
-
-    def __init__(self, problem: Problem, tell: Callable[[Solution], None]) -> None:
-        self._problem, self._tell = problem, tell
-        self._rank = (False, False, -math.inf)
-        self._begun, self._next = math.nan, time.monotonic()
-
-    def is_due(self, problem: Problem) -> bool:
-        """Return whether an intermediate path of a problem should be certified and taken now."""
-        now = time.monotonic()
-        self._begun = now if problem is self._problem and now >= self._next else math.nan
-        return not math.isnan(self._begun)
-
-    def take(self, problem: Problem, found: Solution) -> None:
-        """
-        Pass a path on if it belongs to this problem and is the best so far.
-
-        Parameters
-        ----------
-        problem : Problem
-            Of the path.
-        found : Solution
-            With its certificate; without one it is ignored.
-
-        """
-        certificate = found.certificate
-        if problem is not self._problem or certificate is None or not found.t.size:
-            return
-        feasible, worst = certificate.feasible, certificate.residuals[certificate.worst]
-        rank = certificate.holds, feasible, -(found.objective if feasible else worst)
-        if rank > self._rank:
-            self._rank = rank
-            self._tell(found)
-        now = time.monotonic()
-        judging = 0.0 if math.isnan(self._begun) else now - self._begun
-        self._next = now + max(PERIOD, judging / SHARE)
-        self._begun = math.nan
 
 
 class Meter:
@@ -100,8 +35,6 @@ class Meter:
         Time after the deadline for a certificate and a path within the bounds [s].
     max_intervals : int
         Maximum number of intervals of a mesh.
-    best : BestPath or None
-        Receives intermediate paths.
 
     """
 
@@ -115,17 +48,12 @@ class Meter:
         self.most = 1_000_000
         self.each = 1
         self.effort = 0
-        self.best: BestPath | None = None
         self._report = report
 
     @property
     def stopped(self) -> str:
         """Return why work is to stop, '' while it goes on."""
         return self._reason
-
-    def watch(self, best: BestPath) -> None:
-        """Pass intermediate paths on."""
-        self.best = best
 
     def limit(self, iterations: int, each: int = 1) -> None:
         """
@@ -226,7 +154,7 @@ class _Part(Meter):
     def __init__(self, whole: Meter, work: float, time_limit: float) -> None:
         super().__init__(time_limit, max_intervals=whole.max_intervals)
         self._whole, self._left = whole, work
-        self.trace, self.best = whole.trace, whole.best
+        self.trace = whole.trace
 
     @property
     def stopped(self) -> str:
@@ -253,53 +181,4 @@ class _Overtime(Meter):
 
     def __init__(self, whole: Meter, time_limit: float, report: Report | None) -> None:
         super().__init__(time_limit, report, whole.max_intervals)
-        self.trace, self.best = whole.trace, whole.best
-
-
-class Watch(ca.Callback):
-    """
-    The iteration callback of IPOPT.
-
-    Attributes
-    ----------
-    meter : Meter
-    lower, upper : ndarray, shape (rows,)
-        Bounds of g.
-    cost_scale : float
-        Cost of the problem over that of the program.
-
-    """
-
-    def __init__(self, unknowns: int, rows: int, constants: int) -> None:
-        ca.Callback.__init__(self)
-        self._sizes = {'x': unknowns, 'f': 1, 'g': rows, 'lam_x': unknowns, 'lam_g': rows,
-                       'lam_p': constants}
-        self.meter = Meter()
-        self.lower = self.upper = np.zeros(rows)
-        self.cost_scale = 1.0
-        self.construct('watch', {})
-
-    def begin(self, meter: Meter, lower: Array, upper: Array,
-              cost_scale: float) -> None:
-        """Set the attributes, before each solve."""
-        self.meter, self.cost_scale = meter, cost_scale
-        self.lower, self.upper = lower, upper
-
-    def get_n_in(self) -> int:
-        """Return the number of inputs, the outputs of `nlpsol`."""
-        return int(ca.nlpsol_n_out())
-
-    def get_n_out(self) -> int:
-        """Return the number of outputs."""
-        return 1
-
-    def get_sparsity_in(self, i: int) -> ca.Sparsity:
-        """Return the shape of an input."""
-        return ca.Sparsity.dense(self._sizes[ca.nlpsol_out(i)], 1)
-
-    def eval(self, arg: Sequence[ca.DM]) -> Sequence[ca.DM]:
-        """Return 1 if the solver has to stop, else 0."""
-        g = arg[2].full().ravel()
-        violation = np.maximum(self.lower - g, g - self.upper)
-        return [ca.DM(int(self.meter.step(
-            float(arg[1]) * self.cost_scale, float(np.max(violation, initial=0.0)))))]
+        self.trace = whole.trace

@@ -28,8 +28,8 @@ from obc_ros.core.ocp.certificate.certificate import COUNTS_AS_MET
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.ocp.solution import Verdict
 from obc_ros.core.solver.nlp.interior_point import StoppingRule
-from obc_ros.core.solver.nlp.ipopt import build_ipopt, Found, run_ipopt
-from obc_ros.core.solver.nlp.meter import Meter, Watch
+from obc_ros.core.solver.nlp.ipopt import build_ipopt, Found, run_ipopt, Watch
+from obc_ros.core.solver.nlp.meter import Meter
 from obc_ros.core.solver.options import CoarseOptions, DEFAULTS
 from obc_ros.core.solver.transcription.banded_program import Stages
 from obc_ros.core.solver.transcription.block_program import assemble, Block, BlockProgram, Piece
