@@ -14,7 +14,7 @@ from typing import Any
 
 from mcap.writer import CompressionType, Writer
 import numpy as np
-from obc_ros.core import lqr, systems
+from obc_ros import lqr, systems
 from obc_ros.core.text.errors import ObcError
 from obc_ros.msg import Command, Estimate, LqrDesign, State, Trajectory
 from obc_ros.view.canvas import AHEAD, describe_scene

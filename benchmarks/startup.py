@@ -5,7 +5,7 @@ Time from the shell to the answer of a small problem, and of the import of the l
 
 Every command is run once in each of seven rounds; the times are medians. The floor is what Python
 needs to import CasADi and numpy, without which no problem can be stated. Requirements: `obc solve`
-and `obc lqr` at most 0.9 s, `import obc_ros.core` at most 0.4 s.
+and `obc lqr` at most 0.9 s, `import obc_ros` at most 0.4 s.
 """
 
 import timing  # isort: skip - before numpy
@@ -21,8 +21,8 @@ import tempfile
 import time
 
 FLOOR = 'import casadi, numpy'
-LIBRARY = 'import obc_ros.core'
-NAMES = 'from obc_ros.core import Problem, solve'  # with what the names import
+LIBRARY = 'import obc_ros'
+NAMES = 'from obc_ros import Problem, solve'  # with what the names import
 ANSWER, IMPORT = 0.9, 0.4  # [s]
 ROUNDS = 7
 LEAST_TIME = """\

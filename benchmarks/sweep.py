@@ -23,12 +23,12 @@ from typing import Any
 
 from _machine import memory, processor_time
 import numpy as np
+from obc_ros.api.sweep import sweep, SweepQuestion
 from obc_ros.core.text.errors import ObcError
 from obc_ros.sweep.axes import make_axes
 from obc_ros.sweep.chunk_solver import solve_chunk, start_solver
 from obc_ros.sweep.dataset import write_dataset
 from obc_ros.sweep.problem_numbers import ProblemNumbers
-from obc_ros.sweep.sweep import sweep, SweepQuestion
 
 STARTS = {
     'name': 'least_time', 'states': ['x', 'v'], 'inputs': ['u'],

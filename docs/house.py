@@ -18,8 +18,8 @@ import sys
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = 'obc_ros'
 # From the top. A room imports from the rows below it and from the other rooms of its row.
-ROWS = (('book', 'view'), ('cli', 'nodes'), ('ros',), ('sweep',), ('workers',),
-        ('core.library', 'core.receding'), ('core.solver',),
+ROWS = (('book', 'view'), ('cli', 'nodes'), ('ros',), ('api',), ('sweep',), ('workers',),
+        ('core.receding',), ('core.solver',),
         ('core.closed_loop', 'core.simulation', 'core.estimation', 'core.lqr', 'core.riccati',
          'core.ocp'),
         ('core.systems',), ('core.numerics',), ('core.text',))
@@ -27,7 +27,7 @@ ROOMS = tuple(room for row in ROWS for room in row)
 CERTIFICATE = 'core.ocp.certificate'
 UNDER_CERTIFICATE = ('core.ocp', 'core.numerics')   # all that the certificate imports
 # Where start-up is waited for: rclpy, CasADi and matplotlib load when needed.
-LAZY = ('book', 'view', 'cli', 'nodes')
+LAZY = ('book', 'view', 'cli', 'nodes', 'api')
 CONSTANT = 'core.solver'   # where an object is changed by itself only
 MOST = 12   # files of a folder, without `__init__` and the folders in it
 # Public names that several modules define because others look for them by that name.
@@ -40,7 +40,7 @@ SHARED_NAMES = {
     'system': ('core.systems',),   # of a module with one registered system
     # Names of the public interface, which wrap what has this name below.
     **dict.fromkeys(('Problem', 'System', 'solve', 'certify', 'lqr', 'dlqr', 'minimize'),
-                    ('core.library',)),
+                    ('api',)),
 }
 # Names of modules that say nothing to a reader who knows the field.
 RETIRED = (

@@ -18,9 +18,9 @@ import textwrap
 import matplotlib as mpl
 from mcap.reader import make_reader
 import numpy as np
+import obc_ros as obc
+from obc_ros.api.figures.bodies import draw_aircraft
 from obc_ros.cli.demo.aircraft import CHANGE, FIRST_STEP, GUST, REFUSAL, SECOND_STEP
-import obc_ros.core as obc
-from obc_ros.core.library.figures.bodies import draw_aircraft
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.msg import Command, LqrDesign, State
 from PIL import Image

@@ -1,9 +1,39 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""Optimal control as running ROS 2 nodes, and as a library: ``import obc_ros.core as obc``."""
+"""
+Optimal control as running ROS 2 nodes, and as a library: ``import obc_ros as obc``.
+
+The public names (docs/library.md) are imported when they are first used, so that the import takes
+no time. Type checkers read `__init__.pyi`.
+"""
 
 import os as _os
 import sys as _sys
+
+_Module = type(_os)
+# The module of each public name.
+_HOMES = {
+    'Answer': 'obc_ros.api.answer',
+    'ObcError': 'obc_ros.core.text.errors',
+    'Problem': 'obc_ros.api.problem',
+    'System': 'obc_ros.api.plants',
+    'certify': 'obc_ros.api.solving',
+    'dlqe': 'obc_ros.core.estimation.kalman_gain',
+    'dlqr': 'obc_ros.api.regulators',
+    'equilibrium': 'obc_ros.api.plants',
+    'finite_horizon': 'obc_ros.api.regulators',
+    'lqe': 'obc_ros.core.estimation.kalman_gain',
+    'lqr': 'obc_ros.api.regulators',
+    'minimize': 'obc_ros.api.motions',
+    'plan': 'obc_ros.api.motions',
+    'reeds_shepp': 'obc_ros.api.motions',
+    'simulate': 'obc_ros.api.simulation',
+    'solve': 'obc_ros.api.solving',
+    'sweep': 'obc_ros.api.sweep',
+    'systems': 'obc_ros.api.plants',
+}
+
+__all__ = sorted(_HOMES)
 
 # The sources have no messages: those of an installation join them.
 if not _os.path.isdir(_os.path.join(__path__[0], 'msg')):
@@ -11,14 +41,40 @@ if not _os.path.isdir(_os.path.join(__path__[0], 'msg')):
     __path__ += [each for each in _folders if _os.path.isdir(_os.path.join(each, 'msg'))][:1]
 
 
-def __getattr__(name: str) -> str:
-    """Return ``__version__``, that of the distribution; its metadata are read on first use."""
-    if name != '__version__':
+class _Library(_Module):
+    """This module; a public name is not replaced by the folder of the same name (sweep)."""
+
+    def __setattr__(self, name: str, value: object) -> None:
+        """Set an attribute; ignore that the import of a folder sets it."""
+        if name not in _HOMES or not isinstance(value, _Module):
+            super().__setattr__(name, value)
+
+
+_sys.modules[__name__].__class__ = _Library
+
+
+def __getattr__(name: str) -> object:
+    """Return a public name from its module, or ``__version__``, and keep it."""
+    if name == '__version__':
+        found = _read_version()
+    elif name in _HOMES:
+        from importlib import import_module
+        found = getattr(import_module(_HOMES[name]), name)
+    else:
         raise AttributeError(f"module 'obc_ros' has no attribute '{name}'")
-    from importlib import metadata
-    try:
-        found = metadata.version('obc_ros')
-    except metadata.PackageNotFoundError as error:
-        raise AttributeError('obc_ros is not installed: it has no __version__') from error
     globals()[name] = found
     return found
+
+
+def _read_version() -> str:
+    """Return the version of the distribution; its metadata take 20 ms."""
+    from importlib import metadata
+    try:
+        return metadata.version('obc_ros')
+    except metadata.PackageNotFoundError as error:
+        raise AttributeError('obc_ros is not installed: it has no __version__') from error
+
+
+def __dir__() -> list[str]:
+    """Return the public names."""
+    return __all__

@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 import numpy as np
 from numpy.typing import NDArray
-from obc_ros.core.library.figures.style import EXACT_LINE, LINE_COLOURS, THIN, WIDTH
+from obc_ros.api.figures.style import EXACT_LINE, LINE_COLOURS, THIN, WIDTH
 
 HEIGHT = 3.5  # [in] of one row
 

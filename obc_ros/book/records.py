@@ -10,6 +10,9 @@ import sys
 import time
 from typing import Any
 
+from obc_ros.api.figures.files import FORMATS, save_figure
+from obc_ros.api.figures.style import STYLE
+from obc_ros.api.json_values import convert_to_json
 from obc_ros.book.entry import GalleryEntry
 from obc_ros.book.page import render_page, strip_markup
 from obc_ros.book.runner import Desk
@@ -20,9 +23,6 @@ from obc_ros.cli.processes import Children, isolate, reserve_domain
 from obc_ros.cli.results import write as write_json
 from obc_ros.cli.ros_graph import ServerLostError
 from obc_ros.cli.signals import InterruptedByUserError
-from obc_ros.core.library.figures.files import FORMATS, save_figure
-from obc_ros.core.library.figures.style import STYLE
-from obc_ros.core.library.json_values import convert_to_json
 from obc_ros.core.text.errors import ObcError
 from obc_ros.core.text.tables import format_residual, format_value
 

@@ -17,8 +17,8 @@ from pathlib import Path
 import re
 from typing import Any, ClassVar, TypeVar
 
-from obc_ros.core.library.figures.files import FORMATS, parse_formats
-from obc_ros.core.library.json_values import convert_to_json
+from obc_ros.api.figures.files import FORMATS, parse_formats
+from obc_ros.api.json_values import convert_to_json
 from obc_ros.core.text.errors import DynamicsError, ObcError, quote, StatementError
 from obc_ros.core.text.example_files import suggest_file
 from obc_ros.core.text.yaml_files import FileEntry, read_entries

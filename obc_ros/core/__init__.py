@@ -1,40 +1,19 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Optimal control as numbers: plants, regulators, problems, answers, certificates; no ROS.
+Optimal control as numbers: plants, regulators, problems, certificates; no ROS.
 
-``import obc_ros.core as obc`` has the public interface (docs/library.md). Its names are imported
-when they are first used, so that the import takes no time. Type checkers read `__init__.pyi`.
+The public names were here: they are those of ``import obc_ros as obc``, and go on to work here
+with a DeprecationWarning.
 """
 
-from importlib import import_module as _import_module
 import sys as _sys
 from types import ModuleType as _ModuleType
 from typing import Any
+import warnings as _warnings
 
-# The module of each public name.
-_HOMES = {
-    'Answer': 'obc_ros.core.library.answer',
-    'ObcError': 'obc_ros.core.text.errors',
-    'Problem': 'obc_ros.core.library.problem',
-    'System': 'obc_ros.core.library.plants',
-    'certify': 'obc_ros.core.library.solving',
-    'dlqe': 'obc_ros.core.estimation.kalman_gain',
-    'dlqr': 'obc_ros.core.library.regulators',
-    'equilibrium': 'obc_ros.core.library.plants',
-    'finite_horizon': 'obc_ros.core.library.regulators',
-    'lqe': 'obc_ros.core.estimation.kalman_gain',
-    'lqr': 'obc_ros.core.library.regulators',
-    'minimize': 'obc_ros.core.library.motions',
-    'plan': 'obc_ros.core.library.motions',
-    'reeds_shepp': 'obc_ros.core.library.motions',
-    'simulate': 'obc_ros.core.library.simulation',
-    'solve': 'obc_ros.core.library.solving',
-    'sweep': 'obc_ros.sweep.sweep',
-    'systems': 'obc_ros.core.library.plants',
-}
-
-__all__ = sorted(_HOMES)
+_package = _sys.modules['obc_ros']
+__all__ = list(_package.__all__)
 
 
 class _Library(_ModuleType):
@@ -42,7 +21,7 @@ class _Library(_ModuleType):
 
     def __setattr__(self, name: str, value: Any) -> None:
         """Set an attribute; ignore that the import of a folder sets it."""
-        if name not in _HOMES or not isinstance(value, _ModuleType):
+        if name not in __all__ or not isinstance(value, _ModuleType):
             super().__setattr__(name, value)
 
 
@@ -50,14 +29,9 @@ _sys.modules[__name__].__class__ = _Library
 
 
 def __getattr__(name: str) -> Any:
-    """Return a public name from its module, and keep it."""
-    if name not in _HOMES:
+    """Return a public name, with a warning."""
+    if name not in __all__:
         raise AttributeError(f"module 'obc_ros.core' has no attribute '{name}'")
-    found = getattr(_import_module(_HOMES[name]), name)
-    globals()[name] = found
-    return found
-
-
-def __dir__() -> list[str]:
-    """Return the public names."""
-    return __all__
+    _warnings.warn(f'obc_ros.core.{name}: write import obc_ros as obc, and obc.{name}',
+                   DeprecationWarning, stacklevel=2)
+    return getattr(_package, name)

@@ -9,8 +9,8 @@ from typing import Any
 
 from nicegui import ui
 import numpy as np
-from obc_ros.core.library.figures.path import compute_slopes, NEGLIGIBLE
-from obc_ros.core.library.figures.style import LINE_COLOURS
+from obc_ros.api.figures.path import compute_slopes, NEGLIGIBLE
+from obc_ros.api.figures.style import LINE_COLOURS
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.msg import Attempt, Certificate, LqrDesign, Trajectory

@@ -11,7 +11,7 @@ from typing import Any
 
 from nicegui import background_tasks, ui
 import numpy as np
-from obc_ros.core.library.figures.style import LINE_COLOURS
+from obc_ros.api.figures.style import LINE_COLOURS
 from obc_ros.core.text.errors import ObcError
 from obc_ros.msg import LqrDesign, LqrWeights
 from obc_ros.srv import TryDesign

@@ -138,7 +138,7 @@ class Pool:
                  memory: int = 2 << 30, affinities: int = 32, niceness: int = 3) -> None:
         if sys.platform == 'win32':
             raise ObcError('worker processes need Linux or macOS: on Windows, use the Windows '
-                           'Subsystem for Linux, or call obc_ros.core in Python')
+                           'Subsystem for Linux, or call obc_ros in Python')
         self.module = module
         self.queue_length = queue_length
         self.memory = memory

@@ -125,7 +125,7 @@ def main() -> None:
         if issubclass(kind, MemoryError) or 'bad_alloc' in str(error):
             channel.send({'died': (
                 f'it exceeded the memory limit of a worker, {int(memory) / 2**30:.3g} GiB; state '
-                'a smaller problem, or solve it with obc_ros.core in Python, which has no limit')})
+                'a smaller problem, or solve it with obc_ros in Python, which has no limit')})
             return   # a traceback would say where memory ended, which is no fault of that place
         channel.send({'died': f'{kind.__name__}: {error}'})
         sys.__excepthook__(kind, error, trace)

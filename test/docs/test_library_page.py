@@ -7,7 +7,7 @@ import re
 import subprocess
 import sys
 
-import obc_ros.core as obc
+import obc_ros as obc
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -8,7 +8,7 @@ import re
 import textwrap
 from types import ModuleType
 
-import obc_ros.core as obc
+import obc_ros as obc
 from PIL import Image
 import pytest
 

@@ -130,6 +130,7 @@ def find_unsafe(path: Path) -> Iterator[str]:
 
 PYTHON = files('.py')
 CORE = sorted((ROOT / 'obc_ros' / 'core').rglob('*.py'))
+API = [ROOT / 'obc_ros' / '__init__.py', *sorted((ROOT / 'obc_ros' / 'api').rglob('*.py'))]
 
 
 def test_the_version_is_the_same_everywhere():
@@ -279,7 +280,7 @@ def test_core_does_not_import_ros():
 @pytest.mark.slow
 def test_the_library_imports_on_every_system():
     commands = ('cli/obc.py', 'cli/ask/lqr.py', 'cli/ask/solve.py', 'cli/ask/sweep.py')
-    for path in [*CORE, *(ROOT / 'obc_ros' / each for each in commands)]:
+    for path in [*CORE, *API, *(ROOT / 'obc_ros' / each for each in commands)]:
         reached = {module.split('.')[0] for module in list_reached(path)}
         assert not NOT_EVERYWHERE & reached, name(path)
 

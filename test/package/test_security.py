@@ -45,7 +45,7 @@ IMPORTS_BY_NAME = {
     'obc_ros/cli/obc.py': 'one of MODULES',
     'obc_ros/workers/process.py': 'given by the pool on the command line',
     'obc_ros/workers/steps/step_process.py': 'given by the link on the command line',
-    'obc_ros/core/__init__.py': 'one of the modules of the public names',
+    'obc_ros/__init__.py': 'one of the modules of the public names',
     'obc_ros/core/numerics/arrays.py': 'one of the modules of SciPy that are named there',
     'benchmarks/timing.py': 'a constant of a benchmark',
     'obc_ros/cli/ros2/yaml_messages.py': 'PACKAGE.msg, .srv or .action of an identifier PACKAGE',

@@ -3,12 +3,12 @@
 """The numbers of a problem by key: each can be varied, and nothing else changes with it."""
 
 import numpy as np
-from obc_ros.core.library.problem import Problem
+from obc_ros.api.problem import Problem
+from obc_ros.api.sweep import load_numbers
 from obc_ros.core.ocp.statement import build_problem
 from obc_ros.core.solver.program_cache import collect_numbers
 from obc_ros.core.text.errors import StatementError
 from obc_ros.sweep.problem_numbers import ProblemNumbers
-from obc_ros.sweep.sweep import load_numbers
 import pytest
 
 STATEMENT = {

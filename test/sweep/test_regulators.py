@@ -5,11 +5,11 @@
 from math import exp, pi, sqrt
 
 import numpy as np
+from obc_ros.api.sweep import sweep
 from obc_ros.core.text.errors import ObcError
 from obc_ros.sweep.closed_loops import simulate_regulator
 from obc_ros.sweep.dataset import LOOP_STATUSES
 from obc_ros.sweep.regulator_numbers import RegulatorNumbers
-from obc_ros.sweep.sweep import sweep
 import pytest
 
 SCALAR = {'A': [[1]], 'B': [[2]], 'Qx': [3], 'Qu': [5]}

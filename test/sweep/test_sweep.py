@@ -7,11 +7,11 @@ import os
 import signal
 
 import numpy as np
-import obc_ros.core as obc
+import obc_ros as obc
+from obc_ros.api.sweep import DATASET, sweep
 from obc_ros.core.text.errors import StatementError
 from obc_ros.sweep.dataset import read_dataset, STATUSES
 from obc_ros.sweep.journal import JOURNAL
-from obc_ros.sweep.sweep import DATASET, sweep
 import problems
 import pytest
 

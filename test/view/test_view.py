@@ -14,9 +14,9 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from hypothesis import given
 from hypothesis import strategies as st
 import numpy as np
+from obc_ros import lqr, systems
 from obc_ros.cli.obc import main
 from obc_ros.cli.recording import LATCHED
-from obc_ros.core import lqr, systems
 from obc_ros.core.lqr.weights import from_bryson
 from obc_ros.core.ocp.statement import build_problem
 from obc_ros.core.systems.registry import get_system

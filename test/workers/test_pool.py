@@ -15,7 +15,7 @@ import time
 
 from hypothesis import given, settings, strategies
 import numpy as np
-from obc_ros.core.library.search_tree import SearchTree
+from obc_ros.api.search_tree import SearchTree
 from obc_ros.core.text.errors import ObcError
 from obc_ros.workers import pool as workers
 from obc_ros.workers.pool import Job, Pool, RequestOutcome

@@ -6,13 +6,13 @@ from math import sqrt
 
 from matplotlib.figure import Figure
 import numpy as np
+from obc_ros.api.figures.style import EXACT, get_line, THIN
 from obc_ros.book.drawing import create_panels, label_axes
 from obc_ros.book.entries.regulators import state_lq_problem
 from obc_ros.book.entry import ComparedRow, EntryResult, GalleryEntry
 from obc_ros.book.exact_loops import compute_free_motion, run_sampled_loop
 from obc_ros.book.loop import Run, UnansweredError
 from obc_ros.book.runner import design_request, Desk, Trajectory
-from obc_ros.core.library.figures.style import EXACT, get_line, THIN
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.riccati.fixed_horizon import solve_finite_horizon
 from obc_ros.srv import DesignLqr

@@ -9,6 +9,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Arc
 import numpy as np
+from obc_ros.api.figures.bodies import draw_aircraft, INK, place_points
+from obc_ros.api.figures.style import LINE_COLOURS, new_figure, THIN
 from obc_ros.book.drawing import draw_arrow, label_axes
 from obc_ros.book.entries.aircraft import (
     ARM,
@@ -22,8 +24,6 @@ from obc_ros.book.entries.aircraft import (
 from obc_ros.book.entry import ComparedRow, EntryResult, GalleryEntry
 from obc_ros.book.loop import Run
 from obc_ros.book.runner import Desk, read_design
-from obc_ros.core.library.figures.bodies import draw_aircraft, INK, place_points
-from obc_ros.core.library.figures.style import LINE_COLOURS, new_figure, THIN
 from obc_ros.core.numerics.arrays import Array
 from scipy.linalg import eigvals, solve_continuous_are
 

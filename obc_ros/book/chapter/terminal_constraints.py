@@ -8,10 +8,10 @@ from typing import Any
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 import numpy as np
+from obc_ros.api.figures.style import EXACT, get_line, THIN
 from obc_ros.book.drawing import create_panels, draw_arrow, label_axes, place_legend_below
 from obc_ros.book.entry import ComparedRow, EntryResult, GalleryEntry
 from obc_ros.book.runner import Desk, Trajectory
-from obc_ros.core.library.figures.style import EXACT, get_line, THIN
 from obc_ros.core.numerics.arrays import Array
 
 T = 1.0  # [s]

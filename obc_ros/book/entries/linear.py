@@ -8,6 +8,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 import numpy as np
+from obc_ros.api.figures.style import EXACT, EXACT_LINE, get_line, LINE_COLOURS
 from obc_ros.book.closed_forms import solve_lag_regulator
 from obc_ros.book.drawing import create_panels, label_axes
 from obc_ros.book.entries.regulators import state_lq_problem
@@ -15,7 +16,6 @@ from obc_ros.book.entry import ComparedRow, EntryResult, GalleryEntry
 from obc_ros.book.exact_loops import compute_free_motion, match_poles
 from obc_ros.book.loop import UnansweredError
 from obc_ros.book.runner import AnsweredRegulator, design_request, Desk
-from obc_ros.core.library.figures.style import EXACT, EXACT_LINE, get_line, LINE_COLOURS
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.srv import DesignLqr
 from scipy.linalg import expm, solve_continuous_are

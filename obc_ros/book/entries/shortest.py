@@ -8,11 +8,11 @@ from typing import Any
 
 from matplotlib.figure import Figure
 import numpy as np
+from obc_ros.api.figures.style import EXACT, get_line, LINE_COLOURS, WIDTH
 from obc_ros.book.closed_forms import solve_brockett, solve_straight_line
 from obc_ros.book.drawing import create_panels, label_axes, place_legend_below
 from obc_ros.book.entry import ComparedRow, EntryResult, GalleryEntry
 from obc_ros.book.runner import Desk, Trajectory
-from obc_ros.core.library.figures.style import EXACT, get_line, LINE_COLOURS, WIDTH
 from obc_ros.core.numerics.arrays import Array
 
 VECTORS = ((1.0, 2.0, 2.0), (0.3, -0.4, 1.2))

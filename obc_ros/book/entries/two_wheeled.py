@@ -10,11 +10,11 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from matplotlib.patheffects import Normal, Stroke
 import numpy as np
+from obc_ros.api.figures.bodies import draw_two_wheeled
 from obc_ros.book.drawing import create_panels, label_axes
 from obc_ros.book.entry import ComparedRow, EntryResult, GalleryEntry
 from obc_ros.book.extremals import find_least_times
 from obc_ros.book.runner import Desk, Trajectory
-from obc_ros.core.library.figures.bodies import draw_two_wheeled
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.solver.exact.reeds_shepp import find_shortest_path, Segment
 from scipy.ndimage import binary_erosion, distance_transform_edt, gaussian_filter, label

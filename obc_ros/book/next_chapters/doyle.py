@@ -7,6 +7,7 @@ from typing import Any
 
 from matplotlib.figure import Figure
 import numpy as np
+from obc_ros.api.figures.style import EXACT_LINE, get_line, LINE_COLOURS, THIN
 from obc_ros.book.drawing import create_panels, label_axes
 from obc_ros.book.entry import ComparedRow, EntryResult, GalleryEntry
 from obc_ros.book.next_chapters.estimator_runs import ask_estimator
@@ -18,7 +19,6 @@ from obc_ros.core.estimation.output_feedback import (
     OutputFeedback,
     recover_loop_transfer,
 )
-from obc_ros.core.library.figures.style import EXACT_LINE, get_line, LINE_COLOURS, THIN
 from obc_ros.core.lqr.lqr import lqr, LqrDesign
 from obc_ros.core.numerics.arrays import Array, Complex
 from obc_ros.srv import SuggestNoise

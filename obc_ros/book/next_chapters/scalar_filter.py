@@ -7,6 +7,7 @@ from typing import Any
 
 from matplotlib.figure import Figure
 import numpy as np
+from obc_ros.api.figures.style import EXACT_LINE, get_line, LINE_COLOURS, THIN
 from obc_ros.book.drawing import create_panels, label_axes
 from obc_ros.book.entry import ComparedRow, EntryResult, GalleryEntry
 from obc_ros.book.next_chapters.estimator_runs import EstimatedRun, run_estimator
@@ -17,7 +18,6 @@ from obc_ros.book.next_chapters.exact_filters import (
 )
 from obc_ros.book.runner import Desk
 from obc_ros.core.estimation.kalman_gain import KalmanDesign, lqe, sampled_lqe
-from obc_ros.core.library.figures.style import EXACT_LINE, get_line, LINE_COLOURS, THIN
 
 PLANTS = (-1.0, 0.0, 1.0)               # a [1/s]
 NOISES = (0.01, 0.1, 0.5, 1.0, 4.0, 25.0)  # q for r = 1

@@ -7,6 +7,7 @@ from typing import Any
 
 from matplotlib.figure import Figure
 import numpy as np
+from obc_ros.api.figures.style import EXACT_LINE, get_line, LINE_COLOURS
 from obc_ros.book.drawing import create_panels, draw_pole_pairs, label_axes
 from obc_ros.book.entry import ComparedRow, EntryResult, GalleryEntry
 from obc_ros.book.next_chapters.estimator_runs import EstimatedRun, run_estimator
@@ -17,7 +18,6 @@ from obc_ros.book.next_chapters.exact_filters import (
 )
 from obc_ros.book.runner import Desk
 from obc_ros.core.estimation.kalman_gain import dlqe, KalmanDesign, lqe
-from obc_ros.core.library.figures.style import EXACT_LINE, get_line, LINE_COLOURS
 from obc_ros.core.numerics.arrays import Array
 from scipy.linalg import solve_discrete_are
 

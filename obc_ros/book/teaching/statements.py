@@ -14,8 +14,8 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
+from obc_ros.api.solving import certify, solve
 from obc_ros.book.teaching.question import SheetQuestion
-from obc_ros.core.library.solving import certify, solve
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.ocp.solution import Certificate, Condition
 from obc_ros.core.text.errors import describe_type, StatementError, suggest_name

@@ -65,7 +65,7 @@ class Question(Asked):
 
     def read_answer(self, with_problem: bool = False) -> Any:
         """Return the Answer; if nobody has worked on the problem, status and message only."""
-        from obc_ros.core.library.answer import Answer  # imports CasADi
+        from obc_ros.api.answer import Answer  # imports CasADi
         states, inputs = self.columns
         return Answer(
             self.name, tuple(states), tuple(inputs),

@@ -11,16 +11,16 @@ import matplotlib
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 import numpy as np
-from obc_ros.cli.ask.regulator_requests import Case
-from obc_ros.core.library.figures.files import save_figure
-from obc_ros.core.library.figures.panels import FEW, set_title
-from obc_ros.core.library.figures.style import (
+from obc_ros.api.figures.files import save_figure
+from obc_ros.api.figures.panels import FEW, set_title
+from obc_ros.api.figures.style import (
     get_line,
     new_figure,
     STYLE,
     THIN,
     typeset_symbol,
 )
+from obc_ros.cli.ask.regulator_requests import Case
 from obc_ros.core.lqr.design.report import read_matrices
 from obc_ros.core.lqr.held_loop import HeldLoop
 from obc_ros.core.lqr.held_margins import HeldTransfer

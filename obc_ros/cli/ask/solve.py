@@ -10,12 +10,12 @@ import math
 from pathlib import Path
 from typing import Any
 
+from obc_ros.api.figures.files import save_figure
 from obc_ros.cli import results
 from obc_ros.cli.ask.pool_batch import answer_all
 from obc_ros.cli.ask.problem_requests import Question
 from obc_ros.cli.console import tables
 from obc_ros.cli.console.streams import get_width
-from obc_ros.core.library.figures.files import save_figure
 from obc_ros.core.ocp.method_names import get_method, NAMES
 from obc_ros.core.ocp.solution import Condition, Optimality, Solution
 from obc_ros.core.text.errors import quote, StatementError
@@ -118,7 +118,7 @@ def _read(args: argparse.Namespace) -> list[Question]:
     for question in asked:
         question.method, question.options = args.method or '', args.options
     if args.json or args.plot or args.trace:
-        import_module('obc_ros.core.library.answer')  # while the worker starts
+        import_module('obc_ros.api.answer')  # while the worker starts
     return asked
 
 

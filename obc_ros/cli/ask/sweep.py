@@ -10,14 +10,7 @@ import sys
 import time
 from typing import Any
 
-from obc_ros.cli import results
-from obc_ros.cli.console.progress import Lines, show_progress
-from obc_ros.cli.console.tables import print_table
-from obc_ros.core.text.errors import DynamicsError, ObcError, quote, StatementError
-from obc_ros.core.text.example_files import choose_file
-from obc_ros.sweep.axes import make_axes, make_draws, parse_axes, parse_draws
-from obc_ros.sweep.cluster.connection import explain_exposure
-from obc_ros.sweep.sweep import (
+from obc_ros.api.sweep import (
     choose_workers,
     CHUNK,
     DATASET,
@@ -29,6 +22,13 @@ from obc_ros.sweep.sweep import (
     WITHOUT_DASK,
     Workers,
 )
+from obc_ros.cli import results
+from obc_ros.cli.console.progress import Lines, show_progress
+from obc_ros.cli.console.tables import print_table
+from obc_ros.core.text.errors import DynamicsError, ObcError, quote, StatementError
+from obc_ros.core.text.example_files import choose_file
+from obc_ros.sweep.axes import make_axes, make_draws, parse_axes, parse_draws
+from obc_ros.sweep.cluster.connection import explain_exposure
 
 HEADER = ('status', 'points', 'share')
 SHOWN = 5           # messages of points that are not solved

@@ -14,8 +14,8 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 import numpy as np
-from obc_ros.core.library.figures.files import save_figure
-from obc_ros.core.library.figures.style import LINE_COLOURS, STYLE, THIN
+from obc_ros.api.figures.files import save_figure
+from obc_ros.api.figures.style import LINE_COLOURS, STYLE, THIN
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.sweep.axes import SAMPLE
 

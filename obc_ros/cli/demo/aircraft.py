@@ -11,19 +11,19 @@ import matplotlib as mpl
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 import numpy as np
-from obc_ros.cli.console.tables import print_table
-from obc_ros.cli.demo.flight import Flight, FlightEvent, fly, make_gust, set_parameters
-from obc_ros.cli.demo.report import measure_step, report_loop
-from obc_ros.cli.flight_client import Pilot
-from obc_ros.core.library.figures.bodies import ARM, draw_aircraft, PLUME
-from obc_ros.core.library.figures.files import save_figure
-from obc_ros.core.library.figures.style import (
+from obc_ros.api.figures.bodies import ARM, draw_aircraft, PLUME
+from obc_ros.api.figures.files import save_figure
+from obc_ros.api.figures.style import (
     get_line,
     LINE_COLOURS,
     new_figure,
     STYLE,
     THIN,
 )
+from obc_ros.cli.console.tables import print_table
+from obc_ros.cli.demo.flight import Flight, FlightEvent, fly, make_gust, set_parameters
+from obc_ros.cli.demo.report import measure_step, report_loop
+from obc_ros.cli.flight_client import Pilot
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.msg import LqrDesign
 

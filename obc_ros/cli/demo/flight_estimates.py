@@ -12,13 +12,8 @@ import matplotlib as mpl
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 import numpy as np
-from obc_ros.cli.console.tables import print_table
-from obc_ros.cli.demo.flight import Flight, FlightEvent, fly, make_gust
-from obc_ros.cli.demo.report import report_loop
-from obc_ros.cli.flight_client import Pilot, Samples
-from obc_ros.core.estimation.consistency import Consistency
-from obc_ros.core.library.figures.files import save_figure
-from obc_ros.core.library.figures.style import (
+from obc_ros.api.figures.files import save_figure
+from obc_ros.api.figures.style import (
     get_line,
     label_unit,
     LINE_COLOURS,
@@ -26,6 +21,11 @@ from obc_ros.core.library.figures.style import (
     STYLE,
     THIN,
 )
+from obc_ros.cli.console.tables import print_table
+from obc_ros.cli.demo.flight import Flight, FlightEvent, fly, make_gust
+from obc_ros.cli.demo.report import report_loop
+from obc_ros.cli.flight_client import Pilot, Samples
+from obc_ros.core.estimation.consistency import Consistency
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.systems.equilibrium import find_equilibrium
 from obc_ros.core.systems.registry import get_system

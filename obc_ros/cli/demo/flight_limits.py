@@ -10,12 +10,12 @@ from pathlib import Path
 import matplotlib as mpl
 from matplotlib.figure import Figure
 import numpy as np
+from obc_ros.api.figures.files import save_figure
+from obc_ros.api.figures.style import get_line, new_figure, STYLE, THIN
 from obc_ros.cli.console.tables import print_table
 from obc_ros.cli.demo.flight import Flight, FlightEvent, fly
 from obc_ros.cli.demo.report import report_loop
 from obc_ros.cli.flight_client import Pilot
-from obc_ros.core.library.figures.files import save_figure
-from obc_ros.core.library.figures.style import get_line, new_figure, STYLE, THIN
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.systems.registry import get_system
 

@@ -4,7 +4,7 @@
 
 import dataclasses
 
-import obc_ros.core as obc
+import obc_ros as obc
 import pytest
 
 REST = {

@@ -8,7 +8,7 @@ from typing import Any
 from matplotlib.figure import Figure
 from matplotlib.patches import Polygon
 import numpy as np
-from obc_ros.core.library.figures import bodies
+from obc_ros.api.figures import bodies
 import pytest
 
 POSES = [(0.0, 0.0, 0.0), (1.0, -2.0, 0.7), (-3.0, 4.0, -2.5)]

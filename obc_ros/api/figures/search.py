@@ -6,7 +6,7 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from obc_ros.core.library.figures.style import LINE_COLOURS, new_figure, STYLE, THIN
+from obc_ros.api.figures.style import LINE_COLOURS, new_figure, STYLE, THIN
 from obc_ros.core.ocp.solution import Attempt, Solution, Verdict
 
 _SEARCH_MARKS = (('initial guess, coarse mesh', 'o', LINE_COLOURS[0]),

@@ -7,7 +7,7 @@ import math
 
 import control
 import numpy as np
-import obc_ros.core as obc
+import obc_ros as obc
 from obc_ros.core.text.errors import ObcError, StatementError
 import pytest
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
-from obc_ros.core.library.plants import choose_names, equilibrium, is_of_control, System
+from obc_ros.api.plants import choose_names, equilibrium, is_of_control, System
 from obc_ros.core.lqr import lqr as regulator
 from obc_ros.core.lqr.held_loop import HeldLoop
 from obc_ros.core.lqr.held_margins import compute_held_margins

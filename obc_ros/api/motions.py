@@ -5,8 +5,8 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from obc_ros.core.library.answer import Answer
-from obc_ros.core.library.problem import convert_numbers
+from obc_ros.api.answer import Answer
+from obc_ros.api.problem import convert_numbers
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.ocp.augmentation import hide_added_states
 from obc_ros.core.solver.exact.reeds_shepp import find_shortest_path

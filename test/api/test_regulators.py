@@ -6,7 +6,7 @@ import control
 from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
-import obc_ros.core as obc
+import obc_ros as obc
 from obc_ros.core.text.errors import DynamicsError, RefusedDesignError, StatementError
 import pytest
 

@@ -4,7 +4,6 @@
 
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
-from importlib import import_module
 import json
 import math
 from typing import Any
@@ -12,9 +11,9 @@ from typing import Any
 import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
-from obc_ros.core.library.answer import Answer
-from obc_ros.core.library.interpolation import restore_added_costates
-from obc_ros.core.library.problem import (
+from obc_ros.api.answer import Answer
+from obc_ros.api.interpolation import restore_added_costates
+from obc_ros.api.problem import (
     combine_statement,
     convert_numbers,
     Problem,
@@ -108,8 +107,7 @@ def _solve_isolated(problem: Problem | Mapping[str, Any] | None, keys: Mapping[s
     except (TypeError, ValueError, RecursionError):
         raise StatementError('isolated: another process gets the statement; wanted expressions as '
                              'texts, not as functions, and a system by its name') from None
-    # The folder of the processes imports this one: it is loaded only on request.
-    solve_in_process = import_module('obc_ros.workers.responses').solve_in_process
+    from obc_ros.workers.responses import solve_in_process  # loaded on request only
     solution, states, inputs = solve_in_process(
         {**request, 'statement': statement, 'cache_size': 1}, time_limit, report)
     if solution.status is Status.MALFORMED:

@@ -4,8 +4,8 @@
 
 import math
 
-from obc_ros.core.library.figures.search import draw_search
-from obc_ros.core.library.search_tree import SearchTree, TREE_HEADER
+from obc_ros.api.figures.search import draw_search
+from obc_ros.api.search_tree import SearchTree, TREE_HEADER
 from obc_ros.core.ocp.solution import Attempt, Optimality, Solution, Status, Verdict
 import pytest
 

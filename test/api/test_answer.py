@@ -11,7 +11,7 @@ import sys
 from hypothesis import given
 from hypothesis import strategies as st
 import numpy as np
-from obc_ros.core.library.answer import Answer
+from obc_ros.api.answer import Answer
 from obc_ros.core.ocp.solution import (
     Attempt,
     Certificate,

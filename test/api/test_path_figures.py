@@ -5,10 +5,10 @@
 from math import pi
 
 import numpy as np
-from obc_ros.core.library.figures.marks import find_marks, find_state_rows
-from obc_ros.core.library.figures.panels import MOST_LINES, split_columns
-from obc_ros.core.library.figures.path import draw_path
-from obc_ros.core.library.figures.plane import find_plane
+from obc_ros.api.figures.marks import find_marks, find_state_rows
+from obc_ros.api.figures.panels import MOST_LINES, split_columns
+from obc_ros.api.figures.path import draw_path
+from obc_ros.api.figures.plane import find_plane
 from obc_ros.core.ocp.solution import Solution, Status
 from obc_ros.core.ocp.statement import build_problem
 from obc_ros.core.text.errors import StatementError

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from obc_ros.core.library.figures.style import STYLE
+from obc_ros.api.figures.style import STYLE
 from obc_ros.core.text.errors import ObcError, quote
 
 # Formats, and what their files would say about the time at which they were written.

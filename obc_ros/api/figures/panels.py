@@ -8,7 +8,7 @@ import textwrap
 from typing import Any
 
 import numpy as np
-from obc_ros.core.library.figures.style import (
+from obc_ros.api.figures.style import (
     get_line,
     label_unit,
     LINE_COLOURS,

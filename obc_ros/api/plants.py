@@ -9,7 +9,7 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-from obc_ros.core.library.problem import convert_numbers, NAMED_AT_MOST
+from obc_ros.api.problem import convert_numbers, NAMED_AT_MOST
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.systems import registry
 from obc_ros.core.systems import system as plant

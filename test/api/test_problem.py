@@ -9,7 +9,7 @@ import casadi as ca
 from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
-from obc_ros.core.library.problem import Problem
+from obc_ros.api.problem import Problem
 from obc_ros.core.ocp.statement import build_problem
 from obc_ros.core.text.errors import StatementError
 import problems

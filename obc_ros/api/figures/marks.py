@@ -8,7 +8,7 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-from obc_ros.core.library.figures.style import LINE_COLOURS, THIN
+from obc_ros.api.figures.style import LINE_COLOURS, THIN
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.ocp.solution import Solution

@@ -7,16 +7,16 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-from obc_ros.core.library.figures.marks import draw_marks, find_marks
-from obc_ros.core.library.figures.panels import (
+from obc_ros.api.figures.marks import draw_marks, find_marks
+from obc_ros.api.figures.panels import (
     draw_panel,
     Panel,
     place_panels,
     set_title,
     split_columns,
 )
-from obc_ros.core.library.figures.plane import draw_plane, find_plane, PLANE_HEIGHT
-from obc_ros.core.library.figures.style import STYLE
+from obc_ros.api.figures.plane import draw_plane, find_plane, PLANE_HEIGHT
+from obc_ros.api.figures.style import STYLE
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.ocp.augmentation import hide_added_states, restore_added_states
 from obc_ros.core.ocp.problem import Problem

@@ -9,11 +9,11 @@ from importlib import import_module
 from typing import Any
 
 import numpy as np
-from obc_ros.core.library.figures.path import draw_path
-from obc_ros.core.library.figures.search import draw_search
-from obc_ros.core.library.interpolation import interpolate
-from obc_ros.core.library.json_values import convert_to_json
-from obc_ros.core.library.search_tree import SearchTree
+from obc_ros.api.figures.path import draw_path
+from obc_ros.api.figures.search import draw_search
+from obc_ros.api.interpolation import interpolate
+from obc_ros.api.json_values import convert_to_json
+from obc_ros.api.search_tree import SearchTree
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.ocp.solution import Certificate, Optimality, Solution

@@ -12,7 +12,7 @@ from typing import Any
 from matplotlib.axes import Axes
 from matplotlib.patches import Polygon
 import numpy as np
-from obc_ros.core.library.figures.style import LINE_COLOURS
+from obc_ros.api.figures.style import LINE_COLOURS
 from obc_ros.core.numerics.arrays import Array
 
 ARM = 0.25  # [m] from the centre of mass of the aircraft to the point where its thrust acts

@@ -9,8 +9,8 @@ import control
 from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
-import obc_ros.core as obc
-from obc_ros.core.library.plants import SystemNames
+import obc_ros as obc
+from obc_ros.api.plants import SystemNames
 from obc_ros.core.text.errors import DynamicsError, StatementError
 import pytest
 

@@ -3,8 +3,8 @@
 """Figures of solutions: switching functions, panels and files."""
 
 import numpy as np
-from obc_ros.core.library.figures.panels import group_columns
-from obc_ros.core.library.figures.path import compute_slopes, draw_path
+from obc_ros.api.figures.panels import group_columns
+from obc_ros.api.figures.path import compute_slopes, draw_path
 from obc_ros.core.ocp.solution import Solution, Status
 from obc_ros.core.ocp.statement import build_problem
 import pytest

@@ -7,8 +7,8 @@ import dataclasses
 from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
-import obc_ros.core as obc
-from obc_ros.core.library.answer import Answer
+import obc_ros as obc
+from obc_ros.api.answer import Answer
 from obc_ros.core.ocp.solution import Solution, Status
 from obc_ros.core.text.errors import ObcError
 from problems import pose

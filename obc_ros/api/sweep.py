@@ -21,7 +21,7 @@ import time
 from typing import Any
 
 import numpy as np
-from obc_ros.core.library.problem import Problem
+from obc_ros.api.problem import Problem
 from obc_ros.core.ocp.method_names import get_method
 from obc_ros.core.ocp.statement import load_file
 from obc_ros.core.solver.options import read_options

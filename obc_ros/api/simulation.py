@@ -9,10 +9,10 @@ import math
 from typing import Any
 
 import numpy as np
-from obc_ros.core.library.answer import Answer
-from obc_ros.core.library.figures.panels import draw_columns
-from obc_ros.core.library.plants import require_system, System
-from obc_ros.core.library.regulators import RegulatorDesign
+from obc_ros.api.answer import Answer
+from obc_ros.api.figures.panels import draw_columns
+from obc_ros.api.plants import require_system, System
+from obc_ros.api.regulators import RegulatorDesign
 from obc_ros.core.numerics.arrays import Array, integrate
 from obc_ros.core.systems.equilibrium import check_numbers
 from obc_ros.core.text.errors import describe_type, ObcError, StatementError

@@ -4,8 +4,8 @@
 
 from matplotlib import colors
 import numpy as np
-from obc_ros.core.library.figures.files import FORMATS, parse_formats, save_figure
-from obc_ros.core.library.figures.style import get_line, label_unit, LINE_COLOURS, new_figure
+from obc_ros.api.figures.files import FORMATS, parse_formats, save_figure
+from obc_ros.api.figures.style import get_line, label_unit, LINE_COLOURS, new_figure
 from obc_ros.core.text.errors import ObcError
 import pytest
 

@@ -11,7 +11,8 @@ import time
 
 import casadi as ca
 import numpy as np
-import obc_ros.core as obc
+import obc_ros as obc
+import obc_ros.core
 from obc_ros.core.text.errors import StatementError
 from obc_ros.core.text.example_files import find_example
 from obc_ros.workers.pool import Pool
@@ -256,7 +257,7 @@ def test_the_answer_to_another_problem_is_not_certified():
 
 
 def test_the_import_loads_nothing_heavy():
-    program = ('import sys, obc_ros.core as obc; assert dir(obc) == obc.__all__\n'
+    program = ('import sys, obc_ros as obc; assert dir(obc) == obc.__all__\n'
                'print(sorted({"numpy", "casadi", "scipy", "control", "matplotlib", "rclpy"} & '
                'set(sys.modules)))\n'
                'obc.Problem, obc.Answer; print("scipy" in sys.modules, "control" in sys.modules)')
@@ -270,8 +271,16 @@ def test_every_public_name_is_found_documented_and_stubbed():
         assert getattr(obc, name).__doc__, name
         assert f' as {name}\n' in stub or f'\n{name}: ' in stub, name
     assert stub.count(' as ') + stub.count(': ') - stub.count('SPDX') == len(obc.__all__)
-    with pytest.raises(AttributeError, match="module 'obc_ros.core' has no attribute 'solv'"):
+    with pytest.raises(AttributeError, match="module 'obc_ros' has no attribute 'solv'"):
         obc.solv  # noqa: B018
+
+
+def test_the_former_place_of_the_names_works_with_a_warning():
+    with pytest.warns(DeprecationWarning, match='write import obc_ros as obc, and obc.solve'):
+        former = obc_ros.core.solve
+    assert former is obc.solve
+    with pytest.raises(AttributeError, match="module 'obc_ros.core' has no attribute 'solv'"):
+        obc_ros.core.solv  # noqa: B018
 
 
 def test_an_answer_with_phases_has_their_states_in_order_of_time():
