@@ -6,7 +6,8 @@ Node estimator_node: estimates the state of a plant from measurements of its out
 Subscribes to ``measurement`` (Measurement), ``command`` (Command), and, for suggestions,
 ``lqr_node/design`` (LqrDesign). Publishes ``state`` (State), ``~/estimate`` (Estimate: covariance,
 innovation, consistency), ``odom`` (nav_msgs/Odometry) of a body in a plane, and ``/diagnostics``.
-Service: ``~/suggest_weights`` (SuggestNoise). Parameters: see `estimator_settings.Settings`.
+Service: ``~/suggest_noise`` (SuggestNoise), for one version also as ``~/suggest_weights``.
+Parameters: see `estimator_settings.Settings`.
 
 The filter is the extended Kalman filter of `core.estimation`. Estimates are predicted to the
 present. After ``measurement_timeout`` without a measurement none is published, so that the
@@ -105,6 +106,7 @@ class EstimatorNode(Node):  # type: ignore[misc] # rclpy's classes are untyped
                                       (Command, 'command', self._on_command))]
         self._regulator: LqrDesign | None = None
         self.create_subscription(LqrDesign, 'lqr_node/design', self._on_design, LATCHED_DESIGN)
+        self.create_service(SuggestNoise, '~/suggest_noise', self._on_suggest_noise)
         self.create_service(SuggestNoise, '~/suggest_weights', self._on_suggest_weights)
         if settings.rate:
             guard_callbacks(self, self.create_timer(1.0 / settings.rate, self._on_time),
@@ -151,6 +153,13 @@ class EstimatorNode(Node):  # type: ignore[misc] # rclpy's classes are untyped
 
     def _on_suggest_weights(self, request: SuggestNoise.Request,
                             response: SuggestNoise.Response) -> SuggestNoise.Response:
+        self.get_logger().warning(
+            '~/suggest_weights is now ~/suggest_noise; the former name ends with the next version',
+            once=True)
+        return self._on_suggest_noise(request, response)
+
+    def _on_suggest_noise(self, request: SuggestNoise.Request,
+                          response: SuggestNoise.Response) -> SuggestNoise.Response:
         try:
             fill_noise(response, suggest_noise(request, self._adopted, self._regulator))
         except ObcError as error:

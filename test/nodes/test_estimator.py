@@ -261,9 +261,8 @@ DOYLE_FILTER = {**DOYLE, 'outputs': ['x1'], 'Qw': [100.0] * 4, 'Rv': [1.0 / PERI
                 'sample_time': PERIOD}
 
 
-def suggest(probe: Any, **request: Any) -> Any:
-    return probe.call(SuggestNoise, '/estimator_node/suggest_weights',
-                      SuggestNoise.Request(**request))
+def suggest(probe: Any, name: str = 'suggest_noise', **request: Any) -> Any:
+    return probe.call(SuggestNoise, f'/estimator_node/{name}', SuggestNoise.Request(**request))
 
 
 def test_suggested_noise_recovers_the_margins_when_it_is_used(spawn, probe):
@@ -280,7 +279,7 @@ def test_suggested_noise_recovers_the_margins_when_it_is_used(spawn, probe):
     assert 'with qw' in answer.message
     assert probe.get_parameters('/estimator_node', 'Qw')['Qw'] == pytest.approx([100.0] * 4)
     assert probe.set_parameters('/estimator_node', Qw=list(answer.qw))[0].successful
-    again = suggest(probe, k=DOYLE_GAIN)
+    again = suggest(probe, 'suggest_weights', k=DOYLE_GAIN)   # the former name
     assert again.success and again.added == 0.0
     assert again.disk_margin[0] == pytest.approx(after)
 

@@ -88,7 +88,8 @@ SERVICES = {
         'follow_reference': FollowReference, 'change_state': ChangeState, 'get_state': GetState,
         'get_available_states': GetAvailableStates,
         'get_available_transitions': GetAvailableTransitions},
-    'estimator_node': {**PARAMETERS, 'suggest_weights': SuggestNoise},
+    'estimator_node': {
+        **PARAMETERS, 'suggest_noise': SuggestNoise, 'suggest_weights': SuggestNoise},
     'plant_simulator': {**PARAMETERS, 'pause': SetBool, 'reset': Trigger, 'step': Trigger},
     'trajectory_server': {
         **PARAMETERS, 'design_lqr': DesignLqr, 'minimize': Minimize, 'plan': PlanMotion,

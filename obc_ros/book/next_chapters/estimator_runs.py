@@ -119,11 +119,11 @@ def ask_estimator(desk: Desk, estimator: Mapping[str, Any], request: SuggestNois
 
     """
     desk.note(run_node('estimator_node', estimator))
-    desk.note(write_service_call('suggest_weights', SuggestNoise, request, 'estimator_node'))
+    desk.note(write_service_call('suggest_noise', SuggestNoise, request, 'estimator_node'))
     with record_nodes(desk.name_folder('suggestion'), 'estimator_node') as nodes:
         nodes.start('estimator_node', estimator)
         answer = nodes.pilot.call(
-            SuggestNoise, 'estimator_node/suggest_weights', request, LONGEST)
+            SuggestNoise, 'estimator_node/suggest_noise', request, LONGEST)
     if not answer.success:
         raise UnansweredError(f'estimator_node: {answer.message}')
     return answer
