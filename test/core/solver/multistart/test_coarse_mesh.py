@@ -14,7 +14,7 @@ from obc_ros.core.solver.transcription.mesh import build_uniform_mesh
 import problems
 import pytest
 
-MOTORS = Path(__file__).parents[2] / 'collections' / 'practical'
+MOTORS = Path(__file__).parents[3] / 'collections' / 'practical'
 
 
 @pytest.mark.slow
