@@ -22,8 +22,8 @@ SMOKE := $(addprefix test/,nodes/test_loop_over_dds.py nodes/test_server_request
 # Tests with nodes wait half of their time: three workers keep two cores at work. Each takes the
 # next tests of the order that test/conftest.py gives. Tests that share a loop and a browser go to
 # one worker. Of several threads of BLAS each would wait in a busy loop for the others.
-ALONE := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1
-PYTEST := $(ALONE) $(BIN)/pytest
+ONE_THREAD := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1
+PYTEST := $(ONE_THREAD) $(BIN)/pytest
 TESTS := $(PYTEST) -n 3 --dist loadgroup --no-loadscope-reorder
 PIP := $(BIN)/python -m pip --disable-pip-version-check
 # What takes minutes shows what it does, and for how long.
@@ -73,7 +73,7 @@ pure: .venv-pure/.requirements ## the wheel without ROS 2 in .venv-pure, and the
 	@echo 'obc_ros: the pure wheel into .venv-pure'
 	@OBC_ROS_PURE=1 .venv-pure/bin/python -m pip --disable-pip-version-check install -qq \
 		--no-deps --no-build-isolation --force-reinstall .
-	$(ALONE) .venv-pure/bin/pytest -n 2 --dist load --maxschedchunk 1 -m '(check or notebook) and not nodes' $(ARGS)
+	$(ONE_THREAD) .venv-pure/bin/pytest -n 2 --dist load --maxschedchunk 1 -m '(check or notebook) and not nodes' $(ARGS)
 
 kernel: setup ## the solver's tests with another kernel of OpenBLAS (KERNEL=Haswell|Nehalem|...)
 	OPENBLAS_CORETYPE=$(KERNEL) $(PYTEST) -n 2 --dist load --maxschedchunk 1 -m 'not nodes' $(ARGS) $(SOLVER)
