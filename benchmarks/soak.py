@@ -7,7 +7,8 @@ With ``--pace 2`` changes, requests and kills are twice as frequent.
 
 In the steady loop no process ends: its memory must not grow, and every request and every change
 must get the correct response, none a rejection for lack of time. In the troubled loop a process is
-killed every few seconds and started again: the loop must be complete within a few seconds, without
+killed every few seconds and started again: the loop must be complete within the time of a few
+announcements and of a few starts of a bare node, which are timed beside the two loops, without
 counting stalls of the machine. No process may remain.
 """
 
@@ -15,11 +16,14 @@ import timing  # isort: skip - before numpy
 
 from collections import Counter
 from collections.abc import Callable
+import itertools
 import os
 import random
 import signal
+from statistics import median
 import subprocess
 import sys
+from threading import Thread
 import time
 from typing import Any
 
@@ -40,13 +44,22 @@ NODES = {
                         '-p', 'noise.px:=0.001'),
     'lqr_node': ('-p', 'state_timeout:=0.3'),
     'trajectory_server': ('-p', 'workers:=1')}
-VICTIMS = (*NODES, 'worker')
+VICTIMS = (None, *NODES, 'worker')  # None: a bare node is started beside the loops
+BARE = "import rclpy; rclpy.init(); rclpy.create_node('bare')"  # the least that a node does
 CHANGE, ASK, KILL, LOOK = 0.25, 0.05, 5.0, 1.0  # [s] periods
-BACK = 5.0       # [s] until a loop is complete again
+BACK = 3.0       # [s] until a loop is complete again: three announcements of each participant,
+STARTS = 4.0     # and as many starts of a bare node
 GROWTH = 1.03    # factor of the memory of a process, from a fifth of the time on
 MOST = 20        # requests under way; a client that floods an overloaded server measures nothing
 TOLD = 3         # incorrect responses of each kind that are printed in full
 UNANSWERED = 0.03  # share of states of the steady loop; a process that starts takes the processor
+
+
+def start(*arguments: str) -> subprocess.Popen[bytes]:
+    """Start Python. Linux shares the processor among sessions: all nodes get equal shares."""
+    return subprocess.Popen(
+        [sys.executable, '-P', *arguments], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+        start_new_session=True, preexec_fn=die_with_parent)
 
 
 class Loop:
@@ -60,12 +73,8 @@ class Loop:
 
     def start(self, node: str) -> None:
         """Start a node, in place of one that has ended."""
-        self.running[node] = subprocess.Popen(
-            [sys.executable, '-P', '-m', f'obc_ros.nodes.{node}', '--ros-args', '-r',
-             f'__ns:=/{self.name}', *NODES[node]],
-            stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
-            # Linux shares the processor among sessions: nodes get equal shares
-            start_new_session=True, preexec_fn=die_with_parent)
+        self.running[node] = start('-m', f'obc_ros.nodes.{node}', '--ros-args', '-r',
+                                   f'__ns:=/{self.name}', *NODES[node])
 
     def kill(self, victim: str) -> None:
         """Kill a node and start it again, or the workers of the server, which restarts them."""
@@ -106,9 +115,11 @@ class Soak:
         self.told: dict[tuple[str, str], float] = {}
         self.sizes: dict[str, list[float]] = {node: [] for node in NODES}
         self.back: list[tuple[float, float]] = []  # when the loop was broken and complete again
+        self.starts: list[float] = []  # durations [s] of the starts of a bare node
         self.wrong: list[str] = []
         self._ended: dict[int, float] = {}  # zombies, and since when
         self._killed = self._heard = 0.0
+        self._victims = itertools.cycle(VICTIMS)
         node = self._node
         node.create_subscription(DiagnosticArray, '/diagnostics', self._on_report, 1000)
         node.create_subscription(Command, '/troubled/command', self._on_command, 10)
@@ -207,10 +218,18 @@ class Soak:
     def _kill(self) -> None:
         if self._killed:  # it is not complete yet
             return
-        victim = VICTIMS[self.counts['kills'] % len(VICTIMS)]
+        victim = next(self._victims)
+        if victim is None:
+            Thread(target=self._start_bare).start()
+            return
         self.counts['kills'] += 1
         self.troubled.kill(victim)
         self._killed = time.monotonic() if victim in ('plant_simulator', 'lqr_node') else 0.0
+
+    def _start_bare(self) -> None:
+        begin = time.monotonic()
+        start('-c', BARE).wait()
+        self.starts.append(time.monotonic() - begin)
 
     def _look(self) -> None:
         for node, process in self.steady.running.items():
@@ -231,6 +250,7 @@ def report(soak: Soak, args: Any, stalls: list[tuple[float, float]], left: list[
     back = max((end - begin for begin, end in soak.back), default=0.0)
     moving = max((end - begin - still(stalls, begin, end) for begin, end in soak.back),
                  default=0.0)
+    bare = median(soak.starts)
     timing.table(f'two loops at {RATE:g} Hz for {args.seconds:g} s', ('', ''), [
         ('states of the steady loop', f'{published:.0f}'),
         ('without a command', f'{unanswered:.0f}'),
@@ -242,7 +262,8 @@ def report(soak: Soak, args: Any, stalls: list[tuple[float, float]], left: list[
           for node, sizes in soak.sizes.items()),
         ('kills in the troubled loop', counts['kills']),
         ('longest time until it was complete again [s]', f'{back:.2f}'),
-        ('the same without stalls of the machine [s]', f'{moving:.2f}')])
+        ('the same without stalls of the machine [s]', f'{moving:.2f}'),
+        ('start of a bare node beside it [s]', f'{bare:.2f}')])
     print(f'  {told(stalls)}')
     print(*(f'  {each}' for each in soak.wrong), sep='\n')
     timing.require('incorrect responses', counts['wrong'], 0)
@@ -251,7 +272,8 @@ def report(soak: Soak, args: Any, stalls: list[tuple[float, float]], left: list[
         timing.require(f'{what} without a response', soak.open[what], 0)
     timing.require('share of states without a command', unanswered / published,
                    args.unanswered)
-    timing.require('time until the troubled loop is complete [s]', moving, args.back)
+    timing.require('time until the troubled loop is complete [s]', moving,
+                   args.back + STARTS * bare)
     timing.require('zombie processes', counts['zombies'], 0)
     for node, sizes in soak.sizes.items():
         timing.require(f'growth of {node}', sizes[-1] / sizes[len(sizes) // 5], GROWTH)
