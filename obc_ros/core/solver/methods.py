@@ -9,6 +9,7 @@ problem and a line in EXACT_METHODS.
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.ocp.solution import Solution, Status, Verdict
@@ -128,16 +129,14 @@ def _find_any_path(task: Task, L: float) -> Solution:
     return replace(found, objective=L * found.t[-1] + float(task.problem.V), certificate=None)
 
 
-def _search(task: Task) -> Solution:
-    return _search_and_refine(task, _improve)
-
-
-def _search_and_refine(task: Task, refine: Refine) -> Solution:
+def _search(task: Task, *, with_arcs: bool = True, refine: Refine | None = None) -> Solution:
     """Return the result of a search, refined unless its work was stopped."""
-    found, bench = search(task, why_not=look_for_proof(task))
+    found, bench = search(task, with_arcs=with_arcs, why_not=look_for_proof(task))
     if bench.meter.stopped:
-        return _keep_bounds(task, bench, found).solution
-    return refine(bench, found).solution
+        found = _keep_bounds(task, bench, found)
+    elif refine is not None:
+        found = refine(bench, found)
+    return found.solution
 
 
 def _keep_bounds(task: Task, bench: Bench, found: Candidate) -> Candidate:
@@ -156,23 +155,10 @@ def _keep_bounds(task: Task, bench: Bench, found: Candidate) -> Candidate:
         best.solution, optimality=best.solution.optimality or found.solution.optimality))
 
 
-def _improve(bench: Bench, found: Candidate) -> Candidate:
-    """Return the result of a search after the improvements that come last."""
-    if found.record is None:
-        return found
-    state = State(bench, found.record.outcome, best=found)
-    return try_improvements(DescentStage.FINISHED, state).best or found
-
-
-def _transcribe(task: Task) -> Solution:
-    found, bench = search(task, with_arcs=False)
-    return (_keep_bounds(task, bench, found) if bench.meter.stopped else found).solution
-
-
 METHODS: Mapping[str, Method] = {
     'auto': solve_automatically,
     **{exact.name: exact for exact in EXACT_METHODS},
-    'transcription': _transcribe,
+    'transcription': partial(_search, with_arcs=False),
     'arcs': _search,
-    'indirect': lambda task: _search_and_refine(task, refine_indirectly),
+    'indirect': partial(_search, refine=refine_indirectly),
 }

@@ -286,9 +286,8 @@ class KinkOptions:
 
 @dataclass(frozen=True)
 class IndirectOptions:
-    """Indirect refinement after a search."""
+    """The indirect method."""
 
-    work: int = steer(800, 'work of a search from which on it is done', 'work', 'aircraft_5')
     precise: float = steer(
         2e-7, 'difference of the sampled input from u*, if `descent.enough` is not small enough',
         'relative', 'test_bvp.py')

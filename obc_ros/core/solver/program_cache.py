@@ -136,7 +136,6 @@ class ProgramCache:
             ca.jacobian(problem.f, ca.vertcat(problem.x, problem.u)),
             ca.vertcat(problem.x, problem.u))
         self.answers: list[Answered] = []   # the latest last
-        self.touched_up = False   # whether solutions were refined by the indirect method
         self.several = False   # whether several minima were found for one of the problems
         self._problem, self._smooth = problem, smooth
         self._convex: tuple[Problem | None, bool] = None, False
@@ -188,10 +187,6 @@ class ProgramCache:
     def forget(self, answer: Answered) -> None:
         """Do not use a solved problem for its neighbours any more."""
         self.answers.remove(answer)
-
-    def note_refinement(self) -> None:
-        """Note that a solution was refined by the indirect method."""
-        self.touched_up = True
 
     def note_minima(self, number: int) -> None:
         """Note how many local minima were found for a problem."""

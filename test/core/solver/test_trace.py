@@ -125,11 +125,9 @@ def test_a_solution_reports_its_attempts():
 
 
 @pytest.mark.slow
-def test_the_minima_of_the_search_are_reported_after_the_refinement():
+def test_the_minima_of_the_search_are_reported():
     """The published minimum of the cart-pole is 58.81; the search also finds a lower one."""
     found = solve(problems.build('cart_pole'))
-    assert [each.verdict for each in found.attempts if each.method == 'indirect refinement'] == [
-        Verdict.CERTIFIED]
     assert found.optimality.starts > 1
     assert found.optimality.starts == sum(
         each.method == GUESS for each in found.attempts)

@@ -23,7 +23,6 @@ class DescentStage(StrEnum):
     NEXT_MESH = 'before a finer mesh'
     VIOLATED = 'at the end of a descent'
     CERTIFIED = 'on a finer mesh without a certificate'
-    FINISHED = 'after the search'
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,7 +18,6 @@ from obc_ros.core.ocp.certificate.certificate import certify
 from obc_ros.core.ocp.solution import Condition, Solution, Status
 from obc_ros.core.solver.adjoint.bvp_solution import BoundaryValues
 from obc_ros.core.solver.bench import Bench, Candidate
-from obc_ros.core.solver.improve.improvement import State
 from obc_ros.core.solver.improve.kink_mesh import build_points, solve_boundary_values
 from obc_ros.core.solver.program_cache import Answered
 
@@ -60,31 +59,6 @@ def refine_indirectly(bench: Bench, found: Candidate) -> Candidate:
 def _explained(found: Candidate, reason: str) -> Candidate:
     return replace(found, solution=replace(
         found.solution, message=f'solved by transcription: {reason}'))
-
-
-def is_worth_refining(state: State) -> bool:
-    """Return whether the search took more work than the indirect method, which applies."""
-    bench, found = state.bench, state.best
-    little = bench.work < bench.options.indirect.work and not bench.programs.touched_up
-    return found is not None and found.record is not None and not (
-        found.nearby or little
-        or bench.meter.remaining() < bench.options.budget.least) and _is_smooth(
-            bench, found.record)
-
-
-def refine_after_search(state: State) -> State | str:
-    """Refine the result of a search by the indirect method."""
-    bench, found = state.bench, state.best
-    assert found is not None and found.record is not None
-    values = _boundary_values(bench, found.record)
-    if values is None:
-        return 'the boundary value problem was not solved'
-    for wanted in (bench.options.descent.enough, bench.options.indirect.precise):
-        new = _better(bench, found, values, wanted)
-        if new is not found:
-            bench.programs.note_refinement()
-            return replace(state, best=new)
-    return 'its samples are not certified at this cost'
 
 
 def _is_smooth(bench: Bench, last: Answered) -> bool:

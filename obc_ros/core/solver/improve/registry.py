@@ -5,8 +5,8 @@ The improvements, in the order in which they are tried in their stage.
 
 A new improvement is a file and a line in IMPROVEMENTS. Three strategies are called directly. Mesh
 refinement and constraint tightening are the loop itself (`descent`). Negative curvature is a step
-of the nonlinear program, which knows no mesh (`nlp`). The indirect method is also a method by
-name (`refine_indirectly`), which explains why it does not apply.
+of the nonlinear program, which knows no mesh (`nlp`). The indirect method is a method by name
+(`refine_indirectly`), which explains why it does not apply.
 """
 
 from obc_ros.core.ocp.solution import Verdict
@@ -22,7 +22,6 @@ from obc_ros.core.solver.improve.back_off import (
 )
 from obc_ros.core.solver.improve.hamiltonian_wells import has_branches, move_to_best_branch
 from obc_ros.core.solver.improve.improvement import DescentStage, Improvement, State
-from obc_ros.core.solver.improve.indirect import is_worth_refining, refine_after_search
 from obc_ros.core.solver.improve.kink_mesh import may_have_kinks, solve_on_kinks
 from obc_ros.core.solver.improve.state_arcs import (
     may_have_arcs,
@@ -52,10 +51,7 @@ IMPROVEMENTS = (
                 violates_bounds_only, solve_within_tighter_bounds),
     Improvement('boundary arcs', DescentStage.CERTIFIED,
                 'there are state constraints',
-                may_have_arcs, solve_along_bounds),
-    Improvement('indirect refinement', DescentStage.FINISHED,
-                'no state constraint is active and the search took much work',
-                is_worth_refining, refine_after_search))
+                may_have_arcs, solve_along_bounds))
 
 
 def try_improvements(stage: DescentStage, state: State) -> State:

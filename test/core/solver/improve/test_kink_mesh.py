@@ -80,7 +80,7 @@ def test_the_cost_is_just_below_that_of_held_inputs():
 
 def test_inputs_reach_their_bounds_where_dh_du_vanishes():
     problem = lane_change()
-    found = solve(problem)
+    found = solve(problem, method='indirect')
     assert found.certificate.holds
     lam = ca.SX.sym('lam', problem.n)
     slope = ca.Function('slope', [problem.x, problem.u, lam, problem.p], [
