@@ -42,7 +42,7 @@ if not _os.path.isdir(_os.path.join(__path__[0], 'msg')):
 
 
 class _Library(_Module):
-    """This module; a public name is not replaced by the folder of the same name (sweep)."""
+    """A package; a public name is not replaced by the folder of the same name (sweep)."""
 
     def __setattr__(self, name: str, value: object) -> None:
         """Set an attribute; ignore that the import of a folder sets it."""

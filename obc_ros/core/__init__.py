@@ -8,24 +8,14 @@ with a DeprecationWarning.
 """
 
 import sys as _sys
-from types import ModuleType as _ModuleType
 from typing import Any
 import warnings as _warnings
 
 _package = _sys.modules['obc_ros']
 __all__ = list(_package.__all__)
 
-
-class _Library(_ModuleType):
-    """This module; a public name is not replaced by the folder of the same name (lqr, systems)."""
-
-    def __setattr__(self, name: str, value: Any) -> None:
-        """Set an attribute; ignore that the import of a folder sets it."""
-        if name not in __all__ or not isinstance(value, _ModuleType):
-            super().__setattr__(name, value)
-
-
-_sys.modules[__name__].__class__ = _Library
+# a public name is not replaced by the folder of the same name (lqr, systems)
+_sys.modules[__name__].__class__ = type(_package)
 
 
 def __getattr__(name: str) -> Any:
