@@ -85,7 +85,7 @@ lint: setup ## ruff, and mypy --strict on obc_ros
 house: ## the folders, the imports between them, and the rules they break
 	@$(PYTHON) docs/house.py
 
-bench: setup ## the benchmarks
+bench: setup ## the benchmarks, and which results in docs/ are older than their code
 	$(BIN)/obc bench $(ARGS)
 
 gallery: setup ## run the gallery and keep its pages in docs/gallery (ARGS='2.5' for one entry)
