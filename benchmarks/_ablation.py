@@ -27,12 +27,14 @@ from unittest.mock import patch
 
 from obc_ros.core.ocp.solution import Verdict
 from obc_ros.core.ocp.statement import load_file
-from obc_ros.core.solver import bench, conclusion, methods, program_cache, search
+from obc_ros.core.solver import bench, conclusion, program_cache, search
+from obc_ros.core.solver import solve as solving
 from obc_ros.core.solver.diagnosis import explanation
 from obc_ros.core.solver.improve import registry as improvements
 from obc_ros.core.solver.multistart import multistart
+from obc_ros.core.solver.program_cache import Cache
 from obc_ros.core.solver.proofs import contradictions
-from obc_ros.core.solver.solve import Cache, solve
+from obc_ros.core.solver.solve import solve
 from obc_ros.core.solver.starts import registry as starts
 from obc_ros.core.solver.transcription import banded_program
 import pytest
@@ -58,7 +60,7 @@ def name_proof(proof: Callable[..., Any]) -> str:
 
 # Where the registries are, the function of a record, and whether its result has an effect.
 REGISTRIES: tuple[tuple[Any, str, str, Callable[..., bool]], ...] = (
-    (methods, 'EXACT_METHODS', 'solve', lambda found, *_: found is not None),
+    (solving, 'EXACT_METHODS', 'solve', lambda found, *_: found is not None),
     (starts, 'STARTS', 'run', lambda made, *_: made.judge()[0] is Verdict.ACCEPTED),
     (improvements, 'IMPROVEMENTS', 'run', lambda new, state: not isinstance(new, str) and (
         new.judge(state)[0] is not Verdict.REJECTED)),

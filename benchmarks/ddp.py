@@ -25,7 +25,8 @@ import numpy as np
 from numpy.typing import NDArray
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.ocp.statement import build_problem
-from obc_ros.core.solver.solve import Cache, solve
+from obc_ros.core.solver.program_cache import Cache
+from obc_ros.core.solver.solve import solve
 from optimal_control import end_error, held_step, HOVER, STATE
 
 Array = NDArray[np.float64]

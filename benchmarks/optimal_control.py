@@ -27,7 +27,8 @@ from obc_ros.core.ocp.statement import build_problem
 from obc_ros.core.solver.guesses.initial_guess import Guesser
 from obc_ros.core.solver.guesses.scales import estimate_scales
 from obc_ros.core.solver.nlp.meter import Meter
-from obc_ros.core.solver.solve import Cache, solve
+from obc_ros.core.solver.program_cache import Cache
+from obc_ros.core.solver.solve import solve
 from obc_ros.core.solver.transcription.mesh import build_uniform_mesh
 from obc_ros.core.solver.transcription.program import Transcription
 from obc_ros.core.solver.transcription.tightening import TightenedLimits

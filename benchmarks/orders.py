@@ -17,7 +17,8 @@ from typing import Any
 import numpy as np
 from obc_ros.core.ocp.solution import Solution, Status
 from obc_ros.core.ocp.statement import build_problem, load_file
-from obc_ros.core.solver.solve import Cache, solve
+from obc_ros.core.solver.program_cache import Cache
+from obc_ros.core.solver.solve import solve
 from repeats import differences, PROBLEMS
 
 LATE = 0.9   # of the time limit: later answers may be those of the limit

@@ -23,7 +23,8 @@ from obc_ros.core.ocp.certificate.replay import LEAST_COST
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.ocp.solution import Solution, Status
 from obc_ros.core.ocp.statement import build_problem, load_file
-from obc_ros.core.solver.solve import Cache, solve
+from obc_ros.core.solver.program_cache import Cache
+from obc_ros.core.solver.solve import solve
 
 PROBLEMS = Path(__file__).resolve().parent.parent / 'obc_ros' / 'examples'
 CHANGES = 3

@@ -28,11 +28,12 @@ from obc_ros.core.ocp.method_names import get_method
 from obc_ros.core.ocp.solution import Certificate, Report, Solution, Status
 from obc_ros.core.solver import solve as solver
 from obc_ros.core.solver.options import read_options
+from obc_ros.core.solver.program_cache import Cache
 from obc_ros.core.text.errors import describe_type, StatementError
 
 _INTERPOLATIONS = 'linear', 'zoh'
 
-_cache = solver.Cache()   # programs of the problems solved last in this process
+_cache = Cache()   # programs of the problems solved last in this process
 
 
 def solve(problem: Problem | Mapping[str, Any] | None = None, *, time_limit: float = 60.0,

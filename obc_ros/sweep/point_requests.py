@@ -14,7 +14,8 @@ from typing import Any
 from obc_ros.core.ocp.solution import Certificate, MAX_INTERVALS, Report, Solution
 from obc_ros.core.ocp.statement import build_problem
 from obc_ros.core.solver.options import read_options
-from obc_ros.core.solver.solve import Cache, solve
+from obc_ros.core.solver.program_cache import Cache
+from obc_ros.core.solver.solve import solve
 from obc_ros.core.text.errors import ObcError
 from obc_ros.sweep.closed_loops import simulate_regulator
 from obc_ros.workers.wire import Packet

@@ -6,7 +6,8 @@ from obc_ros.core.ocp.augmentation import name_attempts
 from obc_ros.core.ocp.solution import MAX_INTERVALS, Report
 from obc_ros.core.ocp.statement import build_problem
 from obc_ros.core.solver.options import read_options
-from obc_ros.core.solver.solve import Cache, solve
+from obc_ros.core.solver.program_cache import Cache
+from obc_ros.core.solver.solve import solve
 from obc_ros.workers.kinds import answer_by, Keep
 from obc_ros.workers.solutions import pack_attempts, pack_solution
 from obc_ros.workers.wire import Packet

@@ -22,7 +22,8 @@ from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.ocp.solution import MAX_INTERVALS, Report, Solution, Status
 from obc_ros.core.ocp.statement import build_problem
-from obc_ros.core.solver.solve import Cache, solve
+from obc_ros.core.solver.program_cache import Cache
+from obc_ros.core.solver.solve import solve
 from obc_ros.core.systems import registry
 from obc_ros.core.systems.equilibrium import check_numbers, find_equilibrium, linearize
 from obc_ros.core.systems.file import build_system

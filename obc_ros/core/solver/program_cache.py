@@ -322,3 +322,38 @@ def collect_numbers(problem: Problem) -> Array:
     start = () if problem.start is None else problem.start_box
     return np.concatenate([*(getattr(problem, name) for name in _NUMBERS), *start,
                            np.nan_to_num([final.value, final.lower, final.upper])])
+
+
+class Cache:
+    """The program caches of the structures solved last, at most `size` of them."""
+
+    def __init__(self, size: int = 32) -> None:
+        self._size = size
+        self._caches: OrderedDict[str, ProgramCache] = OrderedDict()
+
+    def prepared(self, problem: Problem, options: Options) -> tuple[Problem, ProgramCache]:
+        """
+        Return a problem in the symbols of the program cache of its structure, and this cache.
+
+        Parameters
+        ----------
+        problem : Problem
+            Without a `structure` its programs are not kept.
+        options : Options
+            Of the search; programs with other options are built anew.
+
+        Returns
+        -------
+        problem : Problem
+        programs : ProgramCache
+
+        """
+        key = problem.structure
+        programs = self._caches.pop(key, None) if key else None
+        if programs is None or programs.options != options:
+            programs = ProgramCache(problem, options)
+        if key:
+            self._caches[key] = programs
+            if len(self._caches) > self._size:
+                self._caches.popitem(last=False)
+        return programs.restated(problem), programs

@@ -3,62 +3,41 @@
 """
 Solution of an optimal control problem, with certificate.
 
-A method finds a path and its costates (`methods`): by default exact methods, then proofs that
-there is no path, then a search. The certificate is computed from the problem and the path alone,
+A method finds a path and its costates: by default exact methods, then proofs that there is no
+path, then a search (`search`). The certificate is computed from the problem and the path alone,
 and decides the status. Without one, the reason is looked for (`conclusion`).
 """
 
-from collections import OrderedDict
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
+from functools import partial
 import time
 
 import numpy as np
 from obc_ros.core.ocp.method_names import get_method
 from obc_ros.core.ocp.problem import Problem
-from obc_ros.core.ocp.solution import Attempt, MAX_INTERVALS, Report, Solution
-from obc_ros.core.solver.bench import Task
+from obc_ros.core.ocp.solution import Attempt, MAX_INTERVALS, Report, Solution, Status, Verdict
+from obc_ros.core.solver.bench import Bench, Candidate, Task
 from obc_ros.core.solver.best_path import BestPath
-from obc_ros.core.solver.conclusion import conclude, mark_unfinished
-from obc_ros.core.solver.methods import METHODS
+from obc_ros.core.solver.conclusion import (
+    conclude,
+    drop_multipliers,
+    look_for_proof,
+    mark_unfinished,
+)
+from obc_ros.core.solver.diagnosis.explanation import explain, Reason
+from obc_ros.core.solver.exact_methods import EXACT_METHODS, ExactMethod
+from obc_ros.core.solver.improve.improvement import DescentStage, State
+from obc_ros.core.solver.improve.indirect import refine_indirectly
+from obc_ros.core.solver.improve.registry import try_improvements
 from obc_ros.core.solver.nlp.meter import Meter
 from obc_ros.core.solver.options import DEFAULTS, Options
-from obc_ros.core.solver.program_cache import ProgramCache
+from obc_ros.core.solver.program_cache import Cache
+from obc_ros.core.solver.proofs.existence import find_constant_cost, state_least_effort
+from obc_ros.core.solver.search import search
 
-
-class Cache:
-    """The program caches of the structures solved last, at most `size` of them."""
-
-    def __init__(self, size: int = 32) -> None:
-        self._size = size
-        self._caches: OrderedDict[str, ProgramCache] = OrderedDict()
-
-    def prepared(self, problem: Problem, options: Options) -> tuple[Problem, ProgramCache]:
-        """
-        Return a problem in the symbols of the program cache of its structure, and this cache.
-
-        Parameters
-        ----------
-        problem : Problem
-            Without a `structure` its programs are not kept.
-        options : Options
-            Of the search; programs with other options are built anew.
-
-        Returns
-        -------
-        problem : Problem
-        programs : ProgramCache
-
-        """
-        key = problem.structure
-        programs = self._caches.pop(key, None) if key else None
-        if programs is None or programs.options != options:
-            programs = ProgramCache(problem, options)
-        if key:
-            self._caches[key] = programs
-            if len(self._caches) > self._size:
-                self._caches.popitem(last=False)
-        return programs.restated(problem), programs
+Method = Callable[[Task], Solution]
+Refine = Callable[[Bench, Candidate], Candidate]
 
 
 @np.errstate(all='ignore')   # the certificate rejects a path with an overflow
@@ -124,3 +103,85 @@ def solve(problem: Problem, *, method: str = '', time_limit: float = 60.0,
     return replace(found, method=found.method or name, iterations=meter.iterations,
                    attempts=meter.trace.attempts(), build_time=built,
                    solve_time=time.monotonic() - begun - built)
+
+
+def solve_automatically(task: Task) -> Solution:
+    """Solve a problem: exact methods, proofs, then a search; its `method` tells which."""
+    for exact in EXACT_METHODS:
+        if exact.affine == task.programs.affine and (found := _try_exact(task, exact)) is not None:
+            return found
+    # Proofs take longer than to follow the path of a neighbour.
+    is_near = task.programs.neighbour(task.problem) is not None
+    if not is_near and (reason := _examine_statement(task)):
+        status = Status.INFEASIBLE if reason.infeasible else Status.NOT_CONVERGED
+        return Solution(status, reason.sentence, method='arcs')
+    if (L := find_constant_cost(task.problem)) is not None:
+        return replace(_find_any_path(task, L), method='arcs')
+    return replace(_search(task), method='arcs')
+
+
+def _try_exact(task: Task, exact: ExactMethod) -> Solution | None:
+    """Return the final result of an exact method, None if there is none."""
+    found = exact.attempt(task)
+    if found is None:
+        return None
+    if found.status in (Status.SOLVED, Status.INFEASIBLE) or exact.decides and not found.t.size:
+        return found
+    if task.best:
+        task.best.take(task.problem, found)
+    return None
+
+
+def _examine_statement(task: Task) -> Reason | None:
+    """Return a proof that no path satisfies the constraints, or that the cost has no minimum."""
+    with task.meter.trace.attempt('proof', 'from the statement') as attempt:
+        reason = explain(task.problem, trace=task.meter.trace)
+        attempt.end(Verdict.PROVED if reason else Verdict.NOT_PROVED,
+                    reason.sentence if reason else '')
+    return reason
+
+
+def _find_any_path(task: Task, L: float) -> Solution:
+    """Return the path of minimum effort of a problem in which all paths have the same cost."""
+    other = state_least_effort(task.problem)
+    found = search(task.restate(other), why_not=look_for_proof(task))[0].solution
+    if not found.t.size:
+        return found
+    found = drop_multipliers(found, L)
+    return replace(found, objective=L * found.t[-1] + float(task.problem.V), certificate=None)
+
+
+def _search(task: Task, *, with_arcs: bool = True, refine: Refine | None = None) -> Solution:
+    """Return the result of a search, refined unless its work was stopped."""
+    found, bench = search(task, with_arcs=with_arcs, why_not=look_for_proof(task))
+    if bench.meter.stopped:
+        found = _keep_bounds(task, bench, found)
+    elif refine is not None:
+        found = refine(bench, found)
+    return found.solution
+
+
+def _keep_bounds(task: Task, bench: Bench, found: Candidate) -> Candidate:
+    """Return the result of a search that was stopped, within its bounds if that is possible."""
+    options, record = task.options.budget, found.record
+    if (record is None or found.feasible or task.meter.stopped == 'cancelled'
+            or not bench.bounded or bench.programs.twin):
+        return found
+    meter = task.meter.overtime(options.least) if task.meter.stopped else task.meter.part()
+    if meter.remaining() <= 0.0:
+        return found
+    bench = replace(bench, meter=meter, whole=meter, margin=record.margin)
+    state = State(bench, record.outcome, best=bench.certify(record.outcome, record.extremal))
+    best = try_improvements(DescentStage.VIOLATED, state).best or found
+    return replace(best, solution=replace(
+        best.solution, optimality=best.solution.optimality or found.solution.optimality))
+
+
+# A new method is a function of a Task and a line here.
+METHODS: Mapping[str, Method] = {
+    'auto': solve_automatically,
+    **{exact.name: exact for exact in EXACT_METHODS},
+    'transcription': partial(_search, with_arcs=False),
+    'arcs': _search,
+    'indirect': partial(_search, refine=refine_indirectly),
+}

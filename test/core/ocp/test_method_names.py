@@ -8,8 +8,7 @@ from obc_ros.cli.obc import main
 from obc_ros.core.ocp.method_names import get_method, NAMES
 from obc_ros.core.ocp.solution import MAX_INTERVALS
 from obc_ros.core.ocp.statement import build_problem
-from obc_ros.core.solver.methods import METHODS
-from obc_ros.core.solver.solve import solve
+from obc_ros.core.solver.solve import METHODS, solve
 from obc_ros.core.text.errors import StatementError
 from obc_ros.workers.requests import answer
 from obc_ros.workers.wire import Packet

@@ -6,7 +6,8 @@ from dataclasses import replace
 from pathlib import Path
 
 from obc_ros.core.solver.options import DEFAULTS, list_options, Options, read_options
-from obc_ros.core.solver.solve import Cache, solve
+from obc_ros.core.solver.program_cache import Cache
+from obc_ros.core.solver.solve import solve
 from obc_ros.core.text.errors import StatementError
 import problems
 import pytest

@@ -7,18 +7,18 @@ from pathlib import Path
 
 import _ablation
 from obc_ros.core.ocp.solution import Verdict
-from obc_ros.core.solver import methods
+from obc_ros.core.solver import solve as solving
 from obc_ros.core.solver.bench import build_bench, Task
 from obc_ros.core.solver.descent import descend
 from obc_ros.core.solver.diagnosis import explanation
 from obc_ros.core.solver.diagnosis.explanation import Check, explain, Reason, Situation
+from obc_ros.core.solver.exact_methods import EXACT_METHODS, ExactMethod
 from obc_ros.core.solver.improve import registry as improvements
 from obc_ros.core.solver.improve.improvement import DescentStage, Improvement
 from obc_ros.core.solver.linear_quadratic import solve_lq
-from obc_ros.core.solver.methods import EXACT_METHODS, ExactMethod, METHODS
 from obc_ros.core.solver.nlp.meter import Meter
 from obc_ros.core.solver.program_cache import ProgramCache
-from obc_ros.core.solver.solve import solve
+from obc_ros.core.solver.solve import METHODS, solve
 from obc_ros.core.solver.starts import registry as starts
 from obc_ros.core.solver.starts.start import Known, Proposal, Start, StartStage
 from obc_ros.core.solver.starts.start_pool import StartPool
@@ -51,7 +51,7 @@ def test_a_new_exact_method_is_used_and_recorded(monkeypatch):
     def solve_scalar(problem):
         return solve_lq(problem) if problem.n == 1 else None
 
-    monkeypatch.setattr(methods, 'EXACT_METHODS', (
+    monkeypatch.setattr(solving, 'EXACT_METHODS', (
         ExactMethod('scalar', True, True, 'scalar problems', solve_scalar), *EXACT_METHODS))
     found = solve(problems.build('lq_scalar_unit'))
     assert (found.method, found.certified) == ('scalar', True)
@@ -178,7 +178,7 @@ def test_a_strategy_is_switched_off_for_the_ablation(strategy, others):
     assert strategy not in acted
     assert others <= acted
     assert list(REGISTRIES.values()) == [
-        methods.EXACT_METHODS, starts.STARTS, improvements.IMPROVEMENTS, explanation.CHECKS]
+        solving.EXACT_METHODS, starts.STARTS, improvements.IMPROVEMENTS, explanation.CHECKS]
 
 
 def test_each_strategy_of_a_registry_can_be_switched_off():

@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 from obc_ros.core.ocp.certificate.replay import LEAST_COST
 from obc_ros.core.ocp.solution import Status
-from obc_ros.core.solver.solve import Cache, solve
+from obc_ros.core.solver.program_cache import Cache
+from obc_ros.core.solver.solve import solve
 import problems
 import pytest
 

@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 import numpy as np
 from obc_ros.core.ocp.certificate.certificate import certify
 from obc_ros.core.ocp.solution import Status
-from obc_ros.core.solver.methods import METHODS
-from obc_ros.core.solver.solve import Cache, solve
+from obc_ros.core.solver.program_cache import Cache
+from obc_ros.core.solver.solve import METHODS, solve
 from obc_ros.core.text.errors import StatementError
 import problems
 import pytest

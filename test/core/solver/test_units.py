@@ -9,7 +9,8 @@ import casadi as ca
 import numpy as np
 from obc_ros.core.ocp.guess import Guess
 from obc_ros.core.ocp.solution import Status
-from obc_ros.core.solver.solve import Cache, solve
+from obc_ros.core.solver.program_cache import Cache
+from obc_ros.core.solver.solve import solve
 import problems
 import pytest
 from scipy.optimize import minimize_scalar

@@ -6,7 +6,8 @@ import casadi as ca
 import numpy as np
 from obc_ros.core.ocp.solution import Status
 from obc_ros.core.solver.adjoint import bvp_equations
-from obc_ros.core.solver.solve import Cache, solve
+from obc_ros.core.solver.program_cache import Cache
+from obc_ros.core.solver.solve import solve
 import problems
 import pytest
 from scipy.integrate import solve_bvp, solve_ivp

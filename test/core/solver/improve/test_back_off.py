@@ -15,12 +15,11 @@ from obc_ros.core.solver.improve.back_off import (
     violates_bounds_only,
 )
 from obc_ros.core.solver.improve.improvement import State
-from obc_ros.core.solver.methods import METHODS
 from obc_ros.core.solver.nlp import meter as clocks
 from obc_ros.core.solver.nlp.meter import Meter
 from obc_ros.core.solver.options import DEFAULTS
 from obc_ros.core.solver.program_cache import ProgramCache
-from obc_ros.core.solver.solve import solve
+from obc_ros.core.solver.solve import METHODS, solve
 from obc_ros.core.solver.transcription.mesh import build_uniform_mesh
 import problems
 import pytest

@@ -7,9 +7,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
 from obc_ros.core.ocp.solution import MOST_MINIMA, Solution, Status
+from obc_ros.core.solver.program_cache import Cache
 from obc_ros.core.solver.proofs.convexity import is_convex_problem
 from obc_ros.core.solver.proofs.optimality import add_optimality, describe_local
-from obc_ros.core.solver.solve import Cache, solve
+from obc_ros.core.solver.solve import solve
 import problems
 import pytest
 
