@@ -1,3 +1,3 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""Enclosures: sets of numbers, matrices and states that are proved to contain a result."""
+"""Enclosures: sets of numbers and states that are proved to contain a result."""
