@@ -102,7 +102,7 @@ def test_no_start_leaves_the_set_and_all_limits_hold(problem: RecedingProblem) -
     {'x': 'y', 'y': '10*x - 0.1*y + u'}, {'x': '1e6*y', 'y': '1e-6*u'}],
     ids=['double integrator', 'fast actuator', 'spiral', 'pendulum', 'units'])
 def test_the_decrease_of_a_linear_plant_is_proved_in_real_numbers(rates: dict[str, str]) -> None:
-    """It is not below the largest V(e+) / V(e) with 50 digits, and no more than 1e-6 above it."""
+    """It is not below the largest ratio of sqrt(V) with 50 digits, and at most 1e-6 above it."""
     problem = state_plane(rates)
     found, plant = find_terminal_set(problem), problem.system
     J = ca.Function('J', [plant.x, plant.u, plant.p], [ca.jacobian(
