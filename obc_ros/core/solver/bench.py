@@ -430,7 +430,7 @@ class Bench:
             errors.append(Error(exceeded, EXCEEDED[0], 2.0))
         longest = outcome.path.t[-1] / (2 * self.options.coarse.intervals)
         return refine_mesh(outcome.mesh, outcome.path, verdict.kinks, errors, longest,
-                           self.meter.max_intervals, options.cuts)
+                           self.meter.max_intervals)
 
     def certify(self, outcome: TranscriptionOutcome, extremal: BoundaryValues | None = None
                 ) -> Candidate:

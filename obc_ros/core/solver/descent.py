@@ -94,7 +94,8 @@ class _Descent:
         """Return whether jumping inputs are to be held at bounds, since a mesh gained little."""
         options = self._state.bench.options.descent
         stalled = turn and above > options.enough_bounded and above > 0.3 * before
-        return bool(stalled or turn == options.plain) and not any(self._state.switching)
+        # After five meshes without arcs switching times are sought in any case.
+        return bool(stalled or turn == 5) and not any(self._state.switching)
 
     def _try_jumps(self) -> Extremal:
         self._try(DescentStage.STALLED)
@@ -138,17 +139,18 @@ class _Descent:
     def _is_worth_a_certificate(self, number: int, course: Extremal, above: float) -> bool:
         """Return whether a certificate may pass, or whether this is the last chance for one."""
         bench, options = self._state.bench, self._state.bench.options.descent
-        # The certificate may pass although the next mesh would reduce the excess.
+        # The certificate may pass although the next mesh would reduce the excess, but not if H
+        # varies by more than 1.5e-4.
         worth = number and above < bench.options.coarse.error and (
-            bench.programs.twin or bench.measure_loss(course).spread < options.spread)
+            bench.programs.twin or bench.measure_loss(course).spread < 1.5e-4)
         return bool(above < options.enough_bounded or worth or bench.meter.stopped)
 
     def _is_due(self, number: int, course: Extremal, above: float) -> bool:
         """Return whether improvements are tried that lead to certificates."""
         bench, options = self._state.bench, self._state.bench.options.descent
         chorded = above > options.enough_bounded and bench.measure_loss(course).chorded
-        close = above < options.boundary_excess
-        return number > 0 and close and (chorded or not self._is_certified)
+        # Farther above the minimum, arcs along state bounds cannot be told.
+        return number > 0 and above < 0.1 and (chorded or not self._is_certified)
 
     def _is_enough(self, number: int, above: float) -> bool:
         """Return whether no finer mesh is needed."""

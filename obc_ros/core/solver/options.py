@@ -19,17 +19,14 @@ from typing import Any
 from obc_ros.core.text.errors import quote, StatementError, suggest_name
 
 # Ranges of values by unit: sizes divide, and parts are parts. Others are not negative.
-_AT_LEAST_1 = (1, math.inf)
-_RANGES = {'intervals': _AT_LEAST_1, 'each': _AT_LEAST_1, 'pieces': _AT_LEAST_1,
-           'samples': _AT_LEAST_1, 'steps': _AT_LEAST_1, 'steps per interval': _AT_LEAST_1,
-           'steps per piece': _AT_LEAST_1, 'values': _AT_LEAST_1, 'shorter window': (1.01, 100),
-           'final time': (0, 1)}
+_RANGES = {**dict.fromkeys(('intervals', 'each', 'pieces', 'samples', 'steps per piece'),
+                           (1, math.inf)), 'shorter window': (1.01, 100), 'final time': (0, 1)}
 
 
 def steer(default: float | tuple[float, ...], meaning: str, unit: str = '',
           needed_by: str = '') -> Any:
     """
-    Return a field with its default, its meaning in a phrase, and its unit.
+    Return a field with its default, its meaning in a sentence, and its unit.
 
     `needed_by` names a problem of obc_ros/examples or test/collections, or a file of tests, that
     is not solved, costs more or takes longer with another value.
@@ -42,96 +39,83 @@ def steer(default: float | tuple[float, ...], meaning: str, unit: str = '',
 class CoarseOptions:
     """First solves on a coarse mesh."""
 
-    intervals: int = steer(16, 'size of the coarsest mesh', 'intervals', 'detumble_mintime')
+    intervals: int = steer(
+        16, 'Number of intervals of the coarsest mesh.', 'intervals', 'detumble_mintime')
     iterations: int = steer(
-        150, 'maximum of a solve from a rough guess', 'iterations', 'abs_off_centre')
-    few_iterations: int = steer(
-        12, 'lower limit of the maximum of further guesses; maximum from a neighbour',
-        'iterations', 'test_kink_mesh.py')
-    starts: int = steer(1, 'guesses after one that led to a path', 'guesses', 'detumble_mintime')
-    patience: int = steer(
-        10_000, 'work after which `starts` is enough in any case', 'work', 'hypersensitive_long')
+        150, 'Maximum number of iterations of a solve from a rough guess.',
+        'iterations', 'abs_off_centre')
+    starts: int = steer(
+        1, 'Number of guesses that are solved on a mesh if one of them leads to a path.',
+        'guesses', 'detumble_mintime')
     rough: float = steer(
-        1e-4, 'error of the cost at which a solve may end', 'relative', 'double_tank')
-    late: tuple[int, ...] = steer(
-        (10, 5), 'after which a solve that stays infeasible ends; of further guesses',
-        'iterations', 'orbit_transfer')
-    left: tuple[float, ...] = steer(
-        (0.5, 0.8), 'infeasibility above which it does', 'first infeasibility', 'orbit_transfer')
+        1e-4, 'Error of the cost at which a solve from a guess may end.',
+        'relative', 'double_tank')
     wild: float = steer(
-        1e6, 'infeasibility, or excess of the cost, of paths that diverged', 'scaled',
-        'alp_rider')
+        1e6, 'Infeasibility or Hamiltonian loss from which on a path counts as diverged.',
+        'scaled', 'alp_rider')
     error: float = steer(
-        1e-2, 'error of a step, of the cost or of an input that is small enough',
+        1e-2, 'Error of the steps, the cost and the inputs of a coarse path that is small enough.',
         'relative', 'rayleigh_mintime')
-
-    def get_early_ends(self, number: int) -> tuple[tuple[int, float], ...]:
-        """Return the first pairs of `late` and `left`: one for first guesses, two for others."""
-        return tuple(zip(self.late, self.left, strict=False))[:number]
 
 
 @dataclass(frozen=True)
 class RefinementOptions:
-    """Aims of a mesh refinement, for all intervals together unless said otherwise."""
+    """Aims of a mesh refinement."""
 
     loss: float = steer(
-        3e-7, 'Hamiltonian loss without state constraints', 'relative', 'motor_a')
+        3e-7, 'Hamiltonian loss of all intervals that is aimed at without state constraints.',
+        'relative', 'motor_a')
     loss_bounded: float = steer(
-        1e-7, 'Hamiltonian loss with state constraints', 'relative', 'rayleigh_mixed')
+        1e-7, 'Hamiltonian loss of all intervals that is aimed at with state constraints.',
+        'relative', 'rayleigh_mixed')
     drift: float = steer(
-        2e-5, 'variation of H in each interval', 'relative to its terms', 'orbit_transfer')
-    cuts: int = steer(4, 'maximum of an interval in one refinement', 'parts', 'singular_aly_chan')
-    step_error: float = steer(3e-8, 'local errors of the states', 'relative', 'orbit_transfer')
+        2e-5, 'Variation of H in each interval that is aimed at.',
+        'relative to its terms', 'orbit_transfer')
+    step_error: float = steer(
+        3e-8, 'Local error of the states in all intervals that is aimed at.',
+        'relative', 'orbit_transfer')
 
 
 @dataclass(frozen=True)
 class DescentOptions:
     """Descent from a coarse outcome to a certificate."""
 
-    meshes: int = steer(10, 'maximum of a descent', 'meshes', 'orbit_transfer')
-    plain: int = steer(
-        5, 'meshes after which switching times are sought in any case', 'meshes', 'oil_shale')
+    meshes: int = steer(10, 'Maximum number of meshes of a descent.', 'meshes', 'orbit_transfer')
     iterations: int = steer(
-        350, 'maximum on a finer mesh, from the coarser one', 'iterations', 'sphere_geodesic')
+        350, 'Maximum number of iterations of a solve from the path on a coarser mesh.',
+        'iterations', 'sphere_geodesic')
     work: int = steer(
-        450_000, 'maximum on a finer mesh, but for 50 iterations', 'work', 'wheels4_a')
-    boundary_excess: float = steer(
-        0.1, 'excess below which arcs along state bounds are sought', 'relative',
-        'heated_rod_limit')
-    spread: float = steer(
-        1.5e-4, 'variation of H above which no certificate is computed', 'relative',
-        'hypersensitive_long')
+        450_000, 'Maximum work of a solve on a finer mesh that has had 50 iterations.',
+        'work', 'wheels4_a')
     enough: float = steer(
-        1e-5, 'excess at which a certified path is not refined; difference of the input from u* '
-        'in samples of the indirect method', 'relative', 'aircraft_5')
+        1e-5, 'Excess at which a certified path without state constraints is not refined.',
+        'relative', 'aircraft_5')
     enough_bounded: float = steer(
-        1e-6, 'the same with state constraints; below it a certificate is computed', 'relative',
-        'around_a_disc')
+        1e-6, 'Excess at which any path is certified and a certified one is not refined.',
+        'relative', 'around_a_disc')
     back_off: float = steer(
-        1e-3, 'violation of bounds alone up to which a path within tighter bounds is sought; '
-        'error of its cost', 'relative', 'test_back_off.py')
+        1e-3, 'Largest violation of bounds that tighter bounds are to remove.',
+        'relative', 'test_back_off.py')
 
 
 @dataclass(frozen=True)
 class BudgetOptions:
     """Work and time of searches, proofs and explanations."""
 
-    vain: float = steer(
-        2.0, 'work of descents when all coarse errors are large',
-        'work so far', 'hypersensitive_long')
     share: float = steer(
-        0.6, 'part of the time for descents that may be in vain', 'time left',
-        'test_explanation.py')
+        0.6, 'Part of the time for descents that may be in vain.',
+        'time left', 'test_explanation.py')
     explanation: int = steer(
-        400_000, 'work of an explanation', 'work', 'test_explanation.py')
+        400_000, 'Maximum work of an explanation.', 'work', 'test_explanation.py')
     related: int = steer(
-        150_000, 'work for each problem that it solves; extra work of descents when inputs '
-        'chatter', 'work', 'test_explanation.py')
+        150_000, 'Maximum work of a solve that mainly serves an explanation.',
+        'work', 'test_explanation.py')
     least: float = steer(
-        0.5, 'time for an explanation, for more digits or a certificate', 's', 'test_back_off.py')
+        0.5, 'Time that a last step needs, such as a certificate or an explanation.',
+        's', 'test_back_off.py')
     certificate: float = steer(
-        0.05, 'part of the time kept for a path within bounds and its certificate', 'time limit',
-        'test_back_off.py')
+        0.05, 'Part of the time that is kept for a path within bounds and its certificate.',
+        'time limit', 'test_back_off.py')
 
 
 @dataclass(frozen=True)
@@ -144,40 +128,36 @@ class MultistartOptions:
     """
 
     hard: int = steer(
-        3000, 'work of the first descent of a hard problem', 'work', 'detumble_mintime')
-    slow: int = steer(
-        30, 'iterations of a coarse solve of a rough problem', 'iterations', 'aircraft_5')
-    bent: float = steer(0.4, 'nonlinearity index of a bent problem', '', 'aircraft_5')
-    share: float = steer(0.15, 'part of all work for further starts', 'work', 'aircraft_5')
-    share_hard: float = steer(0.3, 'the same for hard problems', 'work', 'cart_pole')
+        3000, 'Work above which a first descent is hard, and the starts after an easy one end.',
+        'work', 'detumble_mintime')
+    bent: float = steer(
+        0.4, 'Nonlinearity index above which a problem is bent.', '', 'aircraft_5')
+    share: float = steer(
+        0.15, 'Part of all work that starts may take, twice as much for a hard problem.',
+        'all work', 'aircraft_5')
     least_hard: int = steer(
-        12, 'minimum for hard problems by collocation, rough ones',
+        12, 'Minimum number for a hard or rough problem, doubled where `many_work` applies.',
         'starts', 'hypersensitive_long')
-    least_bent: int = steer(8, 'minimum for bent problems', 'starts', 'cstr_kirk')
+    least_bent: int = steer(8, 'Minimum number for a bent problem.', 'starts', 'cstr_kirk')
     after: int = steer(
-        3, 'starts after a better solution; rollouts after a new minimum, twice as many of a '
-        'bent problem', 'starts', 'cart_pole')
-    many: int = steer(
-        24, 'minimum for hard problems by steps and costs with wells', 'starts', 'f8_aircraft')
-    many_work: int = steer(15_000, 'minimum for these', 'work', 'terminal_wells_plane')
-    most: int = steer(80, 'maximum', 'starts', 'terminal_wells_plane')
-    splits: int = steer(2, 'mesh halvings to confirm a lower cost', 'meshes', 'f8_aircraft')
-    rough_work: int = steer(
-        3000, 'work for starts of rough problems that are not hard, and for windows',
-        'work', 'robot_arm')
-    lavish: int = steer(150_000, 'maximum work for starts', 'work', 'hypersensitive_long')
+        3, 'Number of starts or rollouts in vain that follow the last new minimum.',
+        'starts', 'cart_pole')
+    many_work: int = steer(
+        15_000, 'Minimum work for a hard problem without collocation, or a cost with wells.',
+        'work', 'terminal_wells_plane')
+    most: int = steer(80, 'Maximum number of starts.', 'starts', 'terminal_wells_plane')
+    lavish: int = steer(150_000, 'Maximum work of all starts.', 'work', 'hypersensitive_long')
 
 
 @dataclass(frozen=True)
 class GuessOptions:
     """Initial guesses: lines that are bent at random, and random inputs."""
 
-    bend: float = steer(0.5, 'amplitude of the bend of states', 'size', 'hypersensitive_long')
+    bend: float = steer(
+        0.5, 'Amplitude of the bend of states.', 'size', 'hypersensitive_long')
     noise: float = steer(
-        0.3, 'that of inputs, and of states that the line does not move',
+        0.3, 'Amplitude of the noise of inputs, and of states that the line does not move.',
         'size', 'dielectrophoretic')
-    reach: float = steer(
-        3.0, 'distance up to which final states are searched', 'reach', 'test_program.py')
 
 
 @dataclass(frozen=True)
@@ -185,13 +165,8 @@ class ObstacleOptions:
     """Obstacle homotopy classes: lines that are bent around obstacles."""
 
     ways: int = steer(
-        8, 'maximum, the shortest; and of obstacles, the largest',
+        8, 'Maximum number of bent lines, and of obstacles that they avoid.',
         'bent lines', 'test_obstacle_homotopy.py')
-    clear: float = steer(
-        1.1, 'distance of a bent line', 'end of the obstacle', 'test_obstacle_homotopy.py')
-    detour: float = steer(
-        0.5, 'largest distance of the other side of an obstacle',
-        'line', 'test_obstacle_homotopy.py')
 
 
 @dataclass(frozen=True)
@@ -200,29 +175,22 @@ class RolloutOptions:
     Cross-entropy starts: rollouts of inputs that are constant in pieces.
 
     A short search has half the samples and steps, and one generation less. A brief search looks
-    for minima beside the one that was found; if the nonlinearity index is large it has three
-    times the samples, and twice the parents.
+    for minima beside the one that was found, with half the generations.
     """
 
-    samples: int = steer(384, 'of a generation', 'samples', 'duffing')
-    share: int = steer(16, 'of which one becomes a parent', 'samples', 'orbit_transfer')
+    samples: int = steer(384, 'Number of rollouts of a generation.', 'samples', 'duffing')
     generations: int = steer(
-        5, 'of a search; half as many of a brief one', 'generations', 'orbit_transfer')
-    pieces: int = steer(6, 'of constant input', 'pieces', 'test_multistart.py')
-    steps: int = steer(16, 'integration steps', 'steps per piece', 'hypersensitive')
+        5, 'Number of generations of a search.', 'generations', 'orbit_transfer')
+    pieces: int = steer(
+        6, 'Number of pieces of constant input.', 'pieces', 'test_multistart.py')
+    steps: int = steer(
+        16, 'Number of integration steps in each piece.', 'steps per piece', 'hypersensitive')
     spread: float = steer(
-        0.4, 'first standard deviation around parents', 'range', 'orbit_transfer')
-    windows: int = steer(
-        4, 'of a free final time, each with parents of its own', 'windows', 'zermelo_shear')
+        0.4, 'Standard deviation of the first inputs around their parents.',
+        'range', 'orbit_transfer')
     tried: int = steer(
-        8, 'solved while none converged, and guesses before; at most twice as many',
+        8, 'Number of guesses, and of rollouts, that are solved while none leads to a path.',
         'rollouts', 'dubins_point_inside')
-    glance: int = steer(32, 'of a brief search with terminal constraints', 'samples', 'robot_arm')
-    parents: int = steer(
-        4, 'cheapest ones that are parents in one without', 'rollouts', 'cstr_luus')
-    children: int = steer(48, 'of each of them', 'samples', 'batch_reactor_temperature')
-    brief_steps: int = steer(
-        5, 'integration steps of a brief search', 'steps per piece', 'test_multistart.py')
 
 
 @dataclass(frozen=True)
@@ -230,10 +198,11 @@ class WindowOptions:
     """Final-time windows: other minima with longer and shorter final times."""
 
     ratio: float = steer(
-        2**0.5, 'ratio of the times of adjacent windows', 'shorter window',
+        2**0.5, 'Ratio of the final times of adjacent windows.', 'shorter window',
         'test_final_time_windows.py')
     most: int = steer(
-        6, 'maximum with longer, and with shorter times', 'windows', 'test_final_time_windows.py')
+        6, 'Maximum number of windows with longer times, and of those with shorter ones.',
+        'windows', 'test_final_time_windows.py')
 
     @property
     def reach(self) -> float:
@@ -245,8 +214,7 @@ class WindowOptions:
 class HorizonOptions:
     """Horizon continuation: from a short final time to the given one."""
 
-    halvings: int = steer(6, 'halvings of T for the first horizon', '', 'pendulum_long')
-    work: int = steer(100_000, 'work for all horizons', 'work', 'pendulum_long')
+    work: int = steer(100_000, 'Maximum work for all horizons.', 'work', 'pendulum_long')
 
 
 @dataclass(frozen=True)
@@ -254,34 +222,14 @@ class BangOptions:
     """Bang arcs: phases in which inputs are held at their bounds."""
 
     solves: int = steer(
-        10, 'maximum with other arcs, also along state bounds', 'solves', 'epidemic_beds')
-    seen: float = steer(0.98, 'least length of an arc', 'detected length', 'lotka_fishing')
-    jump: float = steer(0.3, 'change of an input that may be a jump', 'range', 'thrust_in_a_disc')
+        10, 'Maximum number of solves with other arcs, also along state bounds.',
+        'solves', 'epidemic_beds')
+    jump: float = steer(
+        0.3, 'Change of an input that may be a jump.', 'range', 'thrust_in_a_disc')
     vanishing: float = steer(
-        1e-3, 'length up to which an arc may be removed', 'final time', 'pendulum_mintime')
+        1e-3, 'Length up to which an arc may be removed.', 'final time', 'pendulum_mintime')
     room: float = steer(
-        1e-5, 'increase of the cost by new arcs, or by the removal of arcs', 'relative',
-        'oil_shale')
-
-
-@dataclass(frozen=True)
-class WellOptions:
-    """Moves of inputs to another minimum of H."""
-
-    values: int = steer(
-        17, 'values of each input at which H is evaluated', 'values', 'test_hamiltonian_wells.py')
-    glance: int = steer(
-        8, 'intervals that are sampled before all', 'intervals', 'test_hamiltonian_wells.py')
-    steps: int = steer(
-        40, 'integration steps in the longest interval', 'steps', 'test_hamiltonian_wells.py')
-
-
-@dataclass(frozen=True)
-class KinkOptions:
-    """Meshes with a point at each kink of the inputs."""
-
-    deviation: float = steer(
-        4e-3, 'inputs from linear in an interval', 'relative', 'test_kink_mesh.py')
+        1e-5, 'Increase of the cost that new or removed arcs may cause.', 'relative', 'oil_shale')
 
 
 @dataclass(frozen=True)
@@ -289,9 +237,7 @@ class IndirectOptions:
     """The indirect method."""
 
     precise: float = steer(
-        2e-7, 'difference of the sampled input from u*, if `descent.enough` is not small enough',
-        'relative', 'test_bvp.py')
-    most: int = steer(4000, 'maximum', 'samples', 'test_bvp.py')
+        2e-7, 'Difference of the input from u* in precise samples.', 'relative', 'test_bvp.py')
 
 
 @dataclass(frozen=True)
@@ -299,32 +245,28 @@ class BoundaryOptions:
     """Boundary arcs: phases along active state constraints."""
 
     work: int = steer(
-        45_000, 'work for the arcs of a coarse mesh; the least for others',
+        45_000, 'Work for the arcs of a mesh, or as much as the search took if that is more.',
         'work', 'goddard_pressure_limit')
     finer: tuple[int, ...] = steer(
-        (4, 2), 'refinements of the coarse mesh, in turn', 'times', 'goddard_speed_limit')
+        (4, 2), 'Refinements of the coarse mesh that are tried in turn.',
+        'times', 'goddard_speed_limit')
     gaps: tuple[float, ...] = steer(
-        (0.06, 0.01), 'gaps in a contact that are closed, in turn',
+        (0.06, 0.01), 'Gaps in a contact that are closed, in turn.',
         'final time', 'goddard_speed_limit')
-    graded: int = steer(
-        3, 'maximum, each by 2, unless each halves the residual', 'refinements', 'truck2_a')
-    intervals: int = steer(24, 'of all phases together, about', 'intervals', 'detumble_mintime')
-    fewest: int = steer(3, 'minimum of a phase', 'intervals', 'epidemic_weak_lockdown')
-    nearly: float = steer(
-        0.1, 'rate at a junction that may be tangential', 'relative', 'clamped_beam')
+    intervals: int = steer(
+        24, 'Approximate number of intervals of all phases together.',
+        'intervals', 'detumble_mintime')
 
 
 @dataclass(frozen=True)
 class NeighbourOptions:
     """Repeated structures: solutions of neighbouring problems, and kept programs."""
 
-    kept: int = steer(24, 'solutions kept, and programs kept', 'each', 'test_repeats.py')
+    kept: int = steer(
+        24, 'Number of solutions, and of programs, that are kept.', 'each', 'test_repeats.py')
     near: float = steer(
-        0.2, 'change of a number, but for x(0), of a neighbour; excess of the costs of other '
-        'minima that may be its best', 'relative', 'test_kink_mesh.py')
-    several: float = steer(
-        0.05, 'part of these changes within which the best of several minima stays the best', '',
-        'test_repeats.py')
+        0.2, 'Change of a number or of a cost up to which a solution may serve a neighbour.',
+        'relative', 'test_kink_mesh.py')
 
 
 @dataclass(frozen=True)
@@ -342,8 +284,6 @@ class Options:
     windows: WindowOptions = WindowOptions()
     horizon: HorizonOptions = HorizonOptions()
     bangs: BangOptions = BangOptions()
-    wells: WellOptions = WellOptions()
-    kinks: KinkOptions = KinkOptions()
     boundary: BoundaryOptions = BoundaryOptions()
     indirect: IndirectOptions = IndirectOptions()
     neighbour: NeighbourOptions = NeighbourOptions()

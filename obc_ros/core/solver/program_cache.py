@@ -171,8 +171,7 @@ class ProgramCache:
             kind = layout.stages, layout.free_durations
             if kind not in self._pieces:
                 self._pieces[kind] = Pieces(self._differentiable(problem), *kind)
-            found = Transcription(
-                problem, layout, self._pieces[kind], self.options.coarse)
+            found = Transcription(problem, layout, self._pieces[kind])
             self.build_time += time.monotonic() - begun
         self._transcriptions[layout] = found
         if len(self._transcriptions) > self.options.neighbour.kept:
@@ -207,15 +206,15 @@ class ProgramCache:
             In the symbols of this cache.
 
         """
-        options = self.options.neighbour
         if not self.answers:
             return None
         mine = collect_numbers(problem)
         theirs, reach, looked = np.stack([answer.rows for answer in self.answers], axis=1)
         with np.errstate(invalid='ignore', divide='ignore'):
             apart = np.where(mine == theirs, 0.0, np.abs(mine - theirs) / reach).max(axis=1)
-            # Further from where multistart looked another minimum may be the best.
-            allowed = (options.several if self.several else 1.0) * reach
+            # Further from where multistart looked another minimum may be the best; with several
+            # known ones by a twentieth of the reach already.
+            allowed = (0.05 if self.several else 1.0) * reach
             serves = ~np.any(np.abs(mine - looked) > allowed, axis=1)
         most = np.where(serves, apart, np.inf)
         # The latest of equal ones.

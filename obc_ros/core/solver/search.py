@@ -104,8 +104,8 @@ def _budget(coarse: CoarseResult) -> Meter:
         return bench.meter
     left = options.share * bench.meter.remaining()
     if not coarse.sound:
-        return bench.meter.part(int(options.vain * bench.work), left)
-    if _mixes(bench, coarse.outcomes[0]):
+        return bench.meter.part(2 * bench.work, left)   # twice that of the coarse solves
+    if _mixes(bench, coarse.outcomes[0]):   # chattering inputs: most work is left to explain them
         return bench.meter.part(bench.work + options.related, left)
     return bench.meter
 

@@ -19,7 +19,6 @@ from numpy.typing import NDArray
 from obc_ros.core.numerics.arrays import Array, Index
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.solver.adjoint.costates import CostateIntegrator, Extremal
-from obc_ros.core.solver.options import DEFAULTS
 from obc_ros.core.solver.transcription.mesh import choose_cuts, Mesh, Path, split
 
 # Part of the maximum number of intervals up to which a mesh that needs more than the maximum is
@@ -167,8 +166,7 @@ def _crossings(problem: Problem, t: Array, targets: Array) -> Array:
 
 
 def refine_mesh(mesh: Mesh, path: Path, kinks: Array, errors: Sequence[Error], longest: float,
-                most: int,
-                cuts: int = DEFAULTS.refinement.cuts) -> Mesh:
+                most: int) -> Mesh:
     """
     Refine a mesh where errors are too large, and merge intervals where they are small.
 
@@ -187,8 +185,7 @@ def refine_mesh(mesh: Mesh, path: Path, kinks: Array, errors: Sequence[Error], l
     most : int
         Maximum number of intervals of a mesh of one phase; more are returned only if the present
         mesh has nearly as many.
-    cuts : int
-        Maximum number of parts of an interval.
+
 
     Returns
     -------
@@ -197,7 +194,7 @@ def refine_mesh(mesh: Mesh, path: Path, kinks: Array, errors: Sequence[Error], l
 
     """
     def cut(of: Sequence[Array]) -> Index:
-        counts = [choose_cuts(values, error.share, error.rate, cuts)
+        counts = [choose_cuts(values, error.share, error.rate)
                   for values, error in zip(of, errors, strict=True)]
         return np.asarray(np.max(counts, axis=0))
 

@@ -6,10 +6,7 @@ import numpy as np
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.numerics.collocation import build_collocation
 from obc_ros.core.solver.arcs.phases import DEGREE, Phased
-from obc_ros.core.solver.options import DEFAULTS
 from obc_ros.core.solver.transcription.mesh import choose_cuts, Path
-
-_RESOLVED = 1e-5   # relative size of the highest Legendre coefficient of a resolved interval
 
 
 def spread_like(path: Path) -> tuple[Array, Array]:
@@ -59,8 +56,7 @@ def spread_by_error(found: Phased) -> tuple[Array, Array]:
         found.h, np.ones(len(found.h)), np.asarray(error))
 
 
-def spread_as_wanted(found: Phased, cuts: int = DEFAULTS.refinement.cuts
-                     ) -> tuple[tuple[Array, Array], int]:
+def spread_as_wanted(found: Phased) -> tuple[tuple[Array, Array], int]:
     """
     Distribute intervals with cuts where x or lam is not resolved.
 
@@ -68,8 +64,7 @@ def spread_as_wanted(found: Phased, cuts: int = DEFAULTS.refinement.cuts
     ----------
     found : Phased
         A path with K intervals.
-    cuts : int
-        Maximum number of parts of an interval.
+
 
     Returns
     -------
@@ -82,7 +77,8 @@ def spread_as_wanted(found: Phased, cuts: int = DEFAULTS.refinement.cuts
     points = np.append(0.0, build_collocation(DEGREE, 'radau')[0])
     error = np.maximum(*(_highest(values, points).max(axis=1)
                          for values in (found.x, found.lam)))
-    count = choose_cuts(error, _RESOLVED, DEGREE, cuts).astype(float)
+    # Of a resolved interval the highest Legendre coefficient is at most 1e-5, relative.
+    count = choose_cuts(error, 1e-5, DEGREE).astype(float)
     return (np.append(0.0, np.cumsum(found.h)), _shares(count)), int(count.sum())
 
 

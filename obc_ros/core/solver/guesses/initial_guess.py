@@ -421,7 +421,8 @@ class Guesser:
             np.tile(u, (len(t) - 1, 1)) for u in held)])
         apart = np.abs(ends[1:] - ends[0])
         reach = np.max(np.where(np.isfinite(apart), apart, 0.0), axis=0, initial=0.0)
-        x, u = (self._options.reach * np.where(most > 0, most, size) for most, size in (
+        # Final states are sought up to three times as far as held inputs lead.
+        x, u = (3.0 * np.where(most > 0, most, size) for most, size in (
             (reach, found.x), (np.ptp(held, axis=0), found.u)))
         return x, u
 

@@ -103,8 +103,8 @@ class ArcIteration:
                     break
                 outcome = new
                 continue
-            if shown == now:
-                new = self.with_arcs(arcs, outcome, density, options.seen)
+            if shown == now:   # ends move, but no arc at a bound shrinks by more than 2 %
+                new = self.with_arcs(arcs, outcome, density, kept=0.98)
                 if new is None or not is_below(new.objective, outcome.objective, CHEAPER):
                     new, now = self.freed(found, outcome, density, seen)
                     if new is None:

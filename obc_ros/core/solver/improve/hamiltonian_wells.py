@@ -28,6 +28,8 @@ from obc_ros.core.solver.transcription.local_minima import ANOTHER, CHEAPER
 from obc_ros.core.solver.transcription.mesh import Path
 from obc_ros.core.solver.transcription.program import Nearby, SolveEffort, TranscriptionOutcome
 
+_VALUES = 17   # of an input, at which H is evaluated
+
 
 def has_branches(state: State) -> bool:
     """Return whether H may have several local minima in an input."""
@@ -54,9 +56,8 @@ def move_to_best_branch(state: State) -> State | str:
 
 def _moved(bench: Bench, outcome: TranscriptionOutcome) -> list[Path]:
     """Return paths with inputs at the minimum of H, in all intervals that gain and in fewer."""
-    options = bench.options.wells
     path, every = outcome.path, np.arange(len(outcome.path.ua))
-    for rows in (every[::max(1, len(every) // options.glance)], every):
+    for rows in (every[::max(1, len(every) // 8)], every):   # a glance at 8 intervals first
         least, gap = _least(bench, outcome, rows)
         if not gap.any():
             return []
@@ -70,14 +71,13 @@ def _moved(bench: Bench, outcome: TranscriptionOutcome) -> list[Path]:
 
 def _least(bench: Bench, outcome: TranscriptionOutcome, rows: Index) -> tuple[Array, Array]:
     """Return the minimiser of H in some intervals, (N, m), and the decrease of H, (N,)."""
-    options = bench.options.wells
     problem, path = bench.problem, outcome.path
     H = partial(_mean_H, bench, bench.course(outcome), rows)
     now = H(path.ua[rows], path.ub[rows])
     value, least = now.copy(), (path.ua[rows] + path.ub[rows]) / 2
     for j in np.flatnonzero(bench.programs.branching):
-        levels = np.linspace(problem.u_lower[j], problem.u_upper[j], options.values)
-        tried = np.repeat(least[None], options.values, axis=0)
+        levels = np.linspace(problem.u_lower[j], problem.u_upper[j], _VALUES)
+        tried = np.repeat(least[None], _VALUES, axis=0)
         tried[:, :, j] = levels[:, None]
         there = H(tried, tried)
         k = np.argmin(np.where(np.isfinite(there), there, np.inf), axis=0)
@@ -105,9 +105,8 @@ def _mean_H(bench: Bench, course: Extremal, rows: Index, ua: Array, ub: Array) -
 def _from_inputs(bench: Bench, outcome: TranscriptionOutcome,
                  path: Path) -> TranscriptionOutcome | None:
     """Solve from the inputs of a path."""
-    options = bench.options.wells
     problem, h = bench.problem, np.diff(path.t)
-    steps = np.maximum(1, np.ceil(options.steps * h / h.max())).astype(np.int64)
+    steps = np.maximum(1, np.ceil(40 * h / h.max())).astype(np.int64)   # of the integration
     t = np.append(0.0, np.cumsum(np.repeat(h / steps, steps)))
     held = np.repeat((path.ua + path.ub) / 2, steps, axis=0)
     with np.errstate(all='ignore'):
@@ -125,14 +124,13 @@ def _from_inputs(bench: Bench, outcome: TranscriptionOutcome,
 
 def _leaps(bench: Bench, outcome: TranscriptionOutcome) -> bool:
     """Return whether an input jumps between local minima of H that are not both at bounds."""
-    options = bench.options.wells
     problem, path, here = bench.problem, outcome.path, bench.programs.branching
     jumps = find_jumps(path, here.tolist(), bench.options.bangs.jump)
     at = np.clip(np.searchsorted(path.t, jumps) - 1, 0, len(path.ua) - 1)
     if not at.size:
         return False
     before, after = path.ua[np.maximum(at - 1, 0)], path.ub[np.minimum(at + 1, len(path.ub) - 1)]
-    part = np.linspace(0.0, 1.0, options.values)[:, None, None]
+    part = np.linspace(0.0, 1.0, _VALUES)[:, None, None]
     along = before + part * (after - before)
     H = _mean_H(bench, bench.course(outcome), at, along, along)
     wall = H.max(axis=0) > np.maximum(H[0], H[-1])

@@ -43,7 +43,6 @@ def refine_indirectly(bench: Bench, found: Candidate) -> Candidate:
         and the reason in its message if the method does not apply or did not converge.
 
     """
-    options = bench.options.indirect
     if found.record is None:
         return found
     if not _is_smooth(bench, found.record):
@@ -53,7 +52,7 @@ def refine_indirectly(bench: Bench, found: Candidate) -> Candidate:
     if values is None:
         return _explained(found, 'the indirect method found no extremal on which every input is '
                           'at a bound or has dH/du = 0')
-    return _better(bench, found, values, options.precise)
+    return _better(bench, found, values, bench.options.indirect.precise)
 
 
 def _explained(found: Candidate, reason: str) -> Candidate:
@@ -94,7 +93,7 @@ def _sampled(bench: Bench, found: BoundaryValues, wanted: float) -> Solution:
     """Return boundary values as samples, including both ends of each arc."""
     problem = bench.stated
     longest = found.lengths.sum() / (2 * bench.options.coarse.intervals)   # as of other meshes
-    points_, of = build_points(found, wanted, longest, bench.options.indirect.most)
+    points_, of = build_points(found, wanted, longest, most=4000)
     # Places of the start of each interval, and of the end of each arc, among the samples.
     starts, last = np.arange(len(of)) + of, np.flatnonzero(np.diff(of, append=-1))
     t, arc = np.empty(len(of) + len(last)), np.empty(len(of) + len(last), dtype=np.int64)

@@ -57,7 +57,7 @@ _NEAR = 1e-5          # relative distance from a bound up to which a constraint 
 _HARDLY = 1e-2        # relative distance up to which it stays active between two boundary arcs
 _MOST = 0.8           # part of a contact with inputs at bounds from which on these imply it
 _WEIGHS = 1e-5        # multiplier of a bound relative to the costates from which on it is touched
-_SAME = 1e-5          # relative increase of the cost by tangential junctions that is accepted
+
 _LIMIT = 1e-3         # distance from the least length of a phase at which it is reached, relative
 _VAIN = 'no solution with these arcs was certified'
 
@@ -241,7 +241,7 @@ def _meshes(arcs: list[Arc], spread: tuple[Array, Array], fine: float,
     for arc in arcs:
         first, last = np.interp([arc.start, arc.end], t, share)
         wanted = math.ceil(options.intervals * (last - first))
-        count = math.ceil(fine * max(options.fewest, wanted))
+        count = math.ceil(fine * max(3, wanted))   # also in a short phase
         points = np.interp(np.linspace(first, last, count + 1), share, t)
         meshes.append(np.diff(points) / (points[-1] - points[0]))
     return meshes
@@ -257,7 +257,7 @@ def _grazing(problem: Problem, program: PhasedProgram, found: Phased, sizes: Pro
     new = program.solve(
         problem, found.arcs, found.meshes, join_phases(found), sizes, pinned, meter, where)
     whole = new.converged and len(tidy_arcs(new.arcs, _VANISHING)) == len(new.arcs)
-    return new if whole and not is_below(found.cost, new.cost, _SAME) else found
+    return new if whole and not is_below(found.cost, new.cost, options.bangs.room) else found
 
 
 def may_have_arcs(state: State) -> bool:
@@ -361,7 +361,8 @@ def _settled_on(bench: Bench, program: PhasedProgram, outcome: TranscriptionOutc
         if number and turn.key in seen:
             # On this mesh the detected arcs alternate.
             turn = replace(turn, fine=2 * turn.fine)
-        if turn.fine > max(2**options.graded, turn.finest) or turn.key in seen:
+        # Three refinements, more only while each halves the residual.
+        if turn.fine > max(8.0, turn.finest) or turn.key in seen:
             break
         seen.add(turn.key)
         found = settle_arcs(problem, program, turn.arcs, turn.guess, sizes, pinned, meter,
@@ -390,9 +391,10 @@ def _settled_on(bench: Bench, program: PhasedProgram, outcome: TranscriptionOutc
         if get_signature(new) != get_signature(found.arcs):
             turn = turn.like(found, new)
             continue
-        # The cost hardly depends on the time of a tangential junction, which is inaccurate.
+        # The cost hardly depends on the time of a tangential junction, which is inaccurate. A
+        # junction with a relative rate of 0.1 may be one.
         smooth = _grazing(problem, program, found, sizes, pinned, meter,
-                          found.grazing(options.nearly, touched=True), bench.options)
+                          found.grazing(0.1, touched=True), bench.options)
         if smooth is not found and (
                 better := certify_samples(problem, program, integrator, fitter, smooth)).certified:
             return better
@@ -416,8 +418,8 @@ def _resolve(bench: Bench, program: PhasedProgram, turn: _Turn, found: Phased,
         if (get_signature(ended), turn.fine, turn.graded) not in seen:
             return turn.like(found, ended)
     # The costates may have a boundary layer.
-    if worst == Condition.COSTATE and turn.graded < options.graded:
-        spread, count = spread_as_wanted(found, bench.options.refinement.cuts)
+    if worst == Condition.COSTATE and turn.graded < 3:
+        spread, count = spread_as_wanted(found)
         return replace(turn, spread=spread, graded=turn.graded + 1,
                        fine=max(turn.fine, count / options.intervals))
     if turn.off < before:

@@ -118,7 +118,8 @@ def _solve_first(bench: Bench, pool: StartPool) -> tuple[Bench, list[Transcripti
         if number == 1 and not (bench.quick and good):
             around = try_starts(
                 StartStage.FIRST_OUTCOME, bench, pool, Known(outcome=outcome)).wanted
-        patient = bench.work - begun < options.patience * (1 + bench.stages)
+        # After half a second `starts` guesses are enough, with and without a path.
+        patient = bench.work - begun < 10_000 * (1 + bench.stages)
         most = options.starts if bench.quick else bench.options.rollouts.tried
         if (bench.meter.stopped or bench.quick and good or number >= around + (
                 options.starts if good or not patient else most)):
@@ -150,7 +151,7 @@ def solve_next_start(bench: Bench, pool: StartPool, *, once: bool,
     options = bench.options.coarse
     most = options.iterations
     if once:
-        most = min(most, max(options.few_iterations, round((5 if hard else 2.5) * bench.typical)))
+        most = min(most, max(12, round((5 if hard else 2.5) * bench.typical)))
     guess = start = pool.take()
     rough = options.rough
     with bench.trace.attempt(GUESS, guess.origin) as attempt:

@@ -157,16 +157,15 @@ class _Multistart:
 
     def _solve_next(self) -> TranscriptionOutcome:
         """Solve from the next guess; if the cost is lower, on meshes with small errors."""
-        bench, options = self._bench, self._options
-        effort = SolveEffort(bench.options.coarse.iterations)
+        bench, effort = self._bench, SolveEffort(self._bench.options.coarse.iterations)
         outcome = solve_next_start(bench, self._pool, once=self._best.certified,
-                                   hard=self._uneven or self._before > options.hard)
+                                   hard=self._uneven or self._before > self._options.hard)
         if not self._is_lowest(outcome):
             return outcome
         if not outcome.converged and outcome.infeasibility <= MET:   # it needs more iterations
             later = bench.collocate(outcome.mesh, outcome.path, near=Nearby(), effort=effort)
             outcome = later if later.converged else outcome
-        for _ in range(options.splits):
+        for _ in range(2):   # two halvings of the mesh confirm a lower cost
             if not outcome.converged or bench.is_accurate(outcome):
                 break
             mesh = split(outcome.mesh, np.full(outcome.mesh.layout.intervals, 2))
@@ -195,13 +194,12 @@ class _Multistart:
 
         `lower`: whether it is on the coarse mesh.
         """
-        bench, options = self._bench, self._options
-        effort = SolveEffort(bench.options.coarse.iterations)
+        bench, effort = self._bench, SolveEffort(self._bench.options.coarse.iterations)
         cost, kept, coarse = self._best.solution.objective, self._best.record, self._coarse
         if kept is None or abs(cost - coarse) <= bench.options.coarse.error * abs(coarse) or (
                 outcome.mesh.layout.intervals > bench.intervals):
             return True
-        mesh = build_uniform_mesh(bench.problem, 2**options.splits * bench.intervals, bench.stages)
+        mesh = build_uniform_mesh(bench.problem, 4 * bench.intervals, bench.stages)
         if not bench.meter.allows(mesh.layout.intervals):
             return True
         known, new = (bench.collocate(mesh, path.in_one_phase(), near=Nearby(), effort=effort)

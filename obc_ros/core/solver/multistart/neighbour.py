@@ -48,7 +48,7 @@ def solve_from_neighbour(bench: Bench) -> Candidate | None:
 
 def _follow(bench: Bench, last: Answered) -> Candidate | None:
     """Do what `solve_from_neighbour` does, from the solution of one neighbour."""
-    few = SolveEffort(bench.options.coarse.few_iterations)   # another minimum may be better
+    few = SolveEffort(12)   # a neighbour needs fewer, or another minimum may be better
     programs, stated, start = bench.programs, bench.stated, last.outcome
     bench = replace(
         bench, margin=last.margin, stages=start.mesh.layout.stages,

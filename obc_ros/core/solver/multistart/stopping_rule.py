@@ -49,10 +49,10 @@ def explain_enough(effort: Effort, options: MultistartOptions) -> str:
     if spent > options.lavish:
         return f'{_count(number)} used up the work that further starts may take'
     if (effort.rough or effort.bent) and effort.certified and not (hard or effort.uneven) and (
-            spent > max(options.rough_work, effort.before)):
+            spent > options.hard):
         return f'{_count(number)} took more work than the solution'
     many = _are_many(effort, options)
-    if many and spent > (options.share_hard if hard else options.share) * effort.total:
+    if many and spent > (2 if hard else 1) * options.share * effort.total:
         return f'{_count(number)} used up their part of the work'
     if many and effort.complete:
         return f'{_count(number)} led to known minima only'
@@ -67,7 +67,8 @@ def _are_many(effort: Effort, options: MultistartOptions) -> bool:
     """Return whether at least the minimum number of starts was tried."""
     hard = effort.before > options.hard
     if effort.uneven or hard and not effort.stages:
-        return effort.starts >= options.many and effort.spent >= options.many_work
+        return (effort.starts >= 2 * options.least_hard
+                and effort.spent >= options.many_work)
     least = options.least_bent if effort.bent else 1
     least = options.least_hard if hard or effort.rough else least
     return effort.starts >= max(least, effort.wanted)

@@ -29,7 +29,6 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 from obc_ros.core.numerics.arrays import Array, Index, lapack
-from obc_ros.core.solver.options import DEFAULTS
 
 _PROXIMAL = 1e-10      # subtracted from the diagonal of rows: redundant ones are not singular then
 _CURVATURE = 1e-9     # least curvature along an accepted step
@@ -41,7 +40,7 @@ _MULTIPLIERS = 1e3    # least-squares multipliers larger than this are not used 
 _NEAREST = 1e-2       # largest initial distance from an active bound, as part of the span
 _HUGE = 1e100         # number above which powers overflow
 _ROUGH = 1e-5         # infeasibility that is small enough for an approximate cost
-_FAR = 0.1            # infeasibility below which it does not end early
+
 
 
 @dataclass(frozen=True, eq=False)
@@ -224,9 +223,8 @@ class StoppingRule:
         Maximum number of steps.
     rough : float
         Relative error of the cost that is small enough; 0: none.
-    late : tuple of (int, float)
-        Early end of a run with `rough`: after so many steps, if more than this part of the first
-        infeasibility is left.
+    once : bool
+        With `rough`, a run that stays infeasible ends after 10 steps; with `once` after 5 or 10.
 
     """
 
@@ -234,7 +232,7 @@ class StoppingRule:
     optimal: float = 1e-9
     most: int = 100
     rough: float = 0.0
-    late: tuple[tuple[int, float], ...] = DEFAULTS.coarse.get_early_ends(1)
+    once: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -516,6 +514,9 @@ def solve_program(work: Interior, now: Iterate, goal: StoppingRule,
     """
     pairs, start, least = Filter(now.total), now.total, goal.optimal / 10
     first = now.worst
+    # A run ends after so many steps if more than this part of the first infeasibility is left,
+    # and more than 0.1.
+    ends = ((10, 0.5), (5, 0.8))[:1 + goal.once]
     while True:
         if now.worst <= goal.feasible and now.misses(0.0) <= goal.optimal:
             return replace(now, converged=True, status='converged')
@@ -530,8 +531,8 @@ def solve_program(work: Interior, now: Iterate, goal: StoppingRule,
         if step is None:
             return replace(now, status='no step')
         now, promise = step
-        if goal.rough and any(now.iterations == steps and now.worst > max(part * first, _FAR)
-                              for steps, part in goal.late):
+        if goal.rough and any(now.iterations == steps and now.worst > max(part * first, 0.1)
+                              for steps, part in ends):
             return replace(now, status='too slow')
         near = goal.rough * abs(now.values.f)
         if near and now.worst <= _ROUGH and promise <= near and now.mu * work.count <= near:

@@ -45,22 +45,14 @@ class _Look(NamedTuple):
     steps: int
 
 
-_TYPICAL = 0.8        # quantile of |psi| over all rollouts that is its scale
-# Costs are confirmed with so many times the steps; largest median error, over their range, at
-# which they count as confirmed.
-_FINER, _AGREE = 4, 0.3
 
 
-def _thorough(options: RolloutOptions) -> _Look:
-    """Return the effort of a long search."""
-    return _Look(options.samples, options.samples // options.share, options.generations,
-                 options.pieces * options.steps)
 
-
-def _short(options: RolloutOptions) -> _Look:
-    """Return the effort of a short search."""
-    return _Look(options.samples // 2, options.samples // (2 * options.share),
-                 options.generations - 1, options.pieces * options.steps // 2)
+def _choose_effort(options: RolloutOptions, *, short: bool) -> _Look:
+    """Return the effort of a long or a short search; one of 16 samples becomes a parent."""
+    part = 2 if short else 1
+    return _Look(options.samples // part, options.samples // (16 * part),
+                 options.generations - short, options.pieces * options.steps // part)
 
 
 def ends_at_target(bench: Bench, _: Known) -> bool:
@@ -82,7 +74,7 @@ def start_from_rollouts(bench: Bench, pool: StartPool, _: Known) -> Proposal:
     paths = label_paths(search_rollouts(
         problem, bench.programs.integrator, get_final_time(problem), settings=bench.options),
         'cross-entropy rollout')
-    for number, path in enumerate(islice(paths, 2 * options.tried)):
+    for number, path in enumerate(islice(paths, 2 * options.tried)):   # some more after a path
         vain = number >= options.tried and not found
         if vain or bench.meter.stopped or not bench.meter.allows(intervals):
             break
@@ -175,20 +167,20 @@ def search_rollouts_briefly(bench: Bench, last: Candidate, bent: bool) -> list[P
     if last.record is None or bench.programs.twin:
         return []
     outcome, chance = last.record.outcome, np.random.default_rng(4)
-    options = bench.options.rollouts
+    samples, brief = bench.options.rollouts.samples, 5   # `brief`: steps of each piece
     problem, most, T = _within(bench.problem, outcome.path), outcome.objective, outcome.path.t[-1]
     if problem.q:
-        drawn = _glanced(bench, problem, T, chance, options.glance)
-        return _Led(bench, problem, drawn, options.brief_steps).seen(most)
+        drawn = _glanced(bench, problem, T, chance, count=32)   # psi selects among them
+        return _Led(bench, problem, drawn, brief).seen(most)
     seen = list[Path]()
     for finer in (1, 2, 4) if bent else (1,):
-        drawn = _glanced(bench, problem, T, chance, (3 if bent else 1) * options.samples)
-        steps = finer * options.brief_steps
-        coarse = _drawn_again(bench, problem, drawn, steps, chance, (1 + bent) * options.parents)
+        drawn = _glanced(bench, problem, T, chance, (3 if bent else 1) * samples)
+        steps = finer * brief
+        coarse = _drawn_again(bench, problem, drawn, steps, chance, parents=4 * (1 + bent))
         if coarse is None:
             break
-        # Coarse steps may jump over a pole of f to states of low cost.
-        led = _Led(bench, problem, coarse.drawn, _FINER * steps)
+        # Coarse steps may jump over a pole of f to states of low cost: finer ones confirm it.
+        led = _Led(bench, problem, coarse.drawn, 4 * steps)
         seen = led.seen(np.inf if bent else most)
         if led.agrees(coarse):
             break
@@ -198,16 +190,15 @@ def search_rollouts_briefly(bench: Bench, last: Candidate, bent: bool) -> list[P
 def _drawn_again(bench: Bench, problem: Problem, drawn: '_Drawn', steps: int,
                  chance: np.random.Generator, parents: int) -> '_Led | None':
     """Return the best rollouts around each of the cheapest ones; None without any."""
-    options = bench.options.rollouts
+    options, children = bench.options.rollouts, 48   # of each parent
     led = _Led(bench, problem, drawn, steps)
     best = led.order(np.inf)[:parents]
     for generation in range(options.generations // 2):
         if not best.size:
             return None
         led = _Led(bench, problem, led.drawn.around(
-            problem, np.repeat(best, options.children), options.spread / 2**generation, chance),
-            steps)
-        best = led.best_of_each(options.children)
+            problem, np.repeat(best, children), options.spread / 2**generation, chance), steps)
+        best = led.best_of_each(children)
     return _Led(bench, problem, led.drawn.only(best), steps) if best.size else None
 
 
@@ -257,7 +248,7 @@ class _Led:
         """Return whether costs with other steps agree, relative to the range of costs."""
         with np.errstate(invalid='ignore'):   # of infinite costs
             error = np.nan_to_num(np.abs(self._cost - other._cost), nan=np.inf)
-            return bool(np.median(error) <= _AGREE * np.nan_to_num(np.ptp(self._cost)))
+            return bool(np.median(error) <= 0.3 * np.nan_to_num(np.ptp(self._cost)))
 
     def seen(self, most: float) -> list[Path]:
         """Return the rollouts cheaper than `most`, in order."""
@@ -319,12 +310,12 @@ def search_rollouts(problem: Problem, integrator: CostateIntegrator, T: float,
 
     """
     options, far = settings.rollouts, settings.windows.reach
-    look = _short(options) if short else _thorough(options)
+    look = _choose_effort(options, short=short)
     final, count = problem.final_time, look.drawn
     chance = np.random.default_rng(4)
     if final.free:
         shortest, longest = np.clip([T / far, T * far], final.lower, final.upper)
-        spans = np.geomspace(shortest, longest * (1 + 1e-9), options.windows + 1)
+        spans = np.geomspace(shortest, longest * (1 + 1e-9), 5)   # four, with parents of their own
     else:
         shortest, longest, spans = T, T, np.array([T * (1 - 1e-9), np.inf])
     part = _parts(chance, (count, options.pieces, problem.m))
@@ -386,7 +377,7 @@ class _Rollouts:
                 self._integrator.ends(problem, x.reshape(-1, problem.n))))
             if self._size is None:
                 seen = np.where(np.isfinite(ends), np.abs(ends), np.nan)
-                size = np.nanquantile(seen, _TYPICAL, axis=(0, 1))
+                size = np.nanquantile(seen, 0.8, axis=(0, 1))   # most rollouts are nearer
                 self._size = np.where(size > 0, size, 1.0)
             gap = np.abs(ends / self._size).max(axis=2) + _outside(problem, x)
             cost = L + V

@@ -41,7 +41,7 @@ def find_other_lengths(bench: Bench, pool: StartPool, known: Known) -> Proposal:
     outcome, begun = known.best.record.outcome, bench.work
     found: list[TranscriptionOutcome] = []
     for T in [T for T in _lengths(bench, outcome) for _ in range(1 + known.bent)]:
-        most = max(bench.options.multistart.rough_work, begun)
+        most = max(bench.options.multistart.hard, begun)
         if bench.meter.stopped or bench.work - begun > most:
             break
         for start in islice(pool.rest, 1):

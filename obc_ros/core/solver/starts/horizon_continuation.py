@@ -44,12 +44,12 @@ def lengthen_horizon(bench: Bench, intervals: int) -> TranscriptionOutcome | Non
 
     None is returned if no outcome with a small discretisation error was reached.
     """
-    options = bench.options.horizon
     whole, final = bench.problem, bench.problem.final_time
     start = bench.programs.guesser.line(whole, final.value)
     outcome: TranscriptionOutcome | None = None
-    bench = replace(bench, meter=bench.meter.part(options.work))
-    for halvings in range(options.halvings, -1, -1):
+    bench = replace(bench, meter=bench.meter.part(bench.options.horizon.work))
+    most = 6   # halvings: 1/64 of T at first
+    for halvings in range(most, -1, -1):
         length = final.value / 2**halvings
         bench = replace(bench, problem=replace(whole, final_time=replace(final, value=length)))
         if outcome is None:
@@ -58,7 +58,7 @@ def lengthen_horizon(bench: Bench, intervals: int) -> TranscriptionOutcome | Non
         else:
             mesh, path = _longer(bench, outcome, intervals, length)
         bench, outcome = _solve_finely(bench, mesh, path)
-        if outcome is None and halvings < options.halvings:
+        if outcome is None and halvings < most:
             break
     return outcome
 

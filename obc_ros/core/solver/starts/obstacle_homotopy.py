@@ -20,7 +20,7 @@ from obc_ros.core.numerics.samples import interpolate_columns
 from obc_ros.core.numerics.vectorized import VectorizedFunction
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.solver.bench import Bench
-from obc_ros.core.solver.options import DEFAULTS, ObstacleOptions
+from obc_ros.core.solver.options import DEFAULTS
 from obc_ros.core.solver.starts.start import Known, Proposal
 from obc_ros.core.solver.starts.start_pool import StartPool
 from obc_ros.core.solver.transcription.mesh import Path
@@ -42,19 +42,19 @@ def start_around(bench: Bench, _: StartPool, known: Known) -> Proposal:
     problem, guesser, outcome = bench.problem, bench.programs.guesser, known.outcome
     assert outcome is not None
     around = bend_around(problem, guesser.line(problem, float(outcome.path.t[-1])),
-                         bench.options.obstacles)
+                         bench.options.obstacles.ways)
     if not around:
         return Proposal(why='the line passes all of them')
     return Proposal(first=iter(around), wanted=len(around))
 
 
 def bend_around(problem: Problem, line: Path,
-                options: ObstacleOptions = DEFAULTS.obstacles) -> list[Path]:
+                most: int = DEFAULTS.obstacles.ways) -> list[Path]:
     """
     Bend a straight line from x(0) to the end around the path constraints that it violates.
 
-    At most one path for each choice of sides is returned, the shortest first. Path constraints
-    that are nonlinear in x and free of u are obstacles.
+    At most one path for each choice of sides is returned, the `most` shortest, around the `most`
+    largest obstacles. Path constraints that are nonlinear in x and free of u are obstacles.
     """
     rows = _curved(problem)
     if not rows.size:
@@ -68,10 +68,10 @@ def bend_around(problem: Problem, line: Path,
     slopes = slopes.reshape(_SEEN, -1, problem.n)
     room = np.minimum(value - problem.path_lower, problem.path_upper - value)
     depends, sides = find_dependence(problem.path, problem.x), []
-    for row in rows[np.argsort(room[:, rows].min(axis=0))][:options.ways].tolist():
+    for row in rows[np.argsort(room[:, rows].min(axis=0))][:most].tolist():
         k = int(np.argmin(room[:, row]))
         found = _sides(problem, seen, (x[0], x[k], x[-1]), row,
-                       np.where(depends[row], slopes[k, row], np.nan), options)
+                       np.where(depends[row], slopes[k, row], np.nan))
         if any(aside.any() for aside in found):
             sides.append([(s[k], aside) for aside in found])
     if not sides:
@@ -79,7 +79,7 @@ def bend_around(problem: Problem, line: Path,
     ways = [_bent(line, choice) for choice in product(*sides)]
     size = np.maximum(np.ptp([way.x for way in ways], axis=(0, 1)), 1e-300)
     return sorted(ways, key=lambda way: float(np.linalg.norm(
-        np.diff(way.x / size, axis=0), axis=1).sum()))[:options.ways]
+        np.diff(way.x / size, axis=0), axis=1).sum()))[:most]
 
 
 def _curved(problem: Problem) -> NDArray[np.int64]:
@@ -91,7 +91,7 @@ def _curved(problem: Problem) -> NDArray[np.int64]:
 
 
 def _sides(problem: Problem, seen: VectorizedFunction, line: tuple[Array, Array, Array], row: int,
-           slope: Array, options: ObstacleOptions) -> list[Array]:
+           slope: Array) -> list[Array]:
     """
     Return the displacements (n,) of a line, to either side, that pass a constraint.
 
@@ -118,9 +118,8 @@ def _sides(problem: Problem, seen: VectorizedFunction, line: tuple[Array, Array,
         beyond = first + int(np.argmin(inside[first:]))
         if not inside.any():
             found.append(np.zeros(problem.n))
-        elif not inside[beyond] and (
-                inside[0] or far[beyond] <= options.detour * length):
-            found.append(sign * options.clear * far[beyond] * step)
+        elif not inside[beyond] and (inside[0] or far[beyond] <= 0.5 * length):   # no long detour
+            found.append(sign * 1.1 * far[beyond] * step)   # clear of the edge
     return found
 
 

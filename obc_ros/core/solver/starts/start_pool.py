@@ -73,4 +73,5 @@ class StartPool:
 
 def is_rough(bench: Bench, pool: StartPool) -> bool:
     """Return whether coarse solves fail, end at very different costs, or are slow."""
-    return bench.typical > bench.options.multistart.slow or pool.known_minima.rough
+    slow = bench.typical > 30   # iterations
+    return slow or pool.known_minima.rough

@@ -15,7 +15,6 @@ from obc_ros.core.numerics.arrays import Array, Index
 from obc_ros.core.numerics.collocation import compute_gauss_points
 from obc_ros.core.numerics.samples import interpolate_columns
 from obc_ros.core.ocp.problem import Problem
-from obc_ros.core.solver.options import DEFAULTS
 
 LINEAR, STEPPED, HELD = 'linear', 'stepped', 'held'
 _SAME_TIME = 1e-10   # difference, as part of T, up to which times are equal
@@ -250,8 +249,7 @@ def split(mesh: Mesh, counts: Index) -> Mesh:
                    fractions=np.repeat(mesh.fractions / counts, counts))
 
 
-def choose_cuts(errors: Array, share: float, rate: float,
-                most: int = DEFAULTS.refinement.cuts) -> Index:
+def choose_cuts(errors: Array, share: float, rate: float, most: int = 4) -> Index:
     """
     Return the number of parts of each interval, up to `most`, for an error of at most `share`.
 

@@ -30,7 +30,6 @@ from obc_ros.core.ocp.solution import Verdict
 from obc_ros.core.solver.nlp.interior_point import StoppingRule
 from obc_ros.core.solver.nlp.ipopt import build_ipopt, Found, run_ipopt, Watch
 from obc_ros.core.solver.nlp.meter import Meter
-from obc_ros.core.solver.options import CoarseOptions, DEFAULTS
 from obc_ros.core.solver.transcription.banded_program import Stages
 from obc_ros.core.solver.transcription.block_program import assemble, Block, BlockProgram, Piece
 from obc_ros.core.solver.transcription.intervals import Pieces
@@ -207,14 +206,11 @@ class Transcription:
         Phases, intervals and scheme.
     pieces : Pieces, optional
         Of the same problem and scheme, for any other layout.
-    options : CoarseOptions
-        Of the search.
+
 
     """
 
-    def __init__(self, problem: Problem, layout: Layout, pieces: Pieces | None = None,
-                 options: CoarseOptions = DEFAULTS.coarse) -> None:
-        self._options = options
+    def __init__(self, problem: Problem, layout: Layout, pieces: Pieces | None = None) -> None:
         self.layout, self._solvers = layout, dict[str, tuple[ca.Function, Watch]]()
         self._pieces = pieces or Pieces(problem, layout.stages, layout.free_durations)
         self.n, self.m, self.q = problem.n, problem.m, problem.q
@@ -553,8 +549,7 @@ class Transcription:
                 return meter.step(f * scales.cost, worst) or once and again
 
             found = self._staged.run(
-                start, (lower, upper), StoppingRule(
-                    rough=effort.rough, late=self._options.get_early_ends(1 + once)), seen,
+                start, (lower, upper), StoppingRule(rough=effort.rough, once=once), seen,
                 near=near is not None, multipliers=guessed, mu=0.0 if guide is None else guide.mu)
             if found.converged or once or meter.stopped or meter.spent:
                 return self._outcome(problem, mesh, scales, found, (0.0, 0.0))
