@@ -44,10 +44,6 @@ from obc_ros.core.solver.transcription.program import (
 )
 from obc_ros.core.solver.transcription.tightening import TightenedLimits
 
-_COURSES_KEPT = 8       # integrated costates that are cached
-_NEARLY_ZERO = 1e-4     # part of its size up to which a summand of the cost nearly vanishes
-_LEAST = 1e-6           # floor of |J| as the scale of the loss in the refinement, for usual units
-
 
 @dataclass(frozen=True, eq=False)
 class Task:
@@ -131,7 +127,7 @@ class _Memo:
 
     def keep_course(self, problem: Problem, outcome: TranscriptionOutcome,
                     course: Extremal) -> None:
-        if len(self._courses) >= _COURSES_KEPT:
+        if len(self._courses) >= 8:
             self._courses.clear()
         self._courses[outcome] = problem, course
 
@@ -363,8 +359,8 @@ class Bench:
     def cost_size(self, outcome: TranscriptionOutcome) -> float:
         """Return |J|, or a part of what cancels if every summand of the cost nearly vanishes."""
         summands, cost = self._summands(outcome), abs(outcome.objective)
-        vanishes = summands.vanish(_NEARLY_ZERO)
-        return max(cost, _NEARLY_ZERO * float(summands.sizes.sum()) if vanishes else 0.0)
+        part = 1e-4   # of its size up to which a summand nearly vanishes
+        return max(cost, part * float(summands.sizes.sum()) if summands.vanish(part) else 0.0)
 
     def _summands(self, outcome: TranscriptionOutcome) -> Summands:
         path = outcome.path
@@ -421,7 +417,8 @@ class Bench:
         options = self.options.refinement
         verdict, N = self.measure_loss(course), len(course.local)
         aim = options.loss_bounded if self.bounded else options.loss
-        share = aim * max(abs(outcome.objective), _LEAST * self._summands(outcome).unit) / N
+        # |J| is the scale of the loss, with a floor if it vanishes.
+        share = aim * max(abs(outcome.objective), 1e-6 * self._summands(outcome).unit) / N
         errors = [
             Error(verdict.lost - verdict.chords, share, 5.0), Error(verdict.chords, share, 3.0),
             Error(course.local, options.step_error / N, 7.0),

@@ -9,9 +9,6 @@ import time
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.ocp.solution import Solution
 
-PERIOD = 0.5   # [s] least time between two intermediate paths that are certified here
-SHARE = 0.05   # largest part of the time that certifying them takes
-
 
 class BestPath:
     """
@@ -62,5 +59,6 @@ class BestPath:
             self._tell(found)
         now = time.monotonic()
         judging = 0.0 if math.isnan(self._begun) else now - self._begun
-        self._next = now + max(PERIOD, judging / SHARE)
+        # Certifying takes at most a twentieth of the time, twice a second at most.
+        self._next = now + max(0.5, judging / 0.05)
         self._begun = math.nan

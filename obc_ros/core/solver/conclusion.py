@@ -19,8 +19,6 @@ from obc_ros.core.solver.proofs.optimality import add_optimality
 from obc_ros.core.solver.search import search
 from obc_ros.core.solver.trace import describe_fault, judge_path
 
-_NO_PATH = 1e-2         # residual of the dynamics above which no mesh is fine enough
-
 
 def conclude(task: Task, found: Solution) -> Solution:
     """
@@ -154,8 +152,9 @@ def _explained(task: Task, found: Solution) -> Solution:
                     reason.sentence if reason else '')
     if reason is None or meter.stopped == 'cancelled':
         sentence = found.message
+        # With a larger residual no mesh is fine enough.
         if found.certificate and (
-                _NO_PATH < found.certificate.residuals[Condition.DYNAMICS] < math.inf):
+                1e-2 < found.certificate.residuals[Condition.DYNAMICS] < math.inf):
             sentence = ('no path was found that satisfies all constraints; in the nearest one '
                         f'{sentence}')
         return replace(found, message='; '.join(filter(None, (

@@ -149,7 +149,7 @@ class _Descent:
         """Return whether improvements are tried that lead to certificates."""
         bench, options = self._state.bench, self._state.bench.options.descent
         chorded = above > options.enough_bounded and bench.measure_loss(course).chorded
-        # Farther above the minimum, arcs along state bounds cannot be told.
+        # Farther above the minimum no arcs along state bounds are sought.
         return number > 0 and above < 0.1 and (chorded or not self._is_certified)
 
     def _is_enough(self, number: int, above: float) -> bool:

@@ -27,12 +27,11 @@ from obc_ros.core.solver.arcs.input_arcs import Arc
 from obc_ros.core.solver.transcription.mesh import choose_cuts
 from obc_ros.core.solver.transcription.program import ProblemScales
 
-_FEWEST, _FEWEST_ROUGH = 6, 3   # minimum number of intervals in an arc; of a rough solution
+_FEWEST = 6   # minimum number of intervals in an arc
 # Scaled residual at which Newton's method ends for a rough or neighbouring solution; defect of an
 # interval of a thinned one.
 _SHARE = 1e-6
-# Maximum number of refinements of the intervals; sum of their scaled defects that they aim at.
-_REFINEMENTS, _DEFECT = 2, 3e-7
+_DEFECT = 3e-7   # sum of the scaled defects of intervals that a refinement aims at
 
 
 class Indirect:
@@ -70,7 +69,7 @@ class Indirect:
         """
         problem = problem.pin_start(course.x[0])
         system = self._equations(
-            problem, arcs, points, scales, _FEWEST_ROUGH if rough else _FEWEST)
+            problem, arcs, points, scales, _FEWEST // 2 if rough else _FEWEST)
         with np.errstate(all='ignore'):
             start = system.start(course)
             return system.solve(start, _SHARE) if rough else self._refined(system, start)
@@ -167,7 +166,7 @@ class Indirect:
     def _refined(self, system: Equations, start: Unknowns) -> BoundaryValues | None:
         """Solve by Newton's method, on finer intervals until the defects are small enough."""
         found = system.solve(start)
-        for _ in range(_REFINEMENTS):
+        for _ in range(2):   # refinements
             if found is None or _short(system.defects(found)):
                 break
             finer, start = self._finer(system, found)

@@ -36,8 +36,6 @@ from obc_ros.core.solver.transcription.program import ProblemScales
 TOLERANCE = 1e-12      # scaled residual at which Newton's method ends
 _ENOUGH = 1e-8         # scaled residual that it must reach
 _STAGES = 3            # Gauss points in an interval
-_MOST_STEPS = 12       # maximum number of Newton steps
-_PARTS = 1.0, 0.5, 0.25, 0.1   # of a step, tried in turn
 _AT_ONCE = 2_000_000   # numbers in the matrices of intervals condensed at a time (16 MB)
 
 
@@ -198,7 +196,7 @@ class Equations:
         try:
             left, (*_, now) = take_damped_steps(
                 self._equations(now), step, lambda at, way, part: self._equations(
-                    at[1][2].moved(part, way)), lambda at: _norm(at[0]), _PARTS, _MOST_STEPS)
+                    at[1][2].moved(part, way)), lambda at: _norm(at[0]), (1.0, 0.5, 0.25, 0.1), 12)
             norm = _norm(left)
             good = norm < max(tolerance, _ENOUGH) and bool(np.all(now.theta[:len(self.arcs)] > 0))
             return self.result(now, norm) if good else None

@@ -21,10 +21,8 @@ from obc_ros.core.ocp.solution import Solution, Status
 from obc_ros.core.solver.transcription.program import TranscriptionOutcome
 from obc_ros.core.solver.transcription.runge_kutta import step_of
 
-_COURSES = 64   # number of inputs up to which integrating one after the other is faster
 _STIFF = 1e-4   # relative error of an interval above which explicit steps are not trusted
 _MANY = 64      # parts of each interval that then decide whether its states are right
-_SAMPLES = 64   # number of intervals from which on samples at their ends are sufficient
 
 
 @dataclass(frozen=True, eq=False)
@@ -206,7 +204,7 @@ class CostateIntegrator:
             Running costs so far.
 
         """
-        if len(u) <= _COURSES:
+        if len(u) <= 64:   # one after the other is faster
             first = np.append(problem.x0, 0.0)
             after = self._forward.each(first, u, u, np.diff(t)[:, :, None], problem.p_value)
             path = np.concatenate([np.broadcast_to(first, (len(u), 1, len(first))), after], axis=1)
@@ -276,7 +274,7 @@ class CostateIntegrator:
             if values is not None and values.size:
                 change = np.abs(np.diff(values, axis=0)).max(axis=1)
                 new[1:] |= change > 1e-12 * np.abs(values).max()
-        many = densities[0] is None and len(course.local) >= _SAMPLES
+        many = densities[0] is None and len(course.local) >= 64   # their ends are sufficient
         if problem.path.numel() or many:
             # A linear input meets a constraint c(x, u) once or twice in an interval.
             new &= (np.isin(np.arange(len(t)) % (2 * course.parts), (0, 2 * course.parts - 1)))

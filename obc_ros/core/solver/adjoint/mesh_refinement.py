@@ -21,16 +21,9 @@ from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.solver.adjoint.costates import CostateIntegrator, Extremal
 from obc_ros.core.solver.transcription.mesh import choose_cuts, Mesh, Path, split
 
-# Part of the maximum number of intervals up to which a mesh that needs more than the maximum is
-# spread over the maximum.
-_WORTH = 0.7
 # Violation of a constraint between nodes, relative to its size: aimed at (above it the constraint
 # is tightened), and above which it is not tightened, only the mesh refined.
 EXCEEDED = 2e-8, 2e-6
-_EQUAL = 25.0      # factor of the former for an equality, which cannot be tightened
-_STRAIGHT = 1e-6   # relative deviation up to which an input is straight at a mesh point
-_CHORDED = 0.5     # part of the loss from which on most of it is due to chords
-_NO_LENGTH = 1e-9  # part of T: shorter intervals are those of phases that vanished
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,7 +75,7 @@ class HamiltonianLoss:
     @property
     def chorded(self) -> bool:
         """Return whether most of the loss is due to chords."""
-        return bool(self.chords.sum() > _CHORDED * self.lost.sum())
+        return bool(self.chords.sum() > 0.5 * self.lost.sum())
 
 
 def measure_loss(problem: Problem, integrator: CostateIntegrator, course: Extremal,
@@ -221,7 +214,8 @@ def refine_mesh(mesh: Mesh, path: Path, kinks: Array, errors: Sequence[Error], l
 
 def _within(mesh: Mesh, number: Index, most: int) -> Mesh:
     """Return the mesh with intervals cut into `number` parts, or `most` intervals like them."""
-    if len(mesh.layout.phases) > 1 or not len(number) < _WORTH * most < _WORTH * number.sum():
+    # A mesh that needs more than the maximum gets it, if it has less than 0.7 of it so far.
+    if len(mesh.layout.phases) > 1 or not len(number) < 0.7 * most < 0.7 * number.sum():
         return split(mesh, number)
     cut = np.append(0.0, np.cumsum(number) / number.sum())
     points = np.interp(np.linspace(0.0, 1.0, most + 1), cut,
@@ -235,7 +229,7 @@ def _straight(path: Path, phase_of: Index) -> NDArray[np.bool_]:
     h = np.diff(path.t)
     part = (h[:-1] / np.maximum(h[:-1] + h[1:], 1e-300))[:, None]
     between = path.ua[:-1] + part * (path.ub[1:] - path.ua[:-1])
-    size = _STRAIGHT * np.maximum(np.abs(path.ua).max(axis=0), np.abs(path.ub).max(axis=0))
+    size = 1e-6 * np.maximum(np.abs(path.ua).max(axis=0), np.abs(path.ub).max(axis=0))
     off = np.maximum(np.abs(path.ub[:-1] - between), np.abs(path.ua[1:] - between))
     return np.asarray(np.all(off <= size, axis=1) & (phase_of[:-1] == phase_of[1:]))
 
@@ -323,13 +317,14 @@ def compute_tightening(problem: Problem, value: Array, size: Array, course: Extr
     over = np.max(excess, axis=0)
     tightened = (over > EXCEEDED[0] * size) & (over < most * size) & (lower < upper)
     drawn = np.where(tightened, 1.2 * over, 0.0)
-    size = np.where(size > 0, size, 1.0) * np.where(lower < upper, 1.0, _EQUAL)
+    # Equalities cannot be tightened: 25 times the violation is aimed at.
+    size = np.where(size > 0, size, 1.0) * np.where(lower < upper, 1.0, 25.0)
     relative = np.max(excess / size, axis=1)
     relative[::course.parts] = 0.0   # nodes are held
     # The violation between two nodes on a bound is proportional to h^2. The factor is taken as
     # the largest of neighbouring intervals.
     h2 = np.diff(course.t[::course.parts])**2
-    seen = h2 > (_NO_LENGTH * course.t[-1])**2
+    seen = h2 > (1e-9 * course.t[-1])**2   # phases may have vanished
     bend = relative[:-1].reshape(-1, course.parts).max(axis=1) / np.where(seen, h2, np.inf)
     bend = np.pad(bend, 2)
     bend = np.lib.stride_tricks.sliding_window_view(bend, 5).max(axis=1)

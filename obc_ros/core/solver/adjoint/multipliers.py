@@ -29,17 +29,9 @@ from obc_ros.core.ocp.solution import Solution
 from obc_ros.core.solver.adjoint.costates import Extremal
 from obc_ros.core.solver.adjoint.signed_least_squares import solve_signed_least_squares
 from obc_ros.core.solver.arcs.mixed_constraints import compute_densities
+from obc_ros.core.solver.arcs.state_contacts import AT_BOUND
 from obc_ros.core.solver.transcription.program import TranscriptionOutcome
 from obc_ros.core.solver.transcription.runge_kutta import step
-
-_GAP = 2            # intervals between two active parts up to which they are one contact
-_NEAR = 1e-6        # relative distance from a bound up to which a constraint is active
-_PERHAPS = 1e-3     # the same at a node whose multiplier exceeds its distance, both scaled
-_MOST_HATS = 60     # maximum number of intervals of a piecewise linear density
-_CONSTANT = 0.1     # weight of the equations H = const relative to dH/du = 0
-_RIDGE = 1e-8       # Tikhonov regularisation of the least squares
-_SWEEPS = 60        # maximum number of sweeps over constraints that are active together
-_WRONG = 1e-7       # dH/du of the wrong sign that counts as 0, relative to the largest
 
 _Rows = tuple[Array, Array]   # A and b of A v = b or A v >= b
 
@@ -183,7 +175,7 @@ class Fitter:
         others = np.setdiff1d(np.arange(mu.shape[1]), mine)
         c = self.at(problem, answer.x, answer.u)[:, self.n:][:, mine]
         lower, upper = problem.path_lower[mine], problem.path_upper[mine]
-        near = _NEAR * np.abs(c).max(axis=0)
+        near = AT_BOUND * np.abs(c).max(axis=0)
         limits = np.stack([np.where(c <= lower + near, -np.inf, 0.0),
                            np.where(c >= upper - near, np.inf, 0.0)])
         size = _sizes(problem, answer.u)
@@ -258,13 +250,14 @@ class Fitter:
             size = np.maximum(sizes, np.where(np.isfinite(bound), np.abs(bound), 0.0))
             distance = np.abs(value - bound) / np.where(size > 0, size, 1.0)
             for row in np.flatnonzero(np.isfinite(bound)):
-                near = (distance[:, row] <= _NEAR) | equal[row]
+                near = (distance[:, row] <= AT_BOUND) | equal[row]
                 heavy = np.maximum(sign * mass[:, row], 0.0)
                 apart = distance[::course.parts, row]
-                near[::course.parts] |= (heavy * size[row] > apart * cost) & (apart < _PERHAPS)
+                # A node is farther from a bound if its multiplier exceeds its distance, scaled.
+                near[::course.parts] |= (heavy * size[row] > apart * cost) & (apart < 1e-3)
                 if not self._pure[row]:
                     near |= _touched(sign * weights[:, :, row - self.n], course.parts)
-                runs = find_runs(near, _GAP * course.parts)
+                runs = find_runs(near, 2 * course.parts)   # over gaps of two intervals
                 if not self._pure[row]:
                     runs = _parted(runs, outcome, course.parts)
                 found += [ActiveInterval(int(row), sign, first, last) for first, last in runs]
@@ -288,7 +281,7 @@ class Fitter:
 
         for contact in found:
             first, last = contact.first // grid, -(-contact.last // grid)
-            count = min((last - first) * grid // parts, _MOST_HATS) + (1 if grid > 1 else 2)
+            count = min((last - first) * grid // parts, 60) + (1 if grid > 1 else 2)
             knots = grid * np.unique(np.linspace(first, last, count).round().astype(int))
             first, last = first * grid, last * grid
             inside = (ends[:, :1] >= first) & (ends[:, 1:] <= last)
@@ -350,6 +343,7 @@ class Fitter:
         """
         without, each = lam
         q, size = self.q, _sizes(problem, course.ua)
+        weight = 0.1   # of H = const relative to dH/du = 0
         free, energies, signed = list[_Rows](), list[_Rows](), list[_Rows]()
         for side, x, u in ((0, course.x, course.ua), (1, course.x_end, course.ub)):
             L, f, L_u, f_u, c_u, _ = self._shaped(self._point(x, u, problem.p_value))
@@ -360,8 +354,8 @@ class Fitter:
             low, high = _at_bounds(problem, u, size)
             inside = ~(low | high)
             free.append((slope[inside], -rest[inside]))
-            energies.append((_CONSTANT * np.einsum('kn,knu->ku', f, each[:, side]),
-                             -_CONSTANT * (L + np.einsum('kn,kn->k', f, without[:, side]))))
+            energies.append((weight * np.einsum('kn,knu->ku', f, each[:, side]),
+                             -weight * (L + np.einsum('kn,kn->k', f, without[:, side]))))
             signed += [(sign * slope[at], -sign * rest[at])
                        for at, sign in ((low & ~high, 1.0), (high & ~low, -1.0))]
         A, G = np.vstack([M for M, _ in free + energies]), np.vstack([M for M, _ in signed])
@@ -369,7 +363,7 @@ class Fitter:
         if not final.free or course.t[-1] > final.upper * (1 - 1e-9):
             # H is constant but not zero: the constant is one more unknown.
             column = np.zeros((len(A), 1))
-            column[sum(len(M) for M, _ in free):] = -_CONSTANT
+            column[sum(len(M) for M, _ in free):] = -weight
             A, G = np.hstack([A, column]), np.hstack([G, np.zeros((len(G), 1))])
         return (A, np.concatenate([b for _, b in free + energies]),
                 G, np.concatenate([g for _, g in signed]))
@@ -398,7 +392,7 @@ def _pressing(slope: Array, c_u: Array, limits: Array, low: Mask, high: Mask) ->
     """
     mu = np.zeros(c_u.shape[:2])
     active = np.flatnonzero((limits != 0).any(axis=(0, 1)))
-    for _ in range(_SWEEPS):
+    for _ in range(60):   # several constraints may be active together
         before = mu.copy()
         for row in active:
             column = c_u[:, row]
@@ -450,7 +444,7 @@ def _fit_signed(A: Array, b: Array, G: Array, g: Array, signs: Array, free: int)
     """
     v = _least_squares(A, b, signs, free)
     beyond = G @ v - g
-    if np.all(beyond >= -_WRONG * np.abs(beyond).max(initial=0.0)):
+    if np.all(beyond >= -1e-7 * np.abs(beyond).max(initial=0.0)):   # rounding
         return v
     sign = np.zeros(len(v))
     sign[free:free + len(signs)] = signs
@@ -475,7 +469,7 @@ def _least_squares(A: Array, b: Array, signs: Array, free: int) -> Array:
                             np.full(extra, -np.inf)])
     upper = np.concatenate([np.full(free, np.inf), np.where(signs > 0, np.inf, 0.0),
                             np.full(extra, np.inf)])
-    ridge = _RIDGE * np.eye(A.shape[1])
+    ridge = 1e-8 * np.eye(A.shape[1])   # Tikhonov regularisation
     result = optimize.lsq_linear(
         np.vstack([A / size, ridge]), np.concatenate([b, np.zeros(A.shape[1])]), (lower, upper),
         method='bvls')

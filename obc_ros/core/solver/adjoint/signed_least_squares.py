@@ -15,12 +15,6 @@ equations to rounding errors.
 import numpy as np
 from obc_ros.core.numerics.arrays import Array, Mask
 
-_RIDGE = 1e-8        # Tikhonov regularisation
-_STEPS = 60          # maximum number of steps
-_PRODUCT = 1e-12     # mean product of slacks and multipliers at the end, for b and g of size 1
-_RESIDUAL = 1e-10    # largest residual of the linear conditions at the end
-_BOUNDARY = 0.995    # part of the way to the nearest bound that a step goes
-
 
 def solve_signed_least_squares(A: Array, b: Array, G: Array, g: Array, positive: Mask) -> Array:
     """
@@ -45,30 +39,31 @@ def solve_signed_least_squares(A: Array, b: Array, G: Array, g: Array, positive:
         If numbers are not finite, or overflow.
 
     """
-    n, k = A.shape[1], len(g)
+    n, k, ridge = A.shape[1], len(g), 1e-8   # Tikhonov regularisation
     unit: float = max(np.abs(b).max(initial=0.0), np.abs(g).max(initial=0.0)) or 1.0
     # w = C v + soft z - c, where z are the multipliers and, of the soft rows, the violations.
     C = np.vstack((G, np.eye(n)[positive]))
     c = np.append(g / unit, np.zeros(int(positive.sum())))
     soft = np.append(np.ones(k), np.zeros(len(c) - k))
-    H, right = A.T @ A + _RIDGE**2 * np.eye(n), A.T @ b / unit
+    H, right = A.T @ A + ridge**2 * np.eye(n), A.T @ b / unit
     v, z = np.zeros(n), np.ones(len(c))
     w = np.maximum(C @ v + soft * z - c, 1.0)
-    for _ in range(_STEPS):
+    for _ in range(60):
         off, slope = C @ v + soft * z - c - w, H @ v - right - C.T @ z
         mean = float(w @ z) / len(c)
-        if mean <= _PRODUCT and max(np.abs(off).max(), np.abs(slope).max()) <= _RESIDUAL:
+        # b and g are of size 1.
+        if mean <= 1e-12 and max(np.abs(off).max(), np.abs(slope).max()) <= 1e-10:
             break
         newton = _Newton(H, C, soft, w, z, off, slope)
         _, dz, dw = newton.step(-w * z)
         part = _reach(w, z, dw, dz)
         ahead = float((w + part * dw) @ (z + part * dz)) / len(c)
         dv, dz, dw = newton.step((ahead / mean)**3 * mean - w * z - dw * dz)
-        part = _BOUNDARY * _reach(w, z, dw, dz)
+        part = 0.995 * _reach(w, z, dw, dz)   # of the way to the nearest bound
         v, z, w = v + part * dv, z + part * dz, w + part * dw
     violated = z[:k] > w[:k]
     rows, wanted = np.vstack((A, G[violated])), np.append(b, g[violated]) / unit
-    near = v + np.linalg.lstsq(rows, wanted - rows @ v, rcond=_RIDGE)[0]
+    near = v + np.linalg.lstsq(rows, wanted - rows @ v, rcond=ridge)[0]
     near[positive] = np.maximum(near[positive], 0.0)
     best: Array = min((v, near), key=lambda v: float(
         np.sum((A @ v - b / unit)**2) + np.sum(np.minimum(G @ v - g / unit, 0)**2)))

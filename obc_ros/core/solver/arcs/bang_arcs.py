@@ -19,11 +19,6 @@ from obc_ros.core.solver.arcs.input_arcs import Arc, tidy_arcs
 from obc_ros.core.solver.arcs.phase_program import PhasedProgram
 from obc_ros.core.solver.arcs.phases import Phased
 
-_AT = 1e-6        # distance from a bound, as part of the span, up to which an input is at it
-_GAINS = 1e-5     # decrease of H at the bound, relative to H, from which on a bang is inserted
-_LARGEST = 0.3    # the same, relative to the largest one in the phase
-_SHORT = 0.2      # longest bang that is inserted at an end of a phase, as part of the phase
-
 
 def cut_at_bounds(problem: Problem, found: Phased, switching: NDArray[np.bool_],
                   deciding: NDArray[np.bool_]) -> list[Arc]:
@@ -58,7 +53,7 @@ def cut_at_bounds(problem: Problem, found: Phased, switching: NDArray[np.bool_],
         u = found.u[of]
         at = np.full(u.shape[::2], np.nan)
         for bound in (problem.u_lower, problem.u_upper):
-            here = np.all(np.abs(u - bound) <= _AT * span, axis=1) & free
+            here = np.all(np.abs(u - bound) <= 1e-6 * span, axis=1) & free
             at = np.where(here, bound, at)
         edges = np.flatnonzero(np.any((at[1:] != at[:-1]) & ~(
             np.isnan(at[1:]) & np.isnan(at[:-1])), axis=1))
@@ -148,7 +143,7 @@ def _insert_bangs(problem: Problem, arcs: Sequence[Arc], switching: NDArray[np.b
     t, u, Hu = samples
     span = problem.u_upper - problem.u_lower
     worth = np.abs(Hu) * np.where(np.isfinite(span), span, 0.0)
-    least = _GAINS * np.abs(Hu * u).sum(axis=1).max()
+    least = 1e-5 * np.abs(Hu * u).sum(axis=1).max()   # decrease of H by a bang
     result: list[Arc] = []
     for arc in arcs:
         rows = np.flatnonzero((t > arc.start) & (t < arc.end))
@@ -161,8 +156,9 @@ def _insert_bangs(problem: Problem, arcs: Sequence[Arc], switching: NDArray[np.b
                 slope, first = np.sign(Hu[at, j]), at[0]
                 change = t[at[np.argmax(slope * slope[0] <= 0)]]   # t[first] if there is none
                 here = parts[0 if first == rows[0] else -1]
-                if worth[first, j] < max(least, _LARGEST * worth[rows, j].max()) or not (
-                        0 < abs(change - t[first]) < _SHORT * (here.end - here.start)):
+                # A bang must gain enough, and take at most a fifth of the phase.
+                if worth[first, j] < max(least, 0.3 * worth[rows, j].max()) or not (
+                        0 < abs(change - t[first]) < 0.2 * (here.end - here.start)):
                     continue
                 change = t[first] if hidden else change
                 bang = hold(here, int(j), int(first), float(

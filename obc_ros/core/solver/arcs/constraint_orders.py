@@ -21,7 +21,6 @@ from obc_ros.core.solver.arcs.state_contacts import StateContact
 from obc_ros.core.solver.transcription.mesh import Path
 
 _ORDERS = 3    # highest order of a constraint that is treated
-_SAME = 1e-9   # relative difference at some points up to which two expressions are equal
 
 
 class BoundRates:
@@ -161,6 +160,6 @@ def _factor(problem: Problem, rate: ca.SX) -> tuple[ca.SX, ca.SX] | None:
         given = [chance.uniform(0.5, 1.5, size.numel()) for size in (
             problem.x, problem.u, problem.p)]
         left, right = (float(value) for value in both(*given))
-        if not abs(left - right) <= _SAME * (abs(left) + abs(right)):
+        if not abs(left - right) <= 1e-9 * (abs(left) + abs(right)):   # rounding
             return None
     return s, g

@@ -18,8 +18,6 @@ from obc_ros.core.solver.options import DEFAULTS
 from obc_ros.core.solver.transcription.mesh import build_path, LINEAR, Path
 from obc_ros.core.solver.transcription.program import TranscriptionOutcome
 
-_BESIDE = 0.25     # largest change in a neighbouring interval, as part of that of the jump
-_LEVEL = 0.01      # change, as part of the range on the path, up to which it is no jump
 SLIGHT_JUMP = 0.05   # change of an input, as part of its size, up to which it does not jump
 APART = 1.5        # distance in intervals up to which a jump and an end of an arc are the same
 
@@ -55,7 +53,7 @@ def find_jumps(path: Path, of: Sequence[bool], jump: float = DEFAULTS.bangs.jump
             break
         moved = sum(within[k:len(within) - count - 1 + k] for k in range(1, count + 1))
         beside = np.maximum(within[:len(moved)], within[count + 1:count + 1 + len(moved)])
-        steep = (moved > jump) & (beside < _BESIDE * moved)
+        steep = (moved > jump) & (beside < 0.25 * moved)   # else a slope of several intervals
         for k in np.flatnonzero(steep.any(axis=1)):
             middle = 0.5 * (t[k + 1] + t[k + 1 + count])
             near = APART * (t[k + 1 + count] - t[k + 1])
@@ -165,5 +163,6 @@ def find_switching_times(outcome: TranscriptionOutcome) -> Array:
     first = np.flatnonzero(np.diff(mesh.layout.phase_of)) + 1
     free = np.array([set(phase.modes) == {LINEAR} for phase in mesh.layout.phases])
     size = np.ptp(np.stack([path.ua, path.ub]), axis=(0, 1))
-    level = np.all(np.abs(path.ua[first] - path.ub[first - 1]) <= _LEVEL * size, axis=1)
+    # A change of up to 1 % of the range is no jump.
+    level = np.all(np.abs(path.ua[first] - path.ub[first - 1]) <= 0.01 * size, axis=1)
     return np.asarray(ends[~(level & free[:-1] & free[1:])])

@@ -12,8 +12,6 @@ import numpy as np
 from obc_ros.core.numerics.arrays import Array, Mask
 from obc_ros.core.ocp.problem import Problem
 
-_EQUAL = 1e-9   # relative distance of a constraint from its bound up to which it is at it
-
 
 def build_curvatures(problem: Problem) -> list[ca.Function]:
     """Return for each constraint the function (x, u, p) -> c, dc/du (m,), d2c/du2 (m, m)."""
@@ -71,4 +69,4 @@ def _is_tangent(derivatives: list[Array], level: float, others: Mask) -> bool:
         if np.linalg.eigvalsh(bend)[0] <= 0:
             return False
         value = value - 0.5 * float(tilt @ np.linalg.solve(bend, tilt))
-    return bool(abs(value - level) <= _EQUAL * max(abs(level), abs(value)))
+    return bool(abs(value - level) <= 1e-9 * max(abs(level), abs(value)))   # rounding

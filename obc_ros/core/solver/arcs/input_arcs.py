@@ -26,7 +26,6 @@ from obc_ros.core.solver.transcription.mesh import HELD, Layout, LINEAR, Mesh, P
 Signature = tuple[tuple[float | None, ...], ...]
 
 _LOWER, _INSIDE, _UPPER = -1, 0, 1
-_FEWEST = 3, 8   # minimum numbers of intervals in an arc without and with a free input
 
 
 @dataclass(frozen=True)
@@ -283,7 +282,8 @@ def build_arc_mesh(problem: Problem, arcs: Sequence[Arc], stages: int, density: 
     phases = []
     for arc in arcs:
         free = [math.isnan(level) for level in arc.levels]
-        count = max(_FEWEST[any(free)], math.ceil(density * (arc.end - arc.start)))
+        fewest = 8 if any(free) else 3
+        count = max(fewest, math.ceil(density * (arc.end - arc.start)))
         phases.append(Phase(count, tuple(LINEAR if f else HELD for f in free)))
     layout = Layout(tuple(phases), stages, problem.final_time.free)
     fractions = np.concatenate([np.full(p.intervals, 1.0 / p.intervals) for p in phases])

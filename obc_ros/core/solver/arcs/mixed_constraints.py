@@ -24,8 +24,6 @@ from obc_ros.core.solver.arcs.state_contacts import add_contacts, StateContact
 from obc_ros.core.solver.transcription.program import TranscriptionOutcome
 
 _WEIGHS = 1e-4   # density, relative to the largest one, from which on a constraint is active
-_WRONG = 1e-6    # density of the wrong sign, relative to it, up to which an arc is kept
-_STEPS = 3       # Newton steps onto a constraint
 
 
 def compute_densities(outcome: TranscriptionOutcome, slopes: Array, u: Array) -> Array:
@@ -115,7 +113,8 @@ def hold_constraints(arcs: list[Arc], found: Phased, bounds: BoundRates) -> list
             eta, times, h = found.eta[of, :, row].ravel(), t[of].ravel(), found.h[of].max()
             now = arc.on[row] if arc.on else 0
             for sign in (now,) if now else (1, -1):
-                heavy = sign * eta > (-_WRONG if now else _WEIGHS) * largest
+                # An arc that is held is kept up to a slightly wrong sign.
+                heavy = sign * eta > (-1e-6 if now else _WEIGHS) * largest
                 if now and heavy.all():
                     new.append(StateContact(row, sign, arc.start, arc.end, 0.0))
                     continue
@@ -169,7 +168,7 @@ def move_onto_constraints(problem: Problem, program: PhasedProgram, found: Phase
         points, inputs = x[here].reshape(-1, problem.n), u[here].reshape(-1, problem.m)
         p = ca.repmat(problem.p_value, 1, len(points))
         value, slopes = (each.map(len(points)) for each in (program.rows, program.rows_u))
-        for _ in range(_STEPS):
+        for _ in range(3):   # Newton steps
             off = value(points.T, inputs.T, p).full()[row] - limits[row]
             slope = slopes(points.T, inputs.T, p).full()[row].reshape(-1, problem.m) * free
             size = np.maximum(np.sum(slope**2, axis=1), 1e-300)

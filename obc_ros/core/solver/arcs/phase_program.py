@@ -41,7 +41,6 @@ from obc_ros.core.solver.nlp.meter import Meter
 from obc_ros.core.solver.transcription.mesh import Path
 from obc_ros.core.solver.transcription.program import ProblemScales
 
-_LEAST = 0.1      # least length of a phase in a solve, as part of its initial length
 _LOOKS = np.linspace(0.0, 1.0, 9)[1:-1]   # samples of a phase at which a rate is checked for zero
 
 
@@ -66,8 +65,8 @@ class PhasedProgram:
         self.bounds = BoundRates(problem, sliding)
         self.idle = np.array(find_idle_inputs(problem))
         # Inputs of a phase without length are arbitrary, and with mixed constraints it would not
-        # grow again.
-        self.least = _LEAST if np.any(self.bounds.orders == 0) else 0.0
+        # grow again: it keeps a tenth of its initial length.
+        self.least = 0.1 if np.any(self.bounds.orders == 0) else 0.0
         x, u, p = problem.x, problem.u, problem.p
         self._rate = ca.Function('rate', [x, u, p], [problem.f, problem.L, problem.path])
         self._end = ca.Function('end', [x, p], [problem.V, problem.psi])

@@ -14,9 +14,6 @@ DEGREE = 4   # degree of the polynomials of x in an interval; that of u is DEGRE
 # Relative rate at which a path may cross its bound at a junction. The violation of the bound is
 # of the order of its square.
 OUTWARDS = 1e-4
-# Density, times the change of the constraint by the range of its inputs and relative to the mean
-# cost per second, up to which it is zero.
-_NOTHING = 1e-6
 
 
 def drop_negligible(density: Array, rate: float, slopes: Array, u: Array) -> Array:
@@ -39,7 +36,8 @@ def drop_negligible(density: Array, rate: float, slopes: Array, u: Array) -> Arr
     """
     size = (np.abs(slopes) @ np.abs(u).max(axis=0)).max(axis=0)
     with np.errstate(over='ignore'):   # of constraints that inputs do not change
-        least = _NOTHING * abs(rate) / np.maximum(size, 1e-300)
+        # By the range of the inputs, relative to the mean cost per second.
+        least = 1e-6 * abs(rate) / np.maximum(size, 1e-300)
     return np.asarray(np.where(np.abs(density) > least, density, 0.0))
 
 

@@ -18,8 +18,7 @@ from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.solver.arcs.input_arcs import Arc, tidy_arcs
 from obc_ros.core.solver.transcription.program import TranscriptionOutcome
 
-_NEAR = 1e-6     # relative distance from a bound up to which a constraint is active
-_BESIDE = 2.5    # intervals over which a jump at the end of a contact may be smeared
+AT_BOUND = 1e-6   # relative distance from a bound up to which a constraint is active
 
 
 @dataclass(frozen=True)
@@ -47,7 +46,7 @@ class StateContact:
 
 def find_contacts(problem: Problem, outcome: TranscriptionOutcome, value: Array, margin: Array,
                   decided: Mask, *, perhaps: bool = False,
-                  near: float = _NEAR) -> list[StateContact]:
+                  near: float = AT_BOUND) -> list[StateContact]:
     """
     Find the contacts of a path with bounds of (x, c), from its mesh points.
 
@@ -99,8 +98,9 @@ def find_contacts(problem: Problem, outcome: TranscriptionOutcome, value: Array,
                     continue
                 h = max(t[first] - t[max(first - 1, 0)], t[min(last + 1, N)] - t[last])
                 wide = 0.25 * h if first == last else 0.0
+                # A jump at the end of a contact may be smeared over 2.5 intervals.
                 found.append(StateContact(int(row), sign, max(t[first] - wide, 0.0),
-                                          min(t[last] + wide, t[-1]), _BESIDE * h))
+                                          min(t[last] + wide, t[-1]), 2.5 * h))
     return found
 
 

@@ -68,11 +68,9 @@ from obc_ros.core.solver.trace import Trace
 # Residuals of a certificate up to which a path nearly satisfies the constraints; with rough steps.
 _NEARLY = FEASIBLE | {Condition.START: 1e-3, Condition.END: 1e-3, Condition.BOUNDS: 1e-3}
 _ROUGHLY = _NEARLY | {Condition.DYNAMICS: 1e-2}
-_WIDE = 1e-2        # violation of bounds allowed for a path of a convex problem
 # Residuals of Pontryagin's conditions up to which a path of a convex problem is nearly optimal.
 _OPTIMAL = dict.fromkeys((Condition.COSTATE, Condition.MINIMUM, Condition.TRANSVERSALITY,
                           Condition.HAMILTONIAN), 0.1)
-_LATER = 50.0       # times T up to which a minimum time is looked for
 _UNPROVED = 'infeasibility has not been proved'
 _WEAK_DUALITY = 'weak duality'
 _EXCLUDED = ('the bounds and constraints exclude each other: a combination of them is negative on '
@@ -219,7 +217,7 @@ class Unsolved:
 
         What is infeasible within wider bounds is infeasible within narrower ones.
         """
-        return is_path(answer, _WIDE) if self.convex else is_path(answer)
+        return is_path(answer, wide=1e-2) if self.convex else is_path(answer)
 
     def certified(self, other: Problem) -> Solution:
         """Return a solution; if it is not certified, the one of the thorough solver."""
@@ -256,7 +254,7 @@ class Unsolved:
     def too_short(self) -> Reason | None:
         """Return that the terminal constraints can be met at a later T, if they can."""
         problem, last = self.problem, self.problem.final_time.latest
-        guess = FinalTime(free=True, lower=1e-3 * last, upper=_LATER * last, guess=2 * last)
+        guess = FinalTime(free=True, lower=1e-3 * last, upper=50 * last, guess=2 * last)
         later = replace(problem, L=ca.SX(1), V=ca.SX(0), final_time=guess, structure='')
         answer = self.solve(later)
         if not is_path(answer) and answer.meets(_ROUGHLY):

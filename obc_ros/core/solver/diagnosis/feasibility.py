@@ -25,7 +25,6 @@ Explanation = Callable[[Solution], str]
 # Largest residuals of a certificate for which a solution counts as a path.
 FEASIBLE = {Condition.DYNAMICS: 1e-4, Condition.START: 1e-5, Condition.BOUNDS: 1e-4}
 _MISSED = 1e-4      # of a constraint's size: above the accuracy of an elastic solution
-_OF_MOST = 1e-2     # of the largest violation: smaller ones are not reported
 _EFFORT = 1e-8      # weight of the inputs in problems that do not determine them otherwise
 
 
@@ -40,7 +39,8 @@ def describe_shortfall(problem: Problem, nearest: Solution) -> str:
     values = psi(nearest.x[-1], problem.p_value).full()[:, 0]
     part = np.abs(values) / _sizes(problem)
     parts = []
-    for row in map(int, np.flatnonzero(part > max(_MISSED, _OF_MOST * part.max(initial=0.0)))):
+    # Violations below 1 % of the largest one are not reported.
+    for row in map(int, np.flatnonzero(part > max(_MISSED, 1e-2 * part.max(initial=0.0)))):
         wanted = describe_terminal(problem, row)
         name, _, value = wanted.partition(' = ')
         if name in problem.states:

@@ -24,10 +24,6 @@ from obc_ros.core.ocp.certificate.certificate import certify
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.ocp.solution import Condition, Solution
 
-_PERIODS = 1, 2, 4, 8, 16, 32, 64, 128, 256
-_CLEARLY = 1e-6  # relative to a state; what is nearer to its bound, the certificate decides
-_SAMPLES = 200   # of a path, at least: intervals of the integration
-
 Mixture = tuple[Array, Array, Array]
 
 
@@ -51,7 +47,7 @@ def attain_by_arcs(problem: Problem, mixed: Solution, mixture: Mixture) -> Solut
 
     """
     follow = _Follower(problem, mixed, mixture)
-    for periods in _PERIODS:
+    for periods in (2**k for k in range(9)):
         for v_first in (False, True):
             path = follow.sample(periods, v_first)
             if periods > 1 and follow.leaves(path.x):
@@ -93,7 +89,7 @@ class _Follower:
         problem, mixed = self._problem, self._mixed
         ends, is_v = self._switch(periods, v_first)
         T = float(mixed.t[-1])
-        t = np.unique(np.concatenate([mixed.t, ends, np.linspace(0.0, T, _SAMPLES)]))
+        t = np.unique(np.concatenate([mixed.t, ends, np.linspace(0.0, T, 200)]))   # at least
         t = t[np.append(True, np.diff(t) > 1e-12 * T)]
         t[-1] = T
         arc = np.clip(np.searchsorted(ends, (t[1:] + t[:-1]) / 2), 0, len(is_v) - 1)
@@ -123,7 +119,7 @@ class _Follower:
     def leaves(self, x: Array) -> bool:
         """Return whether states (N, n) are clearly outside of their bounds."""
         problem = self._problem
-        slack = _CLEARLY * (1.0 + np.abs(x).max(axis=0))
+        slack = 1e-6 * (1.0 + np.abs(x).max(axis=0))   # in doubt the certificate decides
         return bool(((x < problem.x_lower - slack) | (x > problem.x_upper + slack)).any())
 
     def _solution(self, t: Array, x: Array, inputs: tuple[Array, Array], J: float,

@@ -12,14 +12,10 @@ from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.ocp.solution import Solution
 from obc_ros.core.solver.adjoint.costates import CostateIntegrator, cut_inputs
 
-_POINTS = 101   # points of a guess
-_PARTS = 16     # steps in each interval of a path
-_AWAY = 1e-2    # relative distance allowed between the integrated and the stated x(T)
-
 
 def guess_from_inputs(problem: Problem, found: Solution) -> Problem:
     """Return a problem with a guess from integrating the inputs of a path, within its bounds."""
-    t = np.linspace(0.0, found.t[-1], _POINTS)
+    t = np.linspace(0.0, found.t[-1], 101)
     u = np.clip(interpolate_columns(t, found.t, found.u), problem.u_lower, problem.u_upper)
     x = _led(problem.pin_start(found.x[0]), t, u[:-1], u[1:])
     if not np.isfinite(x).all():
@@ -38,9 +34,9 @@ def reaches_end(problem: Problem, found: Solution) -> bool:
     """
     ub = found.u[:-1] if found.interpolation == 'zoh' else found.u[1:]
     problem = problem.pin_start(found.x[0])
-    end = _led(problem, *cut_inputs(found.t, found.u[:-1], ub, _PARTS))[-1]
+    end = _led(problem, *cut_inputs(found.t, found.u[:-1], ub, 16))[-1]   # steps per interval
     size = np.abs(found.x).max(axis=0)
-    return bool(np.all(np.abs(end - found.x[-1]) <= _AWAY * np.maximum(size, 1e-2 * size.max())))
+    return bool(np.all(np.abs(end - found.x[-1]) <= 1e-2 * np.maximum(size, 1e-2 * size.max())))
 
 
 def _led(problem: Problem, t: Array, ua: Array, ub: Array) -> Array:

@@ -19,9 +19,6 @@ from obc_ros.core.solver.diagnosis.feasibility import describe_shortfall, remove
 from obc_ros.core.solver.proofs.interval_bounds import bound_rates
 from obc_ros.core.solver.proofs.singular_expressions import find_suspects
 
-_NEXT_TO_0 = 1e-2   # of a bound: the bound that replaces it
-_SHORT = 1e-4   # of the size of a state: smaller deficits are ignored
-
 
 @dataclass(frozen=True)
 class Supply:
@@ -50,7 +47,7 @@ def _freed(problem: Problem, index: int, upper: bool, bound: float) -> Problem:
     freed, x = remove_bound(problem, key, index), problem.x[index]
     if (bound < 0 if upper else bound > 0) and any(
             ca.depends_on(each.value, x) for each in find_suspects(problem)):
-        getattr(freed, key)[index] = _NEXT_TO_0 * bound
+        getattr(freed, key)[index] = 1e-2 * bound
     return freed
 
 
@@ -68,7 +65,7 @@ def explain_shortage(problem: Problem, solve: Solver) -> str:
         left = float(answer.x[-1, supply.index])
         bound = float((problem.x_upper if supply.upper else problem.x_lower)[supply.index])
         size = max(abs(float(problem.x0[supply.index]) - bound), abs(left - bound))
-        if (left - bound if supply.upper else bound - left) > _SHORT * size:
+        if (left - bound if supply.upper else bound - left) > 1e-4 * size:   # else it suffices
             name = problem.states[supply.index]
             final = problem.final_time
             by = f'{"by" if final.free else "at"} T = {format_number(final.latest)}'

@@ -23,17 +23,8 @@ from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.ocp.solution import Solution
 from obc_ros.core.solver.proofs.strict_convexity import has_one_mean_input
 
-_APART = 1e-2    # of an input's largest value: distance above which u and v differ
-_SHARE = 1e-2    # minimum share of u and of v in a mixture
-_LASTING = 1e-2  # of T: minimum duration of mixtures
-_VALUES = 0.9, 0.1   # quantiles of an input, taken as the values between which it switches
 _LOOKS = 11      # points of a path, and inputs at each, at which convexity is examined
-_WINDOW = 2.0    # times the largest inputs: range in which convexity is examined
-_FLAT = 1e-9     # of the largest curvature: rounding
-_NEARLY = 1e-3   # of the largest curvature: error by that of the costates
-_GAIN = 1e-6     # relative cost: accuracy of certified costs
-_ALONG = 101     # points of a path
-_GUESSED = 101   # points of a guess
+
 _SHARED = '#share'   # suffix of the name of an input's share
 
 
@@ -50,7 +41,7 @@ def relax_controls(problem: Problem, found: Solution) -> Problem | None:
     (f, L), (g, M) = rate.call([x, u, p]), rate.call([x, v, p])
     inputs = *problem.inputs, *(f'{name}#v' for name in problem.inputs), '#share'
     # An input that switches is approximated by a mixture of its high and its low values.
-    high, low = (np.quantile(found.u, part, axis=0) for part in _VALUES)
+    high, low = (np.quantile(found.u, part, axis=0) for part in (0.9, 0.1))
     mixed = np.concatenate([high, low, [0.5]])[:, None]
     return replace(
         problem, structure='', u=ca.vertcat(u, v, share), f=(1 - share) * f + share * g,
@@ -74,7 +65,7 @@ def _between_bounds(problem: Problem, j: int, found: Solution) -> Problem:
     (f, L), (g, M) = mixed
     inputs[j], names[j], bounds[0][j], bounds[1][j] = share, f'{names[j]}{_SHARED}', 0.0, 1.0
     part = (problem.u_upper[j] - found.u[:, j]) / (problem.u_upper[j] - problem.u_lower[j])
-    times = np.linspace(0.0, found.t[-1], _GUESSED)
+    times = np.linspace(0.0, found.t[-1], 101)
     u_guess = {name: np.interp(times, found.t, column) for name, column in zip(
         names, np.where(np.arange(problem.m) == j, part[:, None], found.u).T, strict=True)}
     x_guess = {name: np.interp(times, found.t, column)
@@ -100,7 +91,7 @@ def _concave(problem: Problem, found: Solution) -> NDArray[np.bool_]:
     look = ca.Function('curvature', [problem.x, problem.u, lam, problem.p], [curvature])
     spans = problem.u_upper - problem.u_lower
     concave = np.isfinite(spans) & (spans > 0)
-    rows = np.linspace(0, len(found.t) - 1, _ALONG).astype(int)
+    rows = np.linspace(0, len(found.t) - 1, 101).astype(int)
     values = []
     for part in np.linspace(0.0, 1.0, _LOOKS):
         u = np.where(concave, problem.u_lower + part * np.where(concave, spans, 0.0),
@@ -108,8 +99,9 @@ def _concave(problem: Problem, found: Solution) -> NDArray[np.bool_]:
         values.append(look(found.x[rows].T, u.T, found.lam[rows].T, problem.p_value).full())
     each = np.stack(values)   # (looks, m, rows)
     size = np.abs(each).max(axis=(0, 2))
+    # The costates, and with them the curvatures, err by up to 0.1 %.
     return np.asarray(concave & (size > 0) & np.all(np.isfinite(each), axis=(0, 2))
-                      & np.all(each <= _NEARLY * size[:, None], axis=(0, 2)))
+                      & np.all(each <= 1e-3 * size[:, None], axis=(0, 2)))
 
 
 def _convex(problem: Problem, found: Solution) -> bool:
@@ -119,13 +111,14 @@ def _convex(problem: Problem, found: Solution) -> bool:
         return False
     curvature = ca.hessian(problem.L, u)[0]
     look = ca.Function('curvature', [x, u, p], [ca.densify(curvature)])
-    size = _WINDOW * np.abs(found.u).max(axis=0) + 1.0
+    # Convexity is examined up to twice the largest inputs.
+    size = 2.0 * np.abs(found.u).max(axis=0) + 1.0
     for k in np.linspace(0, len(found.t) - 1, _LOOKS).astype(int):
         for part in np.linspace(-1.0, 1.0, _LOOKS):
             inputs = np.clip(found.u[k] + part * size, problem.u_lower, problem.u_upper)
             value = look(found.x[k], inputs, problem.p_value).full()
-            if not np.isfinite(value).all() or np.linalg.eigvalsh(value)[0] < -_FLAT * np.abs(
-                    value).max():
+            if not np.isfinite(value).all() or np.linalg.eigvalsh(value)[0] < -1e-9 * np.abs(
+                    value).max():   # beyond rounding
                 return False
     return True
 
@@ -166,13 +159,14 @@ def explain_chattering(problem: Problem, other: Problem, mixed: Solution, found:
         return ''
     u, v, share = parts
     size = np.maximum(np.abs(u).max(axis=0), np.abs(v).max(axis=0))
-    apart = np.abs(u - v) > _APART * size
-    mixes = apart.any(axis=1) & (np.abs(share - 0.5) < 0.5 - _SHARE)
+    # Where u and v differ, and neither share is below 0.01; it must last for 0.01 of T.
+    apart = np.abs(u - v) > 1e-2 * size
+    mixes = apart.any(axis=1) & (np.abs(share - 0.5) < 0.5 - 1e-2)
     step = np.diff(mixed.t)
     both = mixes[:-1] & mixes[1:] & (step > 0)
     # If a path of the problem itself costs the same, mixing two optimal inputs gains nothing.
-    least = _GAIN * abs(mixed.objective) if found.feasible else 0
-    if gain <= least or float(step[both].sum()) < _LASTING * mixed.t[-1]:
+    least = 1e-6 * abs(mixed.objective) if found.feasible else 0   # accuracy of certified costs
+    if gain <= least or float(step[both].sum()) < 1e-2 * mixed.t[-1]:
         return ''
     k = int(np.flatnonzero(both)[both.sum() // 2])
     pairs = ' and between '.join(

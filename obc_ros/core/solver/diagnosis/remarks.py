@@ -15,9 +15,6 @@ from obc_ros.core.ocp.solution import Solution
 from obc_ros.core.ocp.wording import format_number
 from obc_ros.core.solver.proofs.existence import find_constant_cost
 
-_AT = 1e-9        # of T: distance up to which the certificate counts T as being at a bound
-_NEAR = 1e-6      # of a range: the same for a parameter
-
 
 def find_remark(problem: Problem, found: Solution) -> str:
     """
@@ -52,7 +49,7 @@ def _list_final_time(problem: Problem, found: Solution) -> Iterator[str]:
     if not final.free or final.lower == final.upper:
         return
     for side, bound in (('lower', final.lower), ('upper', final.upper)):
-        if abs(T - bound) <= _AT * bound:
+        if abs(T - bound) <= 1e-9 * bound:   # as in the certificate
             yield f'T = {format_number(bound)} s is the {side} bound of final_time'
 
 
@@ -61,7 +58,7 @@ def _list_parameters(problem: Problem, found: Solution) -> Iterator[str]:
     for name in problem.free_parameters:
         k = problem.states.index(name)
         for side, bound in (('lower', lower[k]), ('upper', upper[k])):
-            if lower[k] < upper[k] and abs(found.x[0, k] - bound) <= _NEAR * (upper[k] - lower[k]):
+            if lower[k] < upper[k] and abs(found.x[0, k] - bound) <= 1e-6 * (upper[k] - lower[k]):
                 yield f'{name} = {format_number(bound)} is its {side} bound'
 
 

@@ -16,11 +16,6 @@ from obc_ros.core.solver.diagnosis.feasibility import describe_shortfall, is_pat
 from obc_ros.core.solver.diagnosis.forward_check import guess_from_inputs
 from obc_ros.core.solver.proofs.existence import advise_bounds, find_growing_inputs
 
-_BOXES = (10.0, 100.0, 1000.0)
-_PART = 0.1         # of a cost: minimum decrease
-_IMPULSE, _INSTANT = 0.1, 1e-4   # of an impulse: part of the largest input and its integral; of T
-_MORE = 3.0         # times the largest inputs of a solution: bounds for a cheaper one
-
 
 def explain_larger_inputs(problem: Problem, found: Solution, solve: Solver) -> str:
     """
@@ -49,12 +44,12 @@ def explain_larger_inputs(problem: Problem, found: Solution, solve: Solver) -> s
     if name := _impulsive(problem, found):
         return f'no minimum was found: {name} approaches an impulse, ever larger and shorter'
     largest = np.abs(found.u).max(axis=0)
-    room = _MORE * np.maximum(largest, 1e-6 * largest.max())
+    room = 3 * np.maximum(largest, 1e-6 * largest.max())
     other = solve(_boxed(problem, room if largest.any() else np.ones(problem.m)))
     if not is_path(other):
         return explain_unbounded(problem, solve, None)
     if problem.q and describe_shortfall(problem, other) or (
-            found.objective - other.objective <= _PART * abs(found.objective)):
+            found.objective - other.objective <= 0.1 * abs(found.objective)):
         return ''
     return (f'no minimum was found: the cost is {found.objective:.4g} with inputs up to '
             f'{largest.max():.4g} and {other.objective:.4g} with larger inputs; '
@@ -71,8 +66,8 @@ def explain_unbounded(problem: Problem, solve: Solver, found: Solution | None) -
     if not free.any():
         return ''
     size = np.maximum(1.0, np.abs(np.where(np.isfinite(problem.u_lower), problem.u_lower, 0.0)))
-    costs, full = [], True
-    for room in _BOXES:
+    costs, full, rooms = [], True, (10.0, 100.0, 1000.0)
+    for room in rooms:
         boxed = _boxed(problem, room * size)
         answer = solve(boxed if found is None else guess_from_inputs(boxed, found))
         if not is_path(answer) or (problem.q and describe_shortfall(problem, answer)):
@@ -82,11 +77,11 @@ def explain_unbounded(problem: Problem, solve: Solver, found: Solution | None) -
     first, second = costs[0] - costs[1], costs[1] - costs[2]
     names = ', '.join(f'|{name}|' for name, yes in zip(problem.inputs, free, strict=True) if yes)
     listed = ', '.join(f'{cost:.4g} with {names} <= {room:g}'
-                       for cost, room in zip(costs, _BOXES, strict=True))
+                       for cost, room in zip(costs, rooms, strict=True))
     if costs[2] < 0 and first > 0 and second > 3*first:
         return (f'no minimum was found: the cost decreases ever faster as the input bounds '
                 f'increase: {listed}')
-    if full and first > 0 and second > _PART * abs(costs[1]):
+    if full and first > 0 and second > 0.1 * abs(costs[1]):
         return (f'no minimum was found: the cost keeps decreasing as the input bounds increase: '
                 f'{listed}')
     return ''
@@ -100,13 +95,13 @@ def _boxed(problem: Problem, room: Array) -> Problem:
 
 def _impulsive(problem: Problem, found: Solution) -> str:
     """Return an unbounded input with much of its integral in a very short time, or ''."""
-    h = np.diff(found.t)
+    h, much = np.diff(found.t), 0.1   # of the largest input, and of its integral
     for name in find_growing_inputs(problem):
         size = np.abs(found.u[:, problem.inputs.index(name)])
         high = np.maximum(size[:-1], size[1:])
-        short = high > _IMPULSE * size.max()
+        short = high > much * size.max()
         work = h * (size[:-1] + size[1:])
-        if (size.max() * found.t[-1] > 0 and h[short].sum() < _INSTANT * found.t[-1]
-                and work[short].sum() > _IMPULSE * work.sum()):
+        if (size.max() * found.t[-1] > 0 and h[short].sum() < 1e-4 * found.t[-1]
+                and work[short].sum() > much * work.sum()):
             return name
     return ''

@@ -28,14 +28,6 @@ from obc_ros.core.solver.exact.reachable_set import compute_exponential, Reach
 Integers = NDArray[np.int_]
 Unknown = Literal['time', 'level', 'abnormal']
 
-_STEPS = 40         # iterations of Newton's method
-_ZERO = 1e-9        # of a switching function's largest value: smaller values count as 0
-_NO_ARC = 1e-9      # of T: shorter arcs are left out
-_SOLVED, _ROUNDING = 1e-10, 1e-12   # residual allowed, relative to 1 and to the terms
-_DIVERGED = 1e6     # relative size of a step beyond which Newton's method has diverged
-_STILL = 1e-8       # relative size of the last step if Newton's method has converged
-_LONGER = 4         # times the T of the guess beyond which Newton's method has diverged
-
 
 @dataclass(frozen=True, eq=False)
 class BangBang:
@@ -84,8 +76,9 @@ def find_extreme_inputs(reach: Reach, T: float, eta: Array) -> BangBang:
     s = eta @ reach.switching(reach.table(tau))
     found, owner, sign = [np.zeros(0)], [], np.ones(s.shape[1])
     for j, column in enumerate(s.T):
-        # Grid points with s = 0 are left out: the zero then lies between their neighbours.
-        k = np.flatnonzero(np.abs(column) > _ZERO * np.abs(column).max())
+        # Grid points with s = 0, up to rounding, are left out: the zero then lies between their
+        # neighbours.
+        k = np.flatnonzero(np.abs(column) > 1e-9 * np.abs(column).max())
         times, values = tau[k], column[k]
         i = np.flatnonzero(values[:-1] * values[1:] < 0)
         found.append(times[i] + np.diff(times)[i] * values[i] / (values[i] - values[i + 1]))
@@ -138,7 +131,7 @@ def _scaled(reach: Reach, T: float) -> tuple[Reach, Array]:
 def _newton(reach: Reach, guess: BangBang, unknown: Unknown) -> tuple[BangBang, bool]:
     """Return the last iterate of Newton's method, and whether it solves the equations."""
     now, size = guess, np.inf
-    for _ in range(_STEPS):
+    for _ in range(40):
         residual, J = _equations(reach, now, unknown)
         k = len(now.tau)
         columns = np.concatenate((np.full(k + 1, now.T), np.full(len(now.nu),
@@ -153,12 +146,13 @@ def _newton(reach: Reach, guess: BangBang, unknown: Unknown) -> tuple[BangBang, 
                                          rcond=1e-11)[0]
         now, factor = _moved(now, step, unknown)
         size = np.abs(step / columns).max()
-        if not (size < _DIVERGED and now.T < _LONGER * guess.T):
+        if not (size < 1e6 and now.T < 4 * guess.T):   # it diverges
             return now, False
         if factor == 1 and size < 1e-13:
             break
-    # If steps shrink slowly the limit is an abnormal extremal and the equations have no solution.
-    return now, size < _STILL and _solved(reach, now, unknown)
+    # If steps shrink slowly the limit is an abnormal extremal and the equations have no solution;
+    # otherwise the last one is below 1e-8.
+    return now, size < 1e-8 and _solved(reach, now, unknown)
 
 
 def _solved(reach: Reach, now: BangBang, unknown: Unknown) -> bool:
@@ -167,8 +161,9 @@ def _solved(reach: Reach, now: BangBang, unknown: Unknown) -> bool:
     q, k = len(now.nu), len(now.tau)
     start = np.abs(reach.C) @ np.abs(compute_exponential(reach.A * now.T)) @ np.abs(reach.x0)
     size = np.abs(J[q:, k + 1:]) @ np.abs(now.nu)
-    return bool((np.abs(residual[:q]) < _SOLVED + _ROUNDING * start).all()
-                and (np.abs(residual[q:]) < _SOLVED * (1 + size)).all())
+    # Relative to 1 and to the terms, which cause rounding errors.
+    return bool((np.abs(residual[:q]) < 1e-10 + 1e-12 * start).all()
+                and (np.abs(residual[q:]) < 1e-10 * (1 + size)).all())
 
 
 def _equations(reach: Reach, now: BangBang, unknown: Unknown) -> tuple[Array, Array]:
@@ -227,7 +222,7 @@ def _moved(now: BangBang, step: Array, unknown: Unknown) -> tuple[BangBang, floa
     return replace(moved, T=now.T + factor * step[k]), factor
 
 
-def drop_short_arcs(now: BangBang, shortest: float = _NO_ARC) -> BangBang:
+def drop_short_arcs(now: BangBang, shortest: float = 1e-9) -> BangBang:
     """Return the inputs without arcs that are shorter than `shortest` T."""
     keep = np.ones(len(now.tau), dtype=bool)
     sign = now.sign.copy()

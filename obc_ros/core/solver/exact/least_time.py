@@ -21,29 +21,9 @@ from obc_ros.core.solver.exact.bang_bang import (
 )
 from obc_ros.core.solver.exact.reachable_set import compute_exponential, Reach
 
-_ROUNDS = 100
-# Fraction of the gap that is open when Newton's method is first tried; then at every half of it.
-_CLOSE = 0.5
-# Below the first fraction an abnormal extremal is also looked for, and the target may be met for
-# an instant only; below the second the search ends, as a tangency keeps the bound from rising.
-_TOUCHING, _TOUCHED = 1e-3, 1e-5
-# Mean |lam'B| above which the extremal may be abnormal; the running cost is 1.
-_STEEP = 1e4
-# Part of T below which arcs are left out if no normal extremal is found.
-_SHORT = 0.02
-# The target is at rest if |f| there is below this part of |f| at x(0), inputs in their middle.
-_AT_REST = 0.1
-# First time up to which a proof is evaluated, as a part of the upper bound; then 4 times as far.
-_FIRST_HORIZON = 1e-5
-# An interval between whose ends a proof may fail is divided this often, into so many points.
-_ZOOMS, _ZOOM = 12, 33
-# The interval that contains the end of a proof is divided this often.
-_NARROWED = 2
 _ROUNDING = 1e-10
 # Relative gap between a lower bound and a solution that counts as none.
 _NEAR = 1e-8
-# An input whose switching function is this small relative to the largest does not determine T.
-_SINGULAR = 1e-6
 # Largest real part of a pole times T: beyond it e^(A T) overflows or has no correct digits.
 _MOST_GROWTH = 300.0
 
@@ -94,7 +74,8 @@ def _backwards(reach: Reach, upper: float) -> Reach | None:
         return None
     xf = np.linalg.solve(reach.C, reach.d)
     moving, start = (np.linalg.norm(reach.A @ x + reach.c) for x in (xf, reach.x0))
-    if moving > _AT_REST * start:
+    # |f| at the target, inputs in their middle, relative to |f| at x(0): it is not at rest.
+    if moving > 0.1 * start:
         return None
     return Reach(-reach.A, -reach.B, -reach.c, np.asarray(xf, dtype=float), np.eye(n), reach.x0)
 
@@ -123,10 +104,14 @@ def _search(reach: Reach, lower: float, upper: float) -> FirstTime:
         eta = reach.d - reach.C @ reach.x0
         if np.abs(eta).max() <= 1e-14 * (np.abs(reach.d).max() + np.abs(reach.C @ reach.x0).max()):
             return FirstTime(None, 0.0, at_once=True)
-    horizon = min(upper, max(4 * lower, _FIRST_HORIZON * upper))
+    # A proof is evaluated up to this time at first, then 4 times as far.
+    horizon = min(upper, max(4 * lower, 1e-5 * upper))
     candidate: BangBang | None = None
-    left, missed = _CLOSE, inf
-    for _ in range(_ROUNDS):
+    # Newton's method is tried once half of the gap is left, then at every half of that. Below the
+    # gap `touching` an abnormal extremal is also looked for, and the target may be met for an
+    # instant only.
+    left, missed, touching = 0.5, inf, 1e-3
+    for _ in range(100):
         later = _no_longer_proved(reach, eta, T, horizon)
         if later is None:
             if horizon >= upper:
@@ -136,15 +121,15 @@ def _search(reach: Reach, lower: float, upper: float) -> FirstTime:
         multiple, eta, part = _direction(reach, later, eta, warm=candidate is not None)
         if 1 - multiple < left and not (candidate is not None and candidate.normal):
             left = (1 - multiple) / 2
-            found = _polished(part, later, abnormal=1 - multiple < _TOUCHING)
+            found = _polished(part, later, abnormal=1 - multiple < touching)
             candidate = found if found and T <= found.T <= upper else candidate
         if candidate is not None and (
                 later >= candidate.T * (1 - _NEAR) or _proved(reach, candidate, T)
-                or abs(1 - multiple) < _TOUCHED):
+                or abs(1 - multiple) < 1e-5):   # a tangency keeps the bound from rising
             return FirstTime(candidate, candidate.T)
         if multiple >= 1 or later <= T * (1 + 1e-13):
             break
-        if multiple > 1 - _TOUCHING and candidate is None:
+        if multiple > 1 - touching and candidate is None:
             missed = min(missed, later)
         T = later
         horizon = min(upper, max(2 * T, min(horizon, 8 * T)))
@@ -155,17 +140,17 @@ def _no_longer_proved(reach: Reach, eta: Array, T: float, horizon: float) -> flo
     """Return the first time after T that eta does not prove too short, None if there is none."""
     tau = T + reach.times(horizon - T)
     narrowed = 0
-    for _ in range(_ZOOMS):
+    for _ in range(12):   # divisions of an interval between whose ends the proof may fail
         grid = np.append(reach.times(T), tau[1:]) if T else tau
         margin, slope = (values[-len(tau):] for values in reach.margin(eta, grid, COUNTS_AS_MET))
         k = np.flatnonzero(margin[1:] <= 0)
         end = int(k[0]) + 1 if len(k) else len(tau)
         cell = _dip(tau[:end], margin[:end], slope[:end])
         if cell is None:
-            if end == len(tau) or narrowed == _NARROWED:
+            if end == len(tau) or narrowed == 2:   # divisions of the one that contains its end
                 break
             cell, narrowed = end - 1, narrowed + 1
-        tau = np.concatenate((tau[:cell], np.linspace(tau[cell], tau[cell + 1], _ZOOM),
+        tau = np.concatenate((tau[:cell], np.linspace(tau[cell], tau[cell + 1], 33),
                               tau[cell + 2:]))
     if end == len(tau):
         return None
@@ -225,7 +210,7 @@ class _Part:
 
 def _deciding_part(reach: Reach, T: float, eta: Array) -> _Part:
     s = np.abs(eta @ reach.switching(reach.table(reach.times(T)))).max(axis=0)
-    singular = s <= _SINGULAR * s.max()
+    singular = s <= 1e-6 * s.max()   # such inputs do not determine T
     columns = np.flatnonzero(~singular)
     free, tied = split_directions(reach.A, reach.B[:, singular], reach.C)
     part = replace(reach, B=reach.B[:, columns], C=tied.T @ reach.C, d=tied.T @ reach.d)
@@ -269,8 +254,10 @@ def _polished(part: _Part, T: float, abnormal: bool) -> BangBang | None:
     """Return the solution near T with singular inputs at the lowest sufficient level, or None."""
     guess = find_extreme_inputs(part.part, T, part.eta)
     found = polish(part.part, guess)
-    if abnormal and (found is None or part.part.reached(T, found.nu) > _STEEP * T):
-        found = polish(part.part, drop_short_arcs(guess, _SHORT), 'abnormal') or found
+    # If |lam'B| is far above the running cost 1 the extremal may be abnormal. Its short arcs are
+    # left out.
+    if abnormal and (found is None or part.part.reached(T, found.nu) > 1e4 * T):
+        found = polish(part.part, drop_short_arcs(guess, 0.02), 'abnormal') or found
     if found is None:
         return None
     m = part.whole.B.shape[1]

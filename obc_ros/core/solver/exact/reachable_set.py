@@ -28,8 +28,6 @@ import numpy as np
 from numpy.typing import NDArray
 from obc_ros.core.numerics.arrays import Array, csgraph, linalg, optimize
 
-# Cells of a grid: at least, at most, and for each period of the fastest mode.
-_CELLS, _MOST_CELLS, _CELLS_PER_PERIOD = 256, 8192, 24
 _PARTS = 32     # parts of the horizon for which rounding errors are bounded separately
 
 
@@ -64,8 +62,8 @@ class Reach:
 
     def times(self, T: float, finer: int = 1) -> Array:
         """Return times to go in [0, T], dense enough for every mode, denser at stiff ends."""
-        period_cells = _CELLS_PER_PERIOD * np.abs(self.poles.imag).max(initial=0) * T / (2 * pi)
-        cells = finer * min(max(_CELLS, ceil(period_cells)), _MOST_CELLS)
+        period_cells = 24 * np.abs(self.poles.imag).max(initial=0) * T / (2 * pi)   # the fastest
+        cells = finer * min(max(256, ceil(period_cells)), 8192)
         stiffness = np.abs(self.poles.real).max(initial=0) * T
         if stiffness < cells / 8:
             return np.linspace(0, T, cells + 1)

@@ -43,8 +43,6 @@ _Row = tuple[str, float, float, float, float, tuple[float, ...]]
 
 _TWO_PI = 2 * pi
 _MIRROR = str.maketrans('LR', 'RL')
-# Distance [radii] beyond which angles have no correct digits.
-_FAR = 1e12
 # Angles below 0 (or above pi) by less than this are accepted; the arc is driven the other way. The
 # path still ends at the goal. It is the shortest if rounding has moved an angle out of its
 # interval; for short straight parts the error reaches the square root of the unit of rounding.
@@ -199,7 +197,8 @@ def find_shortest_path(start: Sequence[float] | Array, goal: Sequence[float] | A
     radius = _positive('radius', radius)
     c, s = cos(theta0), sin(theta0)
     dx, dy = (x1 - x0) / radius, (y1 - y0) / radius
-    if max(abs(dx), abs(dy)) > _FAR:
+    # Farther away, in radii, angles have no correct digits.
+    if max(abs(dx), abs(dy)) > 1e12:
         raise StatementError(f'{first} and {last} are too far apart for radius {radius}')
     length, parts = _solve(c * dx + s * dy, c * dy - s * dx, remainder(theta1 - theta0, _TWO_PI))
     return CarPath(first, last, radius, length * radius,

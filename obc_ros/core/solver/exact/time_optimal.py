@@ -44,12 +44,7 @@ from obc_ros.core.solver.exact.unreachable_modes import explain_unreachable_mode
 from obc_ros.core.solver.exact.weak_duality import is_never_met
 
 _METHOD = 'time_optimal'
-# Samples of an arc: at least, at most; in between by the fastest mode.
-_SAMPLES, _MOST_SAMPLES = 17, 200
-# Times the upper bound of T up to which the minimum time is looked for, for the message.
-_FARTHER = 64.0
-# Size of an abnormal costate relative to the one that balances L.
-_ABNORMAL = 1e7
+_SAMPLES = 17   # of an arc, at least
 
 
 def solve_time_optimal(problem: Problem) -> Solution | None:
@@ -233,7 +228,7 @@ def _why_not(upper: float, reach: Reach, in_words: Callable[[Reach], str | None]
     """Return why the target is not met by the upper bound of T, as far as is known."""
     reason = in_words(reach)
     if reason is None:
-        later = find_first_time(reach, upper, _FARTHER * upper).answer
+        later = find_first_time(reach, upper, 64 * upper).answer   # for the message
         reason = _out_of_time(upper, later.T) if later is not None else (
             f'the terminal constraints cannot be met by T = {upper:.10g}: the bounded inputs do '
             'not reach that far')
@@ -260,7 +255,8 @@ def _multiplier(reach: Reach, answer: BangBang) -> Array:
                                          answer) + reach.B @ (answer.sign * answer.level) + reach.c
     rate = reach.C @ xdot
     balance = -rate / max(float(rate @ rate), 1e-300)
-    return balance + _ABNORMAL * max(float(np.linalg.norm(balance)), 1.0) * answer.nu
+    # An abnormal costate is large relative to the one that balances L.
+    return balance + 1e7 * max(float(np.linalg.norm(balance)), 1.0) * answer.nu
 
 
 def _solution(problem: Problem, reach: Reach, answer: BangBang, aim: Target,
@@ -270,7 +266,7 @@ def _solution(problem: Problem, reach: Reach, answer: BangBang, aim: Target,
     switches = _merged(np.sort(T - answer.tau), T)
     edges = np.concatenate(([0.0], switches, [T]))
     per_arc = int(np.clip(40 * np.abs(reach.poles).max(initial=0) * np.diff(edges).max() / np.pi,
-                          _SAMPLES, _MOST_SAMPLES))
+                          _SAMPLES, 200))   # by the fastest mode
     v = answer.v(T - (edges[:-1] + edges[1:]) / 2)
     grid = np.arange(per_arc) / (per_arc - 1)
     t = (edges[:-1, None] + np.diff(edges)[:, None] * grid).ravel()

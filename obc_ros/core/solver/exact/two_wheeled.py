@@ -33,9 +33,6 @@ from obc_ros.core.text.errors import StatementError
 LetterOrder = tuple[int, ...]
 
 _METHOD = 'reeds_shepp'
-_STEP = 0.05         # largest step between samples [rad of turn, or radii of length]
-_MAX_SAMPLES = 200   # samples of a segment
-_DEPTH = 8           # depth to which expressions are compared
 
 
 def find_least_time_path(start: Sequence[float] | Array, goal: Sequence[float] | Array,
@@ -136,7 +133,8 @@ def _drive(path: CarPath, L: float, M: float) -> Solution:
     costate = _costate(path, L, M)
     t, x, u, begin = [], [], [], 0.0
     for steering, length in path.segments or (('S', 0.0),):
-        n = 2 + min(ceil(abs(length) / path.radius / _STEP), _MAX_SAMPLES) if length else 1
+        # Samples are 0.05 rad, or radii, apart.
+        n = 2 + min(ceil(abs(length) / path.radius / 0.05), 200) if length else 1
         s = begin + abs(length) * np.linspace(0, 1, n)
         x.append(path.at(s))
         v = L if length > 0 else -L
@@ -227,7 +225,7 @@ def _recognise(problem: Problem) -> tuple[Target, LetterOrder, LetterOrder] | No
         for inputs in permutations(range(2)):
             theta, v, omega = problem.x[order[2]], problem.u[inputs[0]], problem.u[inputs[1]]
             wanted = v * ca.cos(theta), v * ca.sin(theta), omega
-            if all(ca.is_equal(f[row], slope, _DEPTH)
+            if all(ca.is_equal(f[row], slope, 8)   # depth
                    for row, slope in zip(order, wanted, strict=True)):
                 return aim, order, inputs
     return None

@@ -32,8 +32,6 @@ from obc_ros.core.solver.exact.reachable_set import compute_exponential, Reach
 
 _ROUNDING = 20 * np.finfo(float).eps   # of a step's terms, for each state
 _FINER = 16         # times as many cells as in the linear programme
-_PROGRAMMES = 40    # linear programmes, at most, for all admissible final times
-_SHORTEST = 1e-3    # of the last time: shorter intervals of times are not halved
 _MOST_GROWTH = 30.0   # largest real part of a pole times T for which doubles are accurate enough
 _NODES, _CELLS = 96, 2    # times at which state bounds are imposed; cells between two of them
 
@@ -55,7 +53,7 @@ def is_never_met(reach: Reach, lower: float, upper: float) -> bool:
         a, b = waiting.pop()
         for T in dict.fromkeys((b, a)):
             programmes += 1
-            if programmes > _PROGRAMMES:
+            if programmes > 40:   # for all admissible final times
                 return False
             eta = _direction(reach, T)
             if eta is None:
@@ -63,7 +61,7 @@ def is_never_met(reach: Reach, lower: float, upper: float) -> bool:
             if _separates(reach, eta, a, b, sizes):
                 break
         else:
-            if b - a <= _SHORTEST * upper:
+            if b - a <= 1e-3 * upper:   # it is not halved
                 return False
             waiting += [(a, 0.5 * (a + b)), (0.5 * (a + b), b)]
     return True

@@ -29,7 +29,6 @@ from obc_ros.core.solver.transcription.runge_kutta import compute_amplification
 
 _POINTS = 21       # points of a guess
 _TURNS = 2 * np.pi, 360.0   # possible periods of an input that is an angle [rad], [deg]
-_DOUBLINGS = 24    # doublings and halvings of an input from 1 at which its cost is evaluated
 
 
 def _inside(value: Array, lower: Array, upper: Array) -> Array:
@@ -408,7 +407,7 @@ class Guesser:
         line = self.line(problem, get_final_time(problem))
         T, rest, found = float(line.t[-1]), line.ua[0], self.sizes(problem, line)
         cost = max(cost, found.cost)   # a path of almost no cost gives no range
-        sizes = np.exp2(np.arange(-_DOUBLINGS, _DOUBLINGS))[:, None]
+        sizes = np.exp2(np.arange(-24, 24))[:, None]
         held = [rest]
         for way in np.vstack([np.eye(problem.m), -np.eye(problem.m)]):
             u = _inside(rest + sizes * way, problem.u_lower, problem.u_upper)

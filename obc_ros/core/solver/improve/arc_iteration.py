@@ -35,7 +35,6 @@ from obc_ros.core.solver.transcription.local_minima import CHEAPER
 from obc_ros.core.solver.transcription.mesh import build_uniform_mesh
 from obc_ros.core.solver.transcription.program import Nearby, SolveEffort, TranscriptionOutcome
 
-_GONE = 1e-6          # length, as part of T, up to which a phase has vanished
 _PERHAPS, _NEVER = 1, 2   # `touch`: boundary arcs also at near contacts; no boundary arcs
 
 
@@ -244,7 +243,7 @@ class ArcIteration:
     def vanished(outcome: TranscriptionOutcome) -> bool:
         """Return whether a phase of an outcome has vanished."""
         durations = outcome.path.durations
-        return bool(durations.min() < _GONE * durations.sum())
+        return bool(durations.min() < 1e-6 * durations.sum())
 
     def checked(self, arcs: list[Arc], outcome: TranscriptionOutcome, *,
                 moving: bool = True) -> list[Arc]:

@@ -21,9 +21,6 @@ from obc_ros.core.solver.bench import Bench, Candidate
 from obc_ros.core.solver.improve.kink_mesh import build_points, solve_boundary_values
 from obc_ros.core.solver.program_cache import Answered
 
-_SAME = 1e-9       # relative difference of inputs at a switching time up to which they are equal
-_DEARER = 1e-8     # relative increase of the cost that is accepted
-
 
 def refine_indirectly(bench: Bench, found: Candidate) -> Candidate:
     """
@@ -81,7 +78,7 @@ def _better(bench: Bench, known: Candidate, found: BoundaryValues, wanted: float
     judged = answer.certificate
     if judged is not None and judged.feasible:
         # An extremal costs no more than a path near it, up to the errors of that path.
-        error = _DEARER + judged.residuals[Condition.DYNAMICS] + judged.residuals[Condition.END]
+        error = 1e-8 + judged.residuals[Condition.DYNAMICS] + judged.residuals[Condition.END]
         if new.objective > answer.objective + error * abs(answer.objective):
             return known
     new = replace(new, certificate=certify(bench.stated, new), optimality=answer.optimality)
@@ -161,7 +158,7 @@ def _joined(found: BoundaryValues, k: Index, u: Array) -> NDArray[np.bool_]:
     size = np.abs(found.u).max(axis=(0, 1))
     for row in np.flatnonzero(np.diff(found.arc_of[k]) > 0):
         a, b = k[row], k[row + 1]
-        same = np.abs(found.u[a, 1] - found.u[b, 0]) <= _SAME * size
+        same = np.abs(found.u[a, 1] - found.u[b, 0]) <= 1e-9 * size   # rounding
         held = np.where(found.free[a], u[row + 1], u[row])
         both = found.free[a] & found.free[b]
         value = np.where(both, (u[row] + u[row + 1]) / 2, held)

@@ -24,8 +24,6 @@ from obc_ros.core.solver.program_cache import Answered, ProgramCache
 from obc_ros.core.solver.transcription.mesh import build_path, build_uniform_mesh, Mesh
 from obc_ros.core.solver.transcription.program import Nearby, ProblemScales, TranscriptionOutcome
 
-_LARGEST = 3e7   # entries of the matrix of the boundary value problem (240 MB)
-
 
 def solve_boundary_values(programs: ProgramCache, problem: Problem, outcome: TranscriptionOutcome,
                           course: Extremal,
@@ -39,7 +37,7 @@ def solve_boundary_values(programs: ProgramCache, problem: Problem, outcome: Tra
     arcs = find_arcs(problem, outcome.path, (True,) * problem.m)
     singular = any(linear and np.isnan(level) for arc in arcs
                    for linear, level in zip(programs.switching, arc.levels, strict=True))
-    if singular or outcome.mesh.layout.intervals * (6 * problem.n)**2 > _LARGEST:
+    if singular or outcome.mesh.layout.intervals * (6 * problem.n)**2 > 3e7:   # 240 MB
         return None
     arcs = _with_slopes(programs, problem, arcs, course)
     return programs.indirect.solve(problem, arcs, course, outcome.path.t, scales, rough=rough)
@@ -168,7 +166,7 @@ def solve_on_kinks(state: State) -> State | str:
     if found is None or len(found.lengths) == 1:
         return 'no extremal with kinks was found'
     longest = outcome.path.t[-1] / (2 * bench.options.coarse.intervals)
-    # An input may deviate from linear by 0.4 % of its size, which the solve removes.
+    # In an interval an input may deviate from linear by 0.4 % of its size.
     guide = transcribe_on_points(bench.stated, found, *build_points(
         found, 4e-3, longest, 2 * bench.meter.max_intervals))
     if not bench.meter.allows(guide.mesh.layout.intervals):

@@ -29,9 +29,6 @@ from obc_ros.core.solver.transcription.mesh import build_path, Path
 # The conditions whose residuals more samples may reduce.
 BY_SAMPLES = Condition.DYNAMICS, Condition.BOUNDS, Condition.COST, Condition.MINIMUM
 _SAMPLES = 1000, 4000, 16_000   # numbers of samples that are tried in turn
-_ALMOST = 100.0       # residual over its tolerance up to which more samples are tried
-_JUMP = 1e-3          # relative change of an input between phases from which on it is a jump
-_UNEVEN = 15.0        # largest density of samples where inputs bend, over the mean one
 _OFF = 1e-4           # relative difference above which the collocation is used, not the steps
 
 
@@ -51,7 +48,8 @@ def _parts(found: Phased, samples: int) -> Index:
         build_collocation(DEGREE, 'radau')[0], np.linspace(0.0, 1.0, DEGREE), 2)
     size = np.maximum(np.abs(found.u).max(axis=(0, 1)), 1e-300)
     bend = np.sqrt(np.abs(np.einsum('sj,kjm->ksm', bends, found.u) / size).max(axis=(1, 2)))
-    share = np.minimum(bend / max(bend.mean(), 1e-300), _UNEVEN)
+    # Samples are denser where inputs bend, up to 15 times as dense as on average.
+    share = np.minimum(bend / max(bend.mean(), 1e-300), 15.0)
     usual = samples / len(found.h) / 2
     return np.asarray(np.maximum(2, np.rint(usual * (1 + share))), dtype=np.int64)
 
@@ -132,7 +130,8 @@ def certify_samples(problem: Problem, program: PhasedProgram, integrator: Costat
         certificate = certify(problem, answer)
         answer, worst = replace(answer, certificate=certificate), certificate.worst
         off, before = certificate.residuals[worst] / certificate.tolerances[worst], off
-        if certificate.holds or worst not in BY_SAMPLES or off > min(_ALMOST, before / 2):
+        # More samples are tried while that halves a residual of up to 100 times its tolerance.
+        if certificate.holds or worst not in BY_SAMPLES or off > min(100.0, before / 2):
             break
     return answer
 
@@ -197,7 +196,8 @@ def _joined(problem: Problem, integrator: CostateIntegrator, found: Phased, t: A
 def _switches(found: Phased, u: Array) -> Array:
     """Return the ends of phases at which active constraints change or an input (K, s, m) jumps."""
     first = np.flatnonzero(np.diff(found.phase_of)) + 1
-    jumps = np.abs(u[first, 0] - u[first - 1, -1]) > _JUMP * np.abs(u).max(axis=(0, 1))
+    # A smaller change of an input between phases is no jump.
+    jumps = np.abs(u[first, 0] - u[first - 1, -1]) > 1e-3 * np.abs(u).max(axis=(0, 1))
     none = (0,) * found.eta.shape[2]
     changes = np.array([
         any(after.met) or (before.on or none) != (after.on or none)

@@ -54,11 +54,8 @@ from obc_ros.core.solver.transcription.program import Nearby, ProblemScales, Tra
 
 _VANISHING = 1e-4     # length, as part of T, up to which a phase has vanished
 _NEAR = 1e-5          # relative distance from a bound up to which a constraint is active
-_HARDLY = 1e-2        # relative distance up to which it stays active between two boundary arcs
-_MOST = 0.8           # part of a contact with inputs at bounds from which on these imply it
-_WEIGHS = 1e-5        # multiplier of a bound relative to the costates from which on it is touched
 
-_LIMIT = 1e-3         # distance from the least length of a phase at which it is reached, relative
+
 _VAIN = 'no solution with these arcs was certified'
 
 
@@ -121,7 +118,7 @@ def _implied(contact: StateContact, arcs: list[Arc], deciding: Mask) -> bool:
     """Return whether inputs at their bounds along a contact imply it."""
     for arc in arcs:
         common = min(arc.end, contact.end) - max(arc.start, contact.start)
-        if common > _MOST * (contact.end - contact.start) and not np.any(
+        if common > 0.8 * (contact.end - contact.start) and not np.any(   # most of it
                 np.isnan(np.array(arc.levels)[deciding])):
             return True
     return False
@@ -198,7 +195,8 @@ def settle_arcs(problem: Problem, program: PhasedProgram, arcs: list[Arc], guess
             arcs = smooth
             continue
         lengths, shortest = np.array([arc.end - arc.start for arc in arcs]), program.shortest(arcs)
-        short = shortest + np.where(shortest > 0, _LIMIT * (lengths - shortest), 0.0)
+        # Up to here a phase counts as being at its least length.
+        short = shortest + np.where(shortest > 0, 1e-3 * (lengths - shortest), 0.0)
         arcs = found.arcs
         kept = tidy_arcs(_shrunk(_that_jump(found), program.bounds), _VANISHING)
         if len(kept) == len(arcs) and np.all(found.durations >= short):
@@ -488,9 +486,10 @@ def add_touching_arcs(problem: Problem, arcs: list[Arc], found: Phased, bounds: 
 
     `value` (N, n + l) are x and the path constraints at `times` (N,).
     """
+    # Between two boundary arcs a bound that is nearly met stays active.
     near = np.stack([
         value - np.append(problem.x_lower, problem.path_lower),
-        np.append(problem.x_upper, problem.path_upper) - value]) <= _HARDLY * np.abs(
+        np.append(problem.x_upper, problem.path_upper) - value]) <= 1e-2 * np.abs(
             value).max(axis=0)
     d = DEGREE
     met = [(arc.start, int(row), arc.met[row]) for phase, arc in enumerate(found.arcs)
@@ -500,11 +499,11 @@ def add_touching_arcs(problem: Problem, arcs: list[Arc], found: Phased, bounds: 
     held += [(time, time, row, sign) for time, row, sign in met]
     t = np.append(0.0, np.cumsum(found.h))
     t = (t[:-1, None] + found.h[:, None] * build_collocation(d, 'radau')[0]).ravel()
-    longer = []
-    for row in np.flatnonzero(np.abs(found.pushed).max(axis=(0, 1)) > _WEIGHS).tolist():
+    longer, least = [], 1e-5   # multiplier of a touched bound, relative to the costates
+    for row in np.flatnonzero(np.abs(found.pushed).max(axis=(0, 1)) > least).tolist():
         for sign in (1, -1):
             weight = np.maximum(sign * found.pushed[:, :, row].ravel(), 0.0)
-            places = np.flatnonzero(weight > _WEIGHS)
+            places = np.flatnonzero(weight > least)
             for run in np.split(places, np.flatnonzero(np.diff(places) > d) + 1):
                 if not run.size:
                     continue

@@ -30,18 +30,6 @@ import numpy as np
 from numpy.typing import NDArray
 from obc_ros.core.numerics.arrays import Array, Index, lapack
 
-_PROXIMAL = 1e-10      # subtracted from the diagonal of rows: redundant ones are not singular then
-_CURVATURE = 1e-9     # least curvature along an accepted step
-_LARGEST_SHIFT = 1e10   # multiple of the identity at which the method gives up
-_SHORTEST = 1e-7      # part of a step at which the line search gives up
-_ENOUGH = 10.0        # error in multiples of mu below which mu is decreased
-_APART = 1e10         # largest factor between z and mu / distance
-_MULTIPLIERS = 1e3    # least-squares multipliers larger than this are not used at the start
-_NEAREST = 1e-2       # largest initial distance from an active bound, as part of the span
-_HUGE = 1e100         # number above which powers overflow
-_ROUGH = 1e-5         # infeasibility that is small enough for an approximate cost
-
-
 
 @dataclass(frozen=True, eq=False)
 class ProgramValues:
@@ -304,7 +292,8 @@ class Interior:
         self.spans = np.minimum((upper - lower)[np.concatenate([self.low, self.high])], 1.0)
         self.row = program.is_row.astype(float)
         self.free = (~program.is_row & ~self.fixed).astype(float)
-        self.base = self.fixed - _PROXIMAL * self.row
+        # The proximal term keeps redundant rows from being singular.
+        self.base = self.fixed - 1e-10 * self.row
         self.odd = int(program.is_row.sum()) % 2 == 1
         self.shift = 0.0
         self.sure = False   # whether the Hessian needed no shift in the last step
@@ -371,7 +360,7 @@ class Interior:
         """
         y = np.clip(np.where(self.fixed, self.lower, y), self.lower, self.upper)
         pull = np.maximum(self.moves(self.program.values(y).slope), 1e-300)
-        near = np.minimum(mu / pull, _NEAREST * self.spans)
+        near = np.minimum(mu / pull, 1e-2 * self.spans)   # from an active bound
         count = len(self.low)
         y[self.low] = np.maximum(y[self.low], self.lower[self.low] + near[:count])
         y[self.high] = np.minimum(y[self.high], self.upper[self.high] - near[count:])
@@ -398,7 +387,7 @@ class Interior:
         if factor is None:
             return now
         found = self.row * factor.solve(self.spread(now.z) - now.values.slope * self.free)
-        if not (np.all(np.isfinite(found)) and np.abs(found).max() < _MULTIPLIERS):
+        if not (np.all(np.isfinite(found)) and np.abs(found).max() < 1e3):   # else none
             return now
         y = now.y + found
         return self.measured(replace(now, y=y, values=self.program.values(y)))
@@ -412,7 +401,7 @@ class Interior:
         weight = self.weights(now.z / now.gap)
         right, c = self.right(now, now.values.c), now.values.c
         shift = 0.0
-        while shift <= _LARGEST_SHIFT:
+        while shift <= 1e10:   # a multiple of the identity is added
             added = weight + shift * self.free
             factor = None
             sure, self.sure = self.sure and not shift, False
@@ -425,7 +414,7 @@ class Interior:
                 # d'(W + Sigma)d from Newton's equations: (W + Sigma) d = right - J'dlam.
                 bent = float(primal @ right) + float(c @ (step * self.row))
                 pull = max(-float(c @ ((now.y + step) * self.row)), 0.0)
-                if bent + pull >= _CURVATURE * float(primal @ primal):
+                if bent + pull >= 1e-9 * float(primal @ primal):   # curvature along it
                     self.shift, self.sure = shift or self.shift, not (sure or shift)
                     return step, factor
             if sure:
@@ -483,8 +472,8 @@ class Filter:
         if not (new_theta <= self.most and np.isfinite(new_phi) and all(
                 new_theta <= t or new_phi - slack <= p for t, p in self._pairs)):
             return False, False
-        falls = min(-slope, _HUGE)
-        if theta <= self.least and falls > 0 and part * falls**2.3 > min(theta, _HUGE)**1.1:
+        falls, most = min(-slope, 1e100), min(theta, 1e100)   # powers of larger ones overflow
+        if theta <= self.least and falls > 0 and part * falls**2.3 > most**1.1:
             return new_phi <= phi + 1e-8 * part * slope + slack, True
         return (new_theta <= (1 - 1e-5) * theta
                 or new_phi <= phi - 1e-5 * theta + slack), False
@@ -523,7 +512,7 @@ def solve_program(work: Interior, now: Iterate, goal: StoppingRule,
         if now.iterations >= goal.most or watch(now.values.f, now.worst):
             return replace(now, status='stopped')
         mu = now.mu
-        while mu > least and max(now.misses(mu), now.worst) <= _ENOUGH * mu:
+        while mu > least and max(now.misses(mu), now.worst) <= 10 * mu:
             mu = max(least, min(0.2 * mu, mu**1.5))
         if mu < now.mu:
             now, pairs = replace(now, mu=mu), Filter(start)
@@ -535,7 +524,7 @@ def solve_program(work: Interior, now: Iterate, goal: StoppingRule,
                               for steps, part in ends):
             return replace(now, status='too slow')
         near = goal.rough * abs(now.values.f)
-        if near and now.worst <= _ROUGH and promise <= near and now.mu * work.count <= near:
+        if near and now.worst <= 1e-5 and promise <= near and now.mu * work.count <= near:
             return replace(now, converged=True, status='good enough')
 
 
@@ -568,7 +557,7 @@ def _advance(work: Interior, now: Iterate, pairs: Filter) -> tuple[Iterate, floa
         if good:
             break
         part *= 0.5
-        if part < _SHORTEST:
+        if part < 1e-7:   # the line search has failed
             return None
         trial = now.y + part * step
         f, c = work.program.merit(trial)
@@ -576,7 +565,8 @@ def _advance(work: Interior, now: Iterate, pairs: Filter) -> tuple[Iterate, floa
         pairs.add(*before)
     gap = work.gaps(trial)
     limit = now.mu / gap
+    # The multipliers of bounds stay within a factor of mu / distance.
     return work.measured(replace(
-        now, y=trial, gap=gap, z=np.clip(now.z + dual * dz, limit / _APART, limit * _APART),
+        now, y=trial, gap=gap, z=np.clip(now.z + dual * dz, limit / 1e10, limit * 1e10),
         values=(there if f == there.f and part == longest else work.program.values(trial)),
         iterations=now.iterations + 1)), -slope

@@ -39,9 +39,6 @@ from obc_ros.core.text.fields import (
 KEYS = ('variables', 'parameters', 'cost', 'equalities', 'inequalities', 'bounds', 'guess')
 MAX_COUNT = 500       # maximum number of variables, of constraints, of parameters
 STARTS = 12           # initial points without a guess, for a problem that is not convex
-_UNBOUNDED = -1e12    # F, relative to 1 + |F| at the start, below which it counts as unbounded
-_LEVEL = 1e-7         # relative difference below which two costs are equal
-_EXCLUDED = 1e-6      # violation that a proof of infeasibility excludes; certificates allow less
 
 
 @dataclass(frozen=True, eq=False)
@@ -243,7 +240,7 @@ def _is_excluded(program: kkt.StaticProgram) -> bool:
     box = [(program.lower, program.upper)]
     G, g = (ca.Function('rows', [program.x], [ca.densify(each)])
             for each in (program.G, program.g))
-    slack = _EXCLUDED
+    slack = 1e-6   # certificates allow less
     if any(each.low > slack or each.high < -slack for each in enclose_outputs(G, box)) or any(
             each.low > slack for each in enclose_outputs(g, box)):
         return True
@@ -270,7 +267,7 @@ def _distinct(ends: list[_Run]) -> Iterator[_Run]:
     """Yield the runs of different costs, the lowest first."""
     last = math.nan
     for run in ends:
-        if not abs(run.F - last) <= _LEVEL * (1 + abs(run.F)):
+        if not abs(run.F - last) <= 1e-7 * (1 + abs(run.F)):
             yield run
         last = run.F
 
@@ -289,7 +286,7 @@ def _run(program: kkt.StaticProgram, solver: ca.Function, start: Array) -> _Run:
     if not (np.isfinite(x).all() and np.isfinite(F)):
         return _Run(start, start, math.inf, 'a value that is not finite')
     first = program.values(start)[0]
-    drop = _UNBOUNDED * (1 + (abs(first) if np.isfinite(first) else 0.0))
+    drop = -1e12 * (1 + (abs(first) if np.isfinite(first) else 0.0))   # unbounded below it
     feasible = kkt.measure_violation(program, x, c, J) <= 1e-6
     if feasible and F - drop < 0:
         return _Run(start, x, F, 'unbounded')

@@ -16,12 +16,6 @@ import numpy as np
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.solver.nlp.interior_point import Interior, Iterate, solve_program, StoppingRule
 
-_SLIGHT, _LARGEST = 1e-6, 1e6   # scaled negative curvature: smallest, largest that is looked for
-_AWAY = 0.1        # largest change of a scaled unknown by the step away from the saddle
-_MU, _PUSH = 1e-4, 1e-6   # barrier parameter, and least distance from bounds, of the new start
-_LESS = 1e-9       # relative decrease of the cost that is needed
-_MOST = 3          # maximum number of saddles in a row
-
 
 def leave_saddle(work: Interior, end: Iterate, goal: StoppingRule,
                  watch: Callable[[float, float], bool]) -> Iterate:
@@ -41,13 +35,13 @@ def leave_saddle(work: Interior, end: Iterate, goal: StoppingRule,
         `end`, or a converged iterate of lower cost; `iterations` counts those of all runs.
 
     """
-    for _ in range(_MOST):
+    for _ in range(3):   # saddles in a row
         way = _down(work, end) if end.converged else None
         if way is None:
             break
         gone = -float((work.moves(way) / end.gap).min(initial=0.0))
-        y = end.y + min(_AWAY, 0.9 / max(gone, 1e-300)) * way
-        begun = work.begin(y, max(end.mu, _MU), _PUSH)
+        y = end.y + min(0.1, 0.9 / max(gone, 1e-300)) * way
+        begun = work.begin(y, max(end.mu, 1e-4), 1e-6)   # least distance from bounds
         below = solve_program(work, begun, goal, watch)
         if below.status == 'too slow':   # repeat without the early end: a saddle is no solution
             below = solve_program(work, replace(begun, iterations=below.iterations),
@@ -55,7 +49,7 @@ def leave_saddle(work: Interior, end: Iterate, goal: StoppingRule,
                                   watch)
         below = replace(below, iterations=below.iterations + end.iterations)
         if not (below.converged
-                and below.values.f < end.values.f - _LESS * abs(end.values.f)):
+                and below.values.f < end.values.f - 1e-9 * abs(end.values.f)):
             return replace(end, iterations=below.iterations)
         end = below
     return end
@@ -63,12 +57,13 @@ def leave_saddle(work: Interior, end: Iterate, goal: StoppingRule,
 
 def _down(work: Interior, now: Iterate) -> Array | None:
     """Return d with J d = 0, negative curvature and largest entry 1; None if there is none."""
-    program, weight, shift = work.program, work.weights(now.z / now.gap), _SLIGHT
+    slight = 1e-6   # scaled curvature that counts as none; 1e6 is the largest one looked for
+    program, weight, shift = work.program, work.weights(now.z / now.gap), slight
     while not program.convex(now.values, work.fixed, weight + shift * work.free + 1 - work.free):
         shift *= 10
-        if shift > _LARGEST:
+        if shift > 1e6:
             return None
-    if shift == _SLIGHT:
+    if shift == slight:
         return None
     factor = program.pattern.factor(
         now.values.entries, work.place, work.base + weight + shift * work.free)

@@ -47,7 +47,6 @@ from obc_ros.core.solver.proofs.uncontrolled_states import (
 )
 
 _ROUNDING = 1e-9   # of a state that exact arithmetic has found
-_VALUES = 1001     # values of a state between its ends
 
 
 def explain_contradiction(problem: Problem) -> str:
@@ -250,10 +249,11 @@ def _in_between(problem: Problem, end: Array, pinned: Mask) -> Iterator[str]:
         index = int(np.argmax(uses[row]))
         if index >= problem.n or not pinned[index] or not problem.given_at_start[index]:
             continue
-        x = np.tile(problem.x0, (_VALUES, 1))
-        x[:, index] = np.linspace(problem.x0[index], end[index], _VALUES)
-        c = path.map(_VALUES)(x.T, np.zeros((problem.m, _VALUES)), ca.repmat(
-            problem.p_value, 1, _VALUES)).full()[row]
+        count = 1001   # of values between its ends
+        x = np.tile(problem.x0, (count, 1))
+        x[:, index] = np.linspace(problem.x0[index], end[index], count)
+        c = path.map(count)(x.T, np.zeros((problem.m, count)), ca.repmat(
+            problem.p_value, 1, count)).full()[row]
         excess = np.maximum(c - problem.path_upper[row], problem.path_lower[row] - c)
         worst = int(np.argmax(np.where(np.isfinite(excess), excess, -np.inf)))
         if excess[worst] > COUNTS_AS_MET * (1 + np.abs(c[np.isfinite(c)]).max(initial=0.0)):

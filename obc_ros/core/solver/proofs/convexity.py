@@ -21,8 +21,6 @@ from obc_ros.core.ocp.nonconvexity import is_semidefinite
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.ocp.structure import find_clocks
 
-_MOST_TERMS = 2000   # of a sum; shared parts can make their number exponential in the depth
-
 
 @dataclass(frozen=True)
 class Shape:
@@ -243,7 +241,8 @@ def _jumps(slope: ca.SX, z: ca.SX) -> bool:
 
 def _split(factor: float, term: ca.SX, found: list[tuple[float, ca.SX]]) -> bool:
     """Collect the terms of a sum with their factors; return False if there are too many."""
-    if len(found) > _MOST_TERMS:
+    # Shared parts can make the number of terms exponential in the depth.
+    if len(found) > 2000:
         return False
     operation = -1 if term.is_leaf() else term.op()
     if operation in (ca.OP_NEG, ca.OP_TWICE):

@@ -29,8 +29,7 @@ from obc_ros.core.ocp.least_time_form import find_affine_dynamics
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.solver.exact.reachable_set import compute_exponential
 
-_INSTANTS = 20   # times at which dH/du = 0 is required
-_NONE, _CLEAR = 1e-12, 1e-6   # relative: singular values below count as 0, above as nonzero
+_CLEAR = 1e-6   # relative size of singular values that are clearly not 0
 
 
 @dataclass(frozen=True)
@@ -239,7 +238,8 @@ def _linear(problem: Problem, free: Mask) -> str:
     Z[:n, :n], Z[:n, n] = A.T, L_x
     B = B_all[:, free].T
     rows, wanted = [], []
-    for tau in np.linspace(0.0, T, _INSTANTS):
+    instants = np.linspace(0.0, T, 20)   # dH/du = 0 is required there
+    for tau in instants:
         flow = compute_exponential(Z * tau)
         rows.append(B @ flow[:n, :n] @ psi_x.T)
         wanted.append(-L_u[free] - B @ (flow[:n, :n] @ V_x + flow[:n, n]))
@@ -250,7 +250,7 @@ def _linear(problem: Problem, free: Mask) -> str:
     if q and not _is_clear(M):
         return ''
     nu = np.linalg.lstsq(M, r, rcond=_CLEAR)[0] if q else np.zeros(0)
-    left = np.abs(M @ nu - r).reshape(_INSTANTS, -1).max(axis=0)
+    left = np.abs(M @ nu - r).reshape(len(instants), -1).max(axis=0)
     if left.max() <= 1e-6 * max(float(np.abs(r).max()), 1e-300):
         return ''
     name = problem.inputs[int(np.flatnonzero(free)[np.argmax(left)])]
@@ -262,4 +262,4 @@ def _is_clear(M: Array) -> bool:
     """Return whether each singular value of a matrix is clearly zero or clearly nonzero."""
     sizes = np.linalg.svd(M, compute_uv=False)
     part = sizes / max(float(sizes.max(initial=0.0)), 1e-300)
-    return bool(np.all((part <= _NONE) | (part >= _CLEAR)))
+    return bool(np.all((part <= 1e-12) | (part >= _CLEAR)))

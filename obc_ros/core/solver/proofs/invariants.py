@@ -39,17 +39,15 @@ from obc_ros.core.ocp.wording import describe_sum
 
 StateMonomial = tuple[int, ...]
 
-_MOST = 24       # states: larger problems are not examined
-_NULL = 1e-10    # relative: smaller singular values count as 0
 _NOISE = 1e-8    # relative: smaller coefficients count as 0
-_REACH = 3.0     # range of inputs without a bound, in units of 1 + |the other bound|
+
 _SEED = 5
 
 
 def find_changed_invariants(problem: Problem) -> Iterator[str]:
     """Yield the invariants whose value at the end differs from that at the start, as sentences."""
     states = range(problem.n)
-    if not problem.q or problem.n > _MOST or problem.start is not None:
+    if not problem.q or problem.n > 24 or problem.start is not None:   # not too large
         return
     end = find_affine_end(problem)
     if end is None or not end.is_clear:
@@ -176,7 +174,7 @@ def _values(x: Array, monomials: list[StateMonomial]) -> Array:
 def _null(matrix: Array) -> Array:
     """Return an orthonormal basis of the null space of a matrix, in rows."""
     _, values, V = np.linalg.svd(matrix)
-    null: Array = V[np.sum(values > _NULL * values.max(initial=1.0)):]
+    null: Array = V[np.sum(values > 1e-10 * values.max(initial=1.0)):]   # up to rounding
     return null
 
 
@@ -211,11 +209,11 @@ def _rates(problem: Problem, monomials: list[StateMonomial], rng: np.random.Gene
 
 def _inputs(problem: Problem, rng: np.random.Generator, count: int) -> Array:
     """Return random inputs within their bounds, shape (count, m)."""
-    low, high = problem.u_lower, problem.u_upper
+    low, high, wide = problem.u_lower, problem.u_upper, 3.0   # without bounds
     with np.errstate(invalid='ignore'):
-        span = np.where(np.isfinite(low) & np.isfinite(high), high - low, _REACH * (
+        span = np.where(np.isfinite(low) & np.isfinite(high), high - low, wide * (
             1 + np.minimum(np.abs(low), np.abs(high))))
-    span = np.where(np.isfinite(span), span, _REACH)
+    span = np.where(np.isfinite(span), span, wide)
     first = np.where(np.isfinite(low), low, np.where(np.isfinite(high), high - span, -span / 2))
     return np.asarray(first + span * rng.uniform(0, 1, (count, problem.m)))
 

@@ -21,9 +21,6 @@ from obc_ros.core.solver.proofs.convexity import is_convex_problem
 from obc_ros.core.solver.proofs.existence import find_constant_cost
 from obc_ros.core.solver.transcription.local_minima import ANOTHER
 
-_KEPT = 1e-9    # relative rate at which a system that stays at its target may leave it
-_NORMAL = 0.1   # of L: residuals of H = L + lam'f below which the extremal is normal
-
 
 def add_optimality(problem: Problem, found: Solution) -> Solution:
     """
@@ -103,12 +100,13 @@ def _least_time(problem: Problem, found: Solution, certificate: Certificate) -> 
     if aim is None or plant is None:
         return False
     T, final = float(found.t[-1]), problem.final_time
-    if not final.lower < T * (1 - _KEPT):   # the lower bound of T is active
+    kept = 1e-9   # relative rate at which a system that stays at its target may leave it
+    if not final.lower < T * (1 - kept):   # the lower bound of T is active
         return False
     # On the target C x = d, the rate C A x must be a constant M'd, which inputs can compensate.
     M, _, rank, _ = np.linalg.lstsq(aim.C.T, (aim.C @ plant.A).T, rcond=None)
     left, size = np.abs(M.T @ aim.C - aim.C @ plant.A), np.abs(aim.C) @ np.abs(plant.A)
-    if rank < len(aim.d) or (left > _KEPT * size).any():
+    if rank < len(aim.d) or (left > kept * size).any():
         return False
     drift, moved = M.T @ aim.d + aim.C @ plant.c, aim.C @ plant.B
     low, high = problem.u_lower, problem.u_upper
@@ -117,8 +115,9 @@ def _least_time(problem: Problem, found: Solution, certificate: Certificate) -> 
     hold = optimize.lsq_linear(moved, -drift, (low, high)).x
     terms = np.abs(M.T) @ np.abs(aim.d) + np.abs(aim.C) @ np.abs(plant.c) + (
         np.abs(moved) @ np.maximum(np.abs(low), np.abs(high)))
-    if (np.abs(drift + moved @ hold) > _KEPT * terms).any():
+    if (np.abs(drift + moved @ hold) > kept * terms).any():
         return False
     rate = found.x @ plant.A.T + found.u @ plant.B.T + plant.c
     H = float((aim.rate + np.sum(np.abs(found.lam * rate), axis=1)).max())
-    return max(certificate.residuals.values()) * H <= _NORMAL * aim.rate
+    # The extremal is normal if the residuals of H = L + lam'f are small beside L.
+    return max(certificate.residuals.values()) * H <= 0.1 * aim.rate

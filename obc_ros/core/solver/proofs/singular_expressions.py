@@ -22,16 +22,11 @@ from obc_ros.core.ocp.wording import format_number
 
 _Place = TypeVar('_Place')
 _TOUCHED = 1e-6  # of an operand's largest value: below it counts as 0
-_NEAR_END = 1e-4   # the same for terminal_cost, whose kinks are smoothed in the search
 _AT_END = 'terminal_cost'
 _SMALL = 1e-3    # of an operand's largest value: e that a message suggests
-_NEWTON = 6      # steps
-_BESIDE = 1e-2   # of the largest state: distance from x(T) at which they begin
-_MULTIPLE = 0.2, 0.4   # range of the ratio of successive residuals at a multiple root
+
 _QUOTED = 80     # characters of an expression in a message
 _FAR = 1e6      # times 1 + |x(0)|: beyond it a state counts as diverging
-_TRIALS = 16    # constant inputs to try, about
-_PATIENCE = 4000   # evaluations of f for each of them; stiff systems need more and are left out
 
 
 @dataclass(frozen=True)
@@ -103,7 +98,7 @@ def explain_kink(problem: Problem, t: Array, x: Array, u: Array) -> str:
         at = np.abs(row) <= _TOUCHED * size
         at[1:] |= row[:-1] * row[1:] < 0
         if where == _AT_END:   # only its gradient at T matters; its kinks were smoothed
-            at[:-1], at[-1] = False, np.abs(row[-1]) <= _NEAR_END * size
+            at[:-1], at[-1] = False, np.abs(row[-1]) <= 1e-4 * size   # in the search
         if at.any():
             what = _quoted(problem, value)
             return (f'{where} is not differentiable where abs({what}) is 0, as at t = '
@@ -167,21 +162,21 @@ def explain_level_terminal(problem: Problem, x: Array) -> str:
         return ''
     slopes = ca.Function('slopes', [problem.x, problem.p], [
         problem.psi, ca.densify(ca.jacobian(problem.psi, problem.x))])
-    size = float(np.abs(x).max()) or 1.0
+    size, steps = float(np.abs(x).max()) or 1.0, 6
     for row in range(problem.q):
         slope = slopes(x, problem.p_value)[1].full()[row]
         if not (np.isfinite(slope).all() and slope.any()):
             slope = np.arange(1.0, problem.n + 1.0)   # without gradient: any direction
-        there, left = x + _BESIDE * size * slope / np.abs(slope).max(), list[float]()
-        for _ in range(_NEWTON):
+        # Newton's method begins beside x(T). At a multiple root it converges slowly.
+        there, left = x + 1e-2 * size * slope / np.abs(slope).max(), list[float]()
+        for _ in range(steps):
             value, slope = (each.full()[row] for each in slopes(there, problem.p_value))
             left.append(abs(float(value[0])))
             if not (np.isfinite(slope).all() and slope.any()):
                 break
             there = there - value * slope / (slope @ slope)
         parts = [after / before for before, after in zip(left, left[1:], strict=False) if before]
-        if len(parts) == _NEWTON - 1 and all(
-                _MULTIPLE[0] < part < _MULTIPLE[1] for part in parts):
+        if len(parts) == steps - 1 and all(0.2 < part < 0.4 for part in parts):
             what = _quoted(problem, problem.psi[row])
             return (f'{problem.ends[row]}, {what}, has zero gradient where it is met, '
                     'so that it has no finite multiplier; constrain the expression itself, not '
@@ -224,12 +219,12 @@ def explain_escape(problem: Problem, T: float) -> str:
     low = np.where(np.isfinite(problem.u_lower), problem.u_lower, np.minimum(-1, problem.u_upper))
     high = np.where(np.isfinite(problem.u_upper), problem.u_upper, np.maximum(1, low))
     corners = np.array(np.meshgrid(*zip(low, high, strict=True))).reshape(problem.m, -1).T \
-        if 2**problem.m < _TRIALS else np.array([low, high])
+        if 2**problem.m < 16 else np.array([low, high])
     size = 1.0 + np.abs(problem.x0)
     far = _Far(size)
     latest, name = 0.0, ''
     for u in (0.5 * (low + high), *corners):
-        left = iter(range(_PATIENCE))
+        left = iter(range(4000))   # evaluations of f: stiff systems are left out
 
         def rate(t: float, x: Array, u: Array = u, left: Iterator[int] = left) -> Array:
             next(left)

@@ -38,9 +38,6 @@ from obc_ros.core.ocp.certificate.certificate import COUNTS_AS_MET
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.ocp.wording import format_number
 
-_EARLIER, _PARTS = 16, 32   # steps, at least: up to the first and to the last admissible T
-_MOST = 12       # states of a linear system
-
 
 def find_missed_states(problem: Problem, words: list[str]) -> Iterator[str]:
     """
@@ -93,7 +90,7 @@ def find_missed_combinations(problem: Problem, end: End, words: list[str]) -> It
     """Yield violated terminal constraints on uncontrollable modes of a linear system."""
     n = problem.n
     try:
-        found = _uncontrollable(problem) if n <= _MOST else None
+        found = _uncontrollable(problem) if n <= 12 else None
     except TooHardError:
         return
     if found is None:
@@ -179,7 +176,7 @@ def _stops(problem: Problem) -> Array:
     """Return increasing times up to the last admissible final time."""
     earliest, last = problem.final_time.earliest, problem.final_time.latest
     stops = np.unique(np.concatenate([
-        np.linspace(0.0, earliest, _EARLIER + 1), np.linspace(earliest, last, _PARTS + 1)]))
+        np.linspace(0.0, earliest, 17), np.linspace(earliest, last, 33)]))   # steps, at least
     return np.asarray(stops[stops > 0])
 
 

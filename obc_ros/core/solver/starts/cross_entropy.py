@@ -45,9 +45,6 @@ class _Look(NamedTuple):
     steps: int
 
 
-
-
-
 def _choose_effort(options: RolloutOptions, *, short: bool) -> _Look:
     """Return the effort of a long or a short search; one of 16 samples becomes a parent."""
     part = 2 if short else 1
@@ -170,7 +167,7 @@ def search_rollouts_briefly(bench: Bench, last: Candidate, bent: bool) -> list[P
     samples, brief = bench.options.rollouts.samples, 5   # `brief`: steps of each piece
     problem, most, T = _within(bench.problem, outcome.path), outcome.objective, outcome.path.t[-1]
     if problem.q:
-        drawn = _glanced(bench, problem, T, chance, count=32)   # psi selects among them
+        drawn = _glanced(bench, problem, T, chance, count=32)   # a glance
         return _Led(bench, problem, drawn, brief).seen(most)
     seen = list[Path]()
     for finer in (1, 2, 4) if bent else (1,):
@@ -377,7 +374,7 @@ class _Rollouts:
                 self._integrator.ends(problem, x.reshape(-1, problem.n))))
             if self._size is None:
                 seen = np.where(np.isfinite(ends), np.abs(ends), np.nan)
-                size = np.nanquantile(seen, 0.8, axis=(0, 1))   # most rollouts are nearer
+                size = np.nanquantile(seen, 0.8, axis=(0, 1))   # without the farthest rollouts
                 self._size = np.where(size > 0, size, 1.0)
             gap = np.abs(ends / self._size).max(axis=2) + _outside(problem, x)
             cost = L + V

@@ -25,10 +25,6 @@ from obc_ros.core.solver.starts.start import Known, Proposal
 from obc_ros.core.solver.starts.start_pool import StartPool
 from obc_ros.core.solver.transcription.mesh import Path
 
-_SEEN = 81            # points of the line at which constraints are evaluated
-_ASIDE = 201          # points across the line, up to its length, at which an obstacle is sought
-_STRAIGHT = 1e-6      # part of the gradient across the line below which it has no direction
-
 
 def has_obstacles(bench: Bench, known: Known) -> bool:
     """Return whether path constraints are obstacles."""
@@ -59,13 +55,13 @@ def bend_around(problem: Problem, line: Path,
     rows = _curved(problem)
     if not rows.size:
         return []
-    s = np.linspace(0.0, 1.0, _SEEN)
+    s = np.linspace(0.0, 1.0, 81)
     x = interpolate_columns(s * line.t[-1], line.t, line.x)
     # Rows that depend on u are not used.
     path = ca.substitute(problem.path, problem.u, ca.DM.zeros(problem.m))
     seen = VectorizedFunction([problem.x, problem.p], [path, ca.jacobian(path, problem.x).T])
     value, slopes = seen(x, problem.p_value)
-    slopes = slopes.reshape(_SEEN, -1, problem.n)
+    slopes = slopes.reshape(len(s), -1, problem.n)
     room = np.minimum(value - problem.path_lower, problem.path_upper - value)
     depends, sides = find_dependence(problem.path, problem.x), []
     for row in rows[np.argsort(room[:, rows].min(axis=0))][:most].tolist():
@@ -105,10 +101,10 @@ def _sides(problem: Problem, seen: VectorizedFunction, line: tuple[Array, Array,
         return []
     along = (end[of] - start[of]) / length
     away = slope[of] - (slope[of] @ along) * along
-    if not np.linalg.norm(away) > _STRAIGHT * np.linalg.norm(slope[of]):   # through the centre
+    if not np.linalg.norm(away) > 1e-6 * np.linalg.norm(slope[of]):   # through the centre
         away = np.eye(len(of))[int(np.argmin(np.abs(along)))]
         away -= (away @ along) * along
-    step, far = np.zeros(problem.n), np.linspace(0.0, length, _ASIDE)
+    step, far = np.zeros(problem.n), np.linspace(0.0, length, 201)
     step[of] = away / np.linalg.norm(away)
     found = []
     for sign in (1.0, -1.0):

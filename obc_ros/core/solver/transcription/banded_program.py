@@ -22,13 +22,6 @@ from obc_ros.core.solver.nlp.ipopt import Found
 from obc_ros.core.solver.nlp.negative_curvature import leave_saddle
 from obc_ros.core.solver.transcription.block_program import Whole
 
-_PENALTY = 1e7       # factor of J'J in the test of the Hessian
-_STEEPEST = 100.0    # largest entry of the gradient of the cost at a start after scaling
-# Initial barrier parameter, and least distance from bounds: far from and near a solution.
-_FAR, _NEAR = (0.1, 1e-2), (1e-6, 1e-6)
-# Initial barrier parameter from the solution of a neighbour: in its last one, minimum, maximum.
-_RESUMED = 100.0, 1e-8, 1e-4
-
 
 class Stages:
     """
@@ -136,7 +129,7 @@ class Stages:
                 for copies, (jacobian, curvature) in zip(
                         self._copies, values.parts, strict=True):
                     a, b = copies.pairs
-                    heavy = np.sqrt(_PENALTY) * jacobian
+                    heavy = np.sqrt(1e7) * jacobian   # a factor of J'J
                     parts += [curvature.ravel(), (heavy[:, a] * heavy[:, b]).ravel()]
             self._squared = values, np.concatenate(parts)[kept]
         return pattern.definite(self._squared[1], self._without[1], diagonal)
@@ -182,9 +175,11 @@ class Stages:
             y[self.at_rows] = multipliers[1]
         work = Interior(self, lower, upper)
         if near and multipliers is not None:
-            now = work.resume(y, float(np.clip(_RESUMED[0] * mu, *_RESUMED[1:])))
+            # The barrier parameter begins above the last one of the neighbour.
+            now = work.resume(y, float(np.clip(100 * mu, 1e-8, 1e-4)))
         else:
-            now = work.begin(y, *(_NEAR if near else _FAR))
+            # Barrier parameter and least distance from bounds, near a solution and far from one.
+            now = work.begin(y, *((1e-6, 1e-6) if near else (0.1, 1e-2)))
         if not near:
             now = work.measured(self._scale(replace(now, z=np.ones_like(now.z))))
         if multipliers is None:
@@ -194,10 +189,10 @@ class Stages:
 
     def _scale(self, now: Iterate) -> Iterate:
         """Scale the cost down if its gradient is very large at a start without multipliers."""
-        steepest = float(np.abs(now.values.cost_slope).max())
-        if not (np.isfinite(steepest) and steepest > _STEEPEST):
+        steepest, most = float(np.abs(now.values.cost_slope).max()), 100.0   # most: as in IPOPT
+        if not (np.isfinite(steepest) and steepest > most):
             return now
-        self.factor = _STEEPEST / steepest
+        self.factor = most / steepest
         return replace(now, values=self.values(now.y))
 
     def _found(self, work: Interior, end: Iterate) -> Found:

@@ -17,7 +17,6 @@ from obc_ros.core.numerics.samples import interpolate_columns
 from obc_ros.core.ocp.problem import Problem
 
 LINEAR, STEPPED, HELD = 'linear', 'stepped', 'held'
-_SAME_TIME = 1e-10   # difference, as part of T, up to which times are equal
 
 
 @dataclass(frozen=True)
@@ -180,7 +179,7 @@ class Path:
         ndarray, shape (K, m)
 
         """
-        same = _SAME_TIME * self.t[-1]
+        same = 1e-10 * self.t[-1]   # rounding
         found = (np.searchsorted(self.t, times + same, 'right') if after
                  else np.searchsorted(self.t, times - same, 'left'))
         k = np.clip(found - 1, 0, len(self.ua) - 1)

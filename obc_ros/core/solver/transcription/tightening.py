@@ -9,9 +9,6 @@ from numpy.typing import NDArray
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.ocp.problem import Problem
 
-_AT_ENDS = 0.1   # part of the horizon next to a given end in which a margin grows from 0
-_BESIDE = 9.0    # distance of x(0) from a bound, in margins, up to which it counts as on it
-
 
 @dataclass(frozen=True, eq=False)
 class TightenedLimits:
@@ -58,7 +55,8 @@ class TightenedLimits:
         """
         margin, s = self.margin[:problem.n], s[:, None]
         beside = np.minimum(problem.x0 - problem.x_lower, problem.x_upper - problem.x0)
-        beside = problem.given_at_start & (beside < _BESIDE * margin)
-        begins = np.where(beside, np.minimum(s / _AT_ENDS, 1)**4, 1)
-        ends = np.where(self.pinned, np.minimum((1 - s) / _AT_ENDS, 1)**4, 1)
+        beside = problem.given_at_start & (beside < 9.0 * margin)   # x(0) counts as on the bound
+        part = 0.1   # of the horizon, in which a margin grows from 0
+        begins = np.where(beside, np.minimum(s / part, 1)**4, 1)
+        ends = np.where(self.pinned, np.minimum((1 - s) / part, 1)**4, 1)
         return np.asarray(margin * begins * ends)
