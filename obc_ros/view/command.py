@@ -18,7 +18,7 @@ from obc_ros.cli.share_folders import share_directory
 from obc_ros.cli.signals import EndSignals, InterruptedByUserError
 from obc_ros.core.text.errors import ObcError
 from obc_ros.ros.middleware import choose_profile
-from obc_ros.workers.real_time import find_priority_refusal
+from obc_ros.workers.processes.real_time import find_priority_refusal
 
 LOCAL = ('127.0.0.1', 'localhost', '::1')
 SCENARIOS = ('aircraft', 'vehicle', 'vehicle_lateral')

@@ -12,19 +12,18 @@ The module is long because all methods change the state of one pool.
 
 from collections import Counter, deque, OrderedDict
 from collections.abc import Callable
-from contextlib import ExitStack
 from dataclasses import dataclass, field
 from enum import StrEnum
-import os
-import signal
-import socket
-import subprocess
-import sys
 from threading import Condition, Thread
 import time
 
-from obc_ros.core.text.errors import ObcError
-from obc_ros.workers.wire import Channel, Packet
+from obc_ros.workers.processes.supervised_process import (
+    check_system,
+    find_pause,
+    START_TIME,
+    SupervisedProcess,
+)
+from obc_ros.workers.wire import Packet
 
 SHORTEST = 0.01    # [s] shortest time limit of a request
 LONGEST_LIMIT = 86_400.0
@@ -32,13 +31,10 @@ TIME_LIMIT = 60.0  # [s] unless the user wants another one
 TICK = 0.02        # [s] until the thread of a busy worker sees a cancellation
 HEAD_START = 0.1   # [s] by which the time limit of a solver is shorter
 GRACE = 0.05       # [s] that a solver has to answer after it was asked to stop
-END = 0.1          # [s] until a process has ended after its channel was closed
 IDLE_CHECK = 0.5   # [s] until the end of an idle worker is noticed
-START_TIME = 60.0  # [s] in which a worker must have started
 START_PAUSE = 1.0  # [s] before a worker that did not start is started again; doubled each time
 LONGEST_PAUSE = 60.0  # [s]
 TRIES = 3          # failed starts after which requests are answered with an error
-ENVIRONMENT = {'OMP_NUM_THREADS': '1', 'OPENBLAS_NUM_THREADS': '1', 'MKL_NUM_THREADS': '1'}
 
 
 class RequestOutcome(StrEnum):
@@ -130,15 +126,13 @@ class Pool:
     Raises
     ------
     ObcError
-        On Windows, where a process cannot inherit a socket.
+        On Windows.
 
     """
 
     def __init__(self, module: str, size: int, *, queue_length: int = 128,
                  memory: int = 2 << 30, affinities: int = 32, niceness: int = 3) -> None:
-        if sys.platform == 'win32':
-            raise ObcError('worker processes need Linux or macOS: on Windows, use the Windows '
-                           'Subsystem for Linux, or call obc_ros in Python')
+        check_system()
         self.module = module
         self.queue_length = queue_length
         self.memory = memory
@@ -347,7 +341,8 @@ class _Worker(Thread):
             why = self._wait_until_ready()
             if self.ready:
                 self._serve()
-            self._end()
+            self.ready = False
+            self._process.close()
             if not why:
                 self._pool.replaced += self.wanted
             elif self.wanted:
@@ -356,20 +351,13 @@ class _Worker(Thread):
     def _failed(self, why: str) -> None:
         """Record why no process starts, and wait before the next start, longer each time."""
         self._pool.note_start(self, why)
-        self._pool.pause(self, min(START_PAUSE * 2.0**(self.failures - 1), LONGEST_PAUSE))
+        self._pool.pause(self, find_pause(self.failures, START_PAUSE, LONGEST_PAUSE))
 
     def _start_process(self) -> None:
-        ours, theirs = socket.socketpair()
-        with theirs, ExitStack() as undo:
-            undo.callback(ours.close)
-            self._process = subprocess.Popen(
-                [sys.executable, '-P', '-m', 'obc_ros.workers.process', str(theirs.fileno()),
-                 self._pool.module, str(self._pool.memory), str(self._pool.niceness),
-                 str(os.getpid())],
-                pass_fds=[theirs.fileno()], stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL,
-                env={**os.environ, **ENVIRONMENT}, start_new_session=True)
-            undo.pop_all()
-        self._channel = Channel(ours)
+        pool = self._pool
+        self._process = SupervisedProcess(
+            'obc_ros.workers.process', pool.module, str(pool.memory), str(pool.niceness),
+            has_session=True)
         self.seen.clear()
 
     def _wait_until_ready(self) -> str:
@@ -377,7 +365,7 @@ class _Worker(Thread):
         end = time.monotonic() + START_TIME
         while self.wanted and time.monotonic() < end:
             try:
-                packet = self._channel.receive(TICK)
+                packet = self._process.channel.receive(TICK)
             except EOFError:
                 return self._cause()
             self._pool.expire()
@@ -392,7 +380,7 @@ class _Worker(Thread):
         """Handle jobs until the process has ended or the worker is not wanted any more."""
         while self.ready and (self.wanted or self.job):
             job = self._pool.next_job(self)
-            if self._process.poll() is not None:
+            if self._process.has_ended:
                 self._pool.retire(self)
             elif job:
                 answer = self._work(job)
@@ -406,7 +394,7 @@ class _Worker(Thread):
         self._kept = Packet({})
         left = max(job.deadline - time.monotonic(), 0.001)
         try:
-            self._channel.send(
+            self._process.channel.send(
                 {'kind': job.kind, 'request': job.request.plain,
                  'time_limit': left - min(HEAD_START, 0.2 * left)},
                 job.request.arrays, timeout=left + GRACE)
@@ -419,9 +407,9 @@ class _Worker(Thread):
         end, asked = job.deadline + GRACE, False
         while (now := time.monotonic()) < end:
             if job.cancelled and not asked:
-                self._channel.send({'cancel': True}, timeout=GRACE)
+                self._process.channel.send({'cancel': True}, timeout=GRACE)
                 end, asked = min(end, now + GRACE), True
-            packet = self._channel.receive(max(0.0, min(TICK, end - now)))
+            packet = self._process.channel.receive(max(0.0, min(TICK, end - now)))
             self._pool.expire()
             if packet is None:
                 continue
@@ -443,14 +431,9 @@ class _Worker(Thread):
 
     def _cause(self) -> str:
         """Return how the process has ended."""
-        try:
-            status = self._process.wait(END)
-        except subprocess.TimeoutExpired:
-            return 'it accepted no more data'
-        if status == -signal.SIGKILL:
-            return 'it was killed (SIGKILL), by a user or for lack of memory'
-        return (f'it was ended by {signal.Signals(-status).name}' if status < 0 else
-                f'it ended with exit status {status}')
+        end = self._process.describe_end()
+        return f'it {end}' if 'SIGKILL' not in end else (
+            'it was killed (SIGKILL), by a user or for lack of memory')
 
     @staticmethod
     def _obituary(cause: str) -> str:
@@ -461,9 +444,3 @@ class _Worker(Thread):
         self.seen.move_to_end(affinity)
         while len(self.seen) > self._pool.affinities:
             self.seen.popitem(last=False)
-
-    def _end(self) -> None:
-        self.ready = False
-        self._process.kill()
-        self._process.wait()
-        self._channel.close()

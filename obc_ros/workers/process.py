@@ -3,28 +3,21 @@
 """
 A worker: a process that handles one request after another.
 
-Started by `pool.Pool`: ``python -P -m obc_ros.workers.process FD MODULE MEMORY NICE PARENT``.
+Started by `pool.Pool`: ``python -P -m obc_ros.workers.process FD PARENT MODULE MEMORY NICE``.
 MODULE offers ``answer(kind, request, time_limit, report, keep) -> Packet``. It is imported before
 the first request arrives, so that no request waits for the import.
 """
 
-import ctypes
 from importlib import import_module
-import os
-from pathlib import Path
-import resource
-import signal
-import socket
 import sys
 import time
 from types import TracebackType
 from typing import Any
 
+from obc_ros.workers.processes.child_start import connect_to_parent, give_way, keep_within
 from obc_ros.workers.wire import Channel, Packet
 
-PR_SET_PDEATHSIG = 1
 REPORT_PERIOD = 0.1  # [s] between two reports of progress within one phase
-TRIES, RETRY = 20, 0.05  # attempts to set the niceness of the group, and [s] between them
 
 
 class Reporter:
@@ -55,50 +48,6 @@ class Reporter:
         self._channel.send({'path': path.plain}, path.arrays)
 
 
-def end_with_parent(parent: int) -> None:
-    """
-    Have the kernel end this process with its parent, however the parent ends.
-
-    On other systems than Linux it ends when it next reports, or waits for a request.
-    """
-    if sys.platform == 'linux':
-        ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
-    if os.getppid() != parent:  # it has ended already
-        os._exit(1)
-
-
-def keep_within(memory: int) -> None:
-    """
-    Limit the memory of this process, and make it the first to be ended if memory runs out.
-
-    On other systems than Linux the memory is not limited.
-    """
-    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-    if sys.platform == 'linux':
-        resource.setrlimit(resource.RLIMIT_DATA, (memory, memory))
-        Path('/proc/self/oom_score_adj').write_text('900', encoding='ascii')
-
-
-def give_way(niceness: int) -> None:
-    """Give the node and other processes priority over this process."""
-    if not niceness:
-        return
-    os.nice(niceness)
-    if sys.platform != 'linux':
-        return
-    # Where Linux groups processes by session, niceness counts within a session only, and a worker
-    # has a session of its own: the group needs the niceness, too.
-    for _ in range(TRIES):
-        try:
-            Path('/proc/self/autogroup').write_text(str(niceness), encoding='ascii')
-        except BlockingIOError:  # accepted once in 0.1 s on the whole machine
-            time.sleep(RETRY)
-        except OSError:  # a kernel without such groups
-            return
-        else:
-            return
-
-
 def serve_pool(channel: Channel, module: Any) -> None:
     """Handle requests until the pool closes the channel."""
     channel.send({'ready': True})
@@ -114,10 +63,8 @@ def serve_pool(channel: Channel, module: Any) -> None:
 
 def main() -> None:
     """Serve the pool that started this process."""
-    descriptor, module, memory, niceness, parent = sys.argv[1:]
-    end_with_parent(int(parent))
+    channel, (module, memory, niceness) = connect_to_parent()
     keep_within(int(memory))
-    channel = Channel(socket.socket(fileno=int(descriptor)))
 
     def last_words(kind: type[BaseException], error: BaseException,
                    trace: TracebackType | None) -> None:

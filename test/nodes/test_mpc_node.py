@@ -11,7 +11,7 @@ from lifecycle_msgs.srv import ChangeState
 from mpc_bench import BOUND, BOUNDS, LONG, Loop
 import numpy as np
 from obc_ros.msg import LqrDesign
-from obc_ros.workers.real_time import find_priority_refusal
+from obc_ros.workers.processes.real_time import find_priority_refusal
 import pytest
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from std_srvs.srv import Trigger

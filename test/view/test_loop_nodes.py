@@ -7,7 +7,7 @@ from pathlib import Path
 import re
 
 from obc_ros.view.command import LOOP_PRIORITY
-from obc_ros.workers.real_time import find_priority_refusal
+from obc_ros.workers.processes.real_time import find_priority_refusal
 import pytest
 import support
 

@@ -372,7 +372,7 @@ def test_time_limits_hold_while_no_worker_starts(monkeypatch, clock):
 def test_a_process_that_cannot_be_created_is_reported(monkeypatch):
     def refuse(*args, **options):
         raise OSError(errno.EAGAIN, os.strerror(errno.EAGAIN))
-    monkeypatch.setattr(workers.subprocess, 'Popen', refuse)
+    monkeypatch.setattr(subprocess, 'Popen', refuse)
     pool = Pool('stand_in_worker', 1)
     assert 'temporarily unavailable' in ask(pool, 'echo').message
     monkeypatch.undo()

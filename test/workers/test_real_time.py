@@ -6,7 +6,7 @@ import os
 import subprocess
 import sys
 
-from obc_ros.workers.real_time import (
+from obc_ros.workers.processes.real_time import (
     drop_priority,
     find_priority_refusal,
     raise_priority,
@@ -48,7 +48,7 @@ def test_the_threads_of_a_process_have_their_priorities_or_it_is_said_why_not():
     """A process of its own, with a thread beside the calling one; then it gives its own up."""
     program = """
 import os, threading
-from obc_ros.workers.real_time import drop_priority, raise_priority
+from obc_ros.workers.processes.real_time import drop_priority, raise_priority
 ended = threading.Event()
 other = threading.Thread(target=ended.wait)
 other.start()

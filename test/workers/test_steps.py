@@ -11,7 +11,7 @@ import time
 
 import numpy as np
 from obc_ros.core.text.errors import ObcError
-from obc_ros.workers.real_time import find_priority_refusal
+from obc_ros.workers.processes.real_time import find_priority_refusal
 from obc_ros.workers.steps.step_link import StepLink
 from obc_ros.workers.steps.step_supervisor import StepSupervisor
 from obc_ros.workers.wire import Packet
@@ -81,7 +81,7 @@ def test_of_the_waiting_requests_the_newest_is_answered():
                  for k in range(6)]
         replies, end = [], time.monotonic() + DEADLINE
         while (not replies or replies[-1].plain['id'] != asked[-1]) and time.monotonic() < end:
-            if (packet := link.receive(1.0)) is not None:
+            if (packet := link.channel.receive(1.0)) is not None:
                 replies.append(packet)
         assert replies[-1].plain['stamp'] == 5
         assert len(replies) <= 3, 'older requests must be dropped'

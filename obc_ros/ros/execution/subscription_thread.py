@@ -14,7 +14,7 @@ import sys
 import threading
 from typing import Any
 
-from obc_ros.workers.real_time import raise_priority
+from obc_ros.workers.processes.real_time import raise_priority
 from rclpy.callback_groups import CallbackGroup
 from rclpy.event_handler import EventHandler
 from rclpy.guard_condition import GuardCondition

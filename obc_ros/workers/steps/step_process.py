@@ -4,7 +4,7 @@
 A process that solves one step of a receding horizon after another.
 
 Started by `step_link.StepLink`:
-``python -P -m obc_ros.workers.steps.step_process FD MODULE PARENT PRIORITY``. MODULE offers
+``python -P -m obc_ros.workers.steps.step_process FD PARENT MODULE PRIORITY``. MODULE offers
 ``prepare(problem: Packet) -> StepAnswerer``. The first packet is the problem; its reply has
 `ready` or `refused`. Of the requests that wait, the newest is answered.
 
@@ -17,13 +17,12 @@ import gc
 from importlib import import_module
 import os
 import signal
-import socket
 import sys
 from typing import Protocol
 
 from obc_ros.core.text.errors import ObcError
-from obc_ros.workers.process import end_with_parent
-from obc_ros.workers.real_time import drop_priority, raise_priority
+from obc_ros.workers.processes.child_start import connect_to_parent
+from obc_ros.workers.processes.real_time import drop_priority, raise_priority
 from obc_ros.workers.wire import Channel, Packet
 
 
@@ -78,12 +77,10 @@ def serve_steps(channel: Channel, module: str, priority: int) -> None:
 
 def main() -> int:
     """Serve the node that has started this process; it ends with the node."""
-    descriptor, module, parent, priority = sys.argv[1:]
     signal.signal(signal.SIGINT, signal.SIG_IGN)   # the node ends this process
-    end_with_parent(int(parent))
+    channel, (module, priority) = connect_to_parent()
     if int(priority):
         drop_priority()   # that of the thread which has started it
-    channel = Channel(socket.socket(fileno=int(descriptor)))
     with suppress(EOFError, BrokenPipeError):   # the node has closed the channel
         serve_steps(channel, module, int(priority))
     os._exit(0)   # without the destructors of CasADi: nothing is left to keep

@@ -14,12 +14,12 @@ from typing import Any
 
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.text.errors import ObcError
+from obc_ros.workers.processes.supervised_process import find_pause, START_TIME
 from obc_ros.workers.steps.step_link import StepLink
 from obc_ros.workers.wire import Packet
 
 TICK = 0.05           # [s] in which the thread sees a silent or another process
 STEP_PATIENCE = 1.0   # [s] that a request may be without a reply, beside the time it may take
-START_TIME = 60.0     # [s] in which a process must be prepared
 START_PAUSE = 0.5     # [s] before another start after a failed one; doubled each time
 LONGEST_PAUSE = 30.0  # [s]
 
@@ -58,6 +58,7 @@ class StepSupervisor:
         self._lock = Lock()   # guards `link` against a replacement
         self._waiting: deque[tuple[int, float]] = deque(maxlen=1000)   # id, end
         self._lost = False
+        self._failures = 0   # consecutive failed starts
         self._thread: Thread | None = None
         self._is_wanted = False
 
@@ -71,7 +72,7 @@ class StepSupervisor:
         with self._lock:
             before, self.link, self.refusal = self.link, link, ''
             self._waiting.clear()
-            self._since, self._pause = time.monotonic(), START_PAUSE
+            self._since, self._failures = time.monotonic(), 0
         if before is not None and before is not link:
             before.close()
 
@@ -114,20 +115,14 @@ class StepSupervisor:
                 time.sleep(TICK)
                 continue
             try:
-                packet = link.receive(TICK)
-                if packet is not None and link.ready is None:
-                    self._begin(link, packet)
-                elif packet is not None:
-                    self._take(link, packet)
+                if (packet := link.channel.receive(TICK)) is not None:
+                    (self._take if link.ready else self._begin)(link, packet)
+                if reason := self._find_silence(link):
+                    self._replace(link, 'silent', reason)
             except (EOFError, OSError):
-                if link is self.link:
-                    self._replace(link, 'ended', f'has ended {link.find_end()}')
-                continue
+                self._replace(link, 'ended', link.describe_end())
             except ObcError as error:
                 self._give_up(link, str(error))
-                continue
-            if link is self.link and (reason := self._find_silence(link)):
-                self._replace(link, 'silent', reason)
 
     def _give_up(self, link: StepLink, reason: str) -> None:
         with self._lock:
@@ -142,7 +137,7 @@ class StepSupervisor:
         if link.ready is None or link is not self.link:
             return
         if self._lost:
-            self._lost, self._pause = False, START_PAUSE
+            self._lost, self._failures = False, 0
             self._on_news('the solver process has been replaced')
         elif link.priority_refusal:
             self._on_news(f'the solver process: {link.priority_refusal}')
@@ -171,38 +166,30 @@ class StepSupervisor:
         return 'has not answered in time' if is_late else ''
 
     def _replace(self, link: StepLink, kind: str, reason: str) -> None:
-        """Start another process for the problem of `link`."""
+        """Start another process for the problem of `link`, unless that is not used any more."""
+        if link is not self.link:
+            return
         self.counts[kind] += 1
         self._lost = True
+        self._failures += link.ready is None
         self._on_news(f'the solver process {reason}; another one is started')
-        new = self._start_again(link, at_once=link.ready is not None)
-        if new is None:
-            return
-        with self._lock:
-            is_current = link is self.link
-            if is_current:
-                self.link, self._since = new, time.monotonic()
-                self._waiting.clear()
-        (link if is_current else new).close()
-
-    def _start_again(self, link: StepLink, at_once: bool) -> StepLink | None:
-        """Return a process for the problem of `link`; None: it is not wanted any more."""
-        while self._is_wanted and link is self.link:
-            if not (at_once or self._has_paused(link)):
-                return None
-            at_once = False
+        while self._has_paused(link):
             try:
-                return StepLink(link.module, link.problem, link.priority)
+                new = StepLink(link.module, link.problem, link.priority)
             except OSError as error:
+                self._failures += 1
                 self._on_news(f'the solver process cannot be started: {error}; it is tried again')
-        return None
+                continue
+            with self._lock:
+                is_current = link is self.link
+                if is_current:
+                    self.link, self._since = new, time.monotonic()
+                    self._waiting.clear()
+            (link if is_current else new).close()
 
     def _has_paused(self, link: StepLink) -> bool:
-        """Pause before another start; return False if it is not wanted any more."""
-        end = time.monotonic() + self._pause
-        self._pause = min(2.0 * self._pause, LONGEST_PAUSE)
-        while time.monotonic() < end:
-            if not self._is_wanted or link is not self.link:
-                return False
+        """Pause after failed starts; return False if no process for `link` is wanted any more."""
+        end = time.monotonic() + find_pause(self._failures, START_PAUSE, LONGEST_PAUSE)
+        while (is_wanted := self._is_wanted and link is self.link) and time.monotonic() < end:
             time.sleep(TICK)
-        return True
+        return is_wanted
