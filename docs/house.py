@@ -28,6 +28,7 @@ CERTIFICATE = 'core.ocp.certificate'
 UNDER_CERTIFICATE = ('core.ocp', 'core.numerics')   # all that the certificate imports
 # Where start-up is waited for: rclpy, CasADi and matplotlib load when needed.
 LAZY = ('book', 'view', 'cli', 'nodes', 'api')
+DISPATCHER = 'cli.obc'   # it names the commands above it
 CONSTANT = 'core.solver'   # where an object is changed by itself only
 MOST = 12   # files of a folder, without `__init__` and the folders in it
 # Public names that several modules define because others look for them by that name.
@@ -59,12 +60,12 @@ class Import:
 
     source: str
     target: str
-    where: str   # '', 'function' or 'TYPE_CHECKING'
+    where: str   # '', 'function', 'TYPE_CHECKING', or 'text': by its name
 
     def __str__(self) -> str:
         """Return the import in words."""
-        place = f' (in a {self.where})' if self.where == 'function' else (
-            f' (under {self.where})' if self.where else '')
+        place = {'': '', 'function': ' (in a function)', 'text': ' (by its name)'}.get(
+            self.where, f' (under {self.where})')
         return f'{self.source} imports {self.target}{place}'
 
 
@@ -173,6 +174,10 @@ def _imports(name: str, tree: ast.Module, modules: dict[str, Path]) -> Iterator[
                     for field in ('body', 'orelse', 'finalbody', 'handlers', 'cases')
                     for child in getattr(node, field, ())
                     if isinstance(child, ast.stmt | ast.ExceptHandler | ast.match_case)]
+    texts = {node.value for node in ast.walk(tree)
+             if isinstance(node, ast.Constant) and isinstance(node.value, str)}
+    yield from (Import(name, target, 'text') for target in modules
+                if f'{PACKAGE}.{target}' in texts and name != DISPATCHER)
 
 
 def _targets(node: ast.AST) -> list[str]:

@@ -73,6 +73,9 @@ BROKEN = [
         'core/text/file_0.py': 'import obc_ros.core.text.file_1\n',
         'core/text/file_1.py': 'import obc_ros.core.text.file_2\n',
         'core/text/file_2.py': 'def look():\n    import obc_ros.core.text.file_0\n'}, 'file_2'),
+    ('circles of modules', {   # by its name
+        'core/text/file_0.py': 'import obc_ros.core.text.file_1\n',
+        'core/text/file_1.py': "OTHER = 'obc_ros.core.text.file_0'\n"}, 'file_0 <-> '),
     ('circles of folders', {
         'core/ocp/file_2.py': 'import obc_ros.core.riccati.file_0\n',
         'core/riccati/file_1.py': 'import obc_ros.core.ocp.file_3\n',
@@ -85,6 +88,8 @@ BROKEN = [
         'core/text/file_0.py': 'import obc_ros.core.numerics.file_3\n'}, 'core.numerics.file_3'),
     ('imports upwards', {
         'core/ocp/file_0.py': 'from obc_ros.core.solver import file_3\n'}, 'core.solver.file_3'),
+    ('imports upwards', {
+        'core/text/file_0.py': "start('obc_ros.workers.file_1')\n"}, 'file_1 (by its name)'),
     ('imports upwards', {   # the certificate must not import systems
         'core/ocp/certificate/file_1.py': 'import obc_ros.core.text.file_0\n'}, 'certificate'),
     ('imports upwards', {'elsewhere.py': 'import obc_ros.core.text.file_0\n'}, 'elsewhere'),
@@ -119,6 +124,7 @@ FINE = {
     'cli/__init__.py': '"""Commands."""',
     **{f'cli/{name}.py': 'def run(): ...\n' for name in 'abcd'},
     'cli/a.py': 'def run():\n    from obc_ros.core.text import file_0\n',
+    'cli/obc.py': "MODULES = {'start': 'obc_ros.nodes.file_0'}\n",
     'core/ocp/file_0.py': 'MOST = 3\n_Own = str\n',
     'core/solver/file_0.py': 'class A:\n    def f(self):\n        self.x = 1\n',
     'core/text/file_0.py': 'MOST = 4\n_Own = int\n'}
