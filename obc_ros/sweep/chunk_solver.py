@@ -11,17 +11,14 @@ from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 import math
-from threading import Event
-import time
 from typing import Any
 
-from obc_ros.workers.pool import Job, Pool, RequestAnswer, RequestOutcome
+from obc_ros.workers.pool import Pool, RequestOutcome
 from obc_ros.workers.wire import Packet
 
 MODULE = 'obc_ros.sweep.point_requests'
 MEMORY = 2 << 30       # [bytes] of a solver process
 TRIES = 3              # times that a process may end at a point
-TICK = 0.1             # [s] between two looks at whether to stop
 STATUS_OF = {RequestOutcome.REFUSED: 'died', RequestOutcome.TIMED_OUT: 'timed_out',
              RequestOutcome.CANCELLED: 'cancelled'}
 
@@ -101,7 +98,10 @@ def _try_chunk(pool: Pool, chunk: Chunk, is_stopped: Callable[[], bool],
             rows.append({'status': 'died', 'message': guilty[index], 'time': math.nan})
             fresh = True
             continue
-        answer = _ask(pool, chunk, {**request, 'fresh': fresh}, is_stopped)
+        answer = pool.ask(chunk.kind, Packet({**request, 'fresh': fresh}), chunk.time_limit,
+                          is_stopped)
+        if is_stopped():
+            raise ChunkStoppedError
         if answer.outcome is RequestOutcome.DIED:
             return rows, answer.message
         fresh = answer.outcome is not RequestOutcome.ANSWERED   # the next process knows nothing
@@ -109,27 +109,3 @@ def _try_chunk(pool: Pool, chunk: Chunk, is_stopped: Callable[[], bool],
             'status': STATUS_OF[answer.outcome], 'message': answer.message,
             'time': chunk.time_limit})
     return rows, ''
-
-
-def _ask(pool: Pool, chunk: Chunk, request: dict[str, Any],
-         is_stopped: Callable[[], bool]) -> RequestAnswer:
-    """Return the answer to one request; the time limit does not count the start of a process."""
-    while not pool.pids and not pool.fault:
-        time.sleep(0.01)
-        if is_stopped():
-            raise ChunkStoppedError
-    answers: list[RequestAnswer] = []
-    arrived = Event()
-
-    def take(answer: RequestAnswer) -> None:
-        answers.append(answer)
-        arrived.set()
-
-    job = Job(chunk.kind, Packet(request), chunk.time_limit, take)
-    pool.submit(job)
-    while not arrived.wait(TICK):
-        if is_stopped():
-            pool.cancel(job)
-            arrived.wait()
-            raise ChunkStoppedError
-    return answers[0]

@@ -14,9 +14,12 @@ from collections import Counter, deque, OrderedDict
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from enum import StrEnum
+from queue import Empty, SimpleQueue
 from threading import Condition, Thread
 import time
+from typing import Any
 
+from obc_ros.core.ocp.solution import Report
 from obc_ros.workers.processes.supervised_process import (
     check_system,
     find_pause,
@@ -196,6 +199,39 @@ class Pool:
                 self._changed.notify_all()
         if refusal:
             self.finish(job, refusal)
+
+    def ask(self, kind: str, request: Packet, time_limit: float,
+            is_cancelled: Callable[[], bool] = lambda: False,
+            report: Report | None = None) -> RequestAnswer:
+        """
+        Return the answer to a request.
+
+        Parameters
+        ----------
+        kind, request
+            As for `Job`.
+        time_limit : float
+            Time to the answer [s], without the start of a worker.
+        is_cancelled : callable
+            Called every `TICK` seconds, by this thread.
+        report : callable, optional
+            Called with the progress, by this thread; True cancels.
+
+        """
+        arrived: SimpleQueue[Any] = SimpleQueue()   # progress or the answer, of a worker's thread
+        job = Job(kind, request, time_limit, arrived.put, lambda *told: arrived.put(told))
+        while not (self.pids or self.fault or is_cancelled()):
+            time.sleep(TICK)
+        self.submit(job)
+        while True:
+            try:
+                found = arrived.get(timeout=TICK)
+            except Empty:
+                found = None
+            if isinstance(found, RequestAnswer):
+                return found
+            if found and report and report(*found) or is_cancelled():
+                self.cancel(job)
 
     def cancel(self, job: Job) -> None:
         """Stop a request: at once if it is waiting, else within `TICK` + `GRACE` seconds."""

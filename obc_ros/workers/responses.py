@@ -4,13 +4,12 @@
 
 from contextlib import closing
 import json
-from queue import SimpleQueue
 import re
 from typing import Any
 
 from obc_ros.core.ocp.solution import Report, Solution
 from obc_ros.core.text.errors import ObcError
-from obc_ros.workers.pool import Job, Pool, RequestAnswer, RequestOutcome
+from obc_ros.workers.pool import Pool, RequestAnswer, RequestOutcome
 from obc_ros.workers.unpacking import unpack_solution
 from obc_ros.workers.wire import Packet
 
@@ -71,19 +70,12 @@ def solve_in_process(request: dict[str, Any], time_limit: float, report: Report 
         If no process starts.
 
     """
-    arrived: SimpleQueue[Any] = SimpleQueue()   # progress or the answer, of a thread of the pool
     with closing(Pool('obc_ros.workers.solving', 1, niceness=0)) as pool:
         while not pool.wait_for_start(1.0):
             pass
         if pool.fault:
             raise ObcError(f'no process starts: {pool.fault}')
-        job = Job('solve', Packet(request), time_limit, done=arrived.put,
-                  progress=lambda *progress: arrived.put(progress))
-        pool.submit(job)
-        while not isinstance(found := arrived.get(), RequestAnswer):
-            if report is not None and report(*found):
-                pool.cancel(job)
-    response = respond(found)
+        response = respond(pool.ask('solve', Packet(request), time_limit, report=report))
     states, inputs = (tuple(response.plain.get(name, ())) for name in ('states', 'inputs'))
     return unpack_solution(response), states, inputs
 

@@ -8,20 +8,17 @@ with the limits of time and memory, which is kept for the next task.
 """
 
 from collections.abc import Callable
-from threading import Event, get_ident, Lock
-import time
+from threading import get_ident, Lock
 from typing import Any
 
 from obc_ros.sweep.chunk_solver import Chunk, ChunkStoppedError, Row, solve_chunk, start_solver
-from obc_ros.workers.pool import Job, Pool, RequestAnswer, RequestOutcome
+from obc_ros.workers.pool import Pool, RequestAnswer
 from obc_ros.workers.wire import Packet
 
 _solvers: dict[tuple[int, str], Pool] = {}   # by thread and kind of work
 _cancelled: set[str] = set()     # requests that are not wanted any more
 _stopped: set[str] = set()       # sweeps that are not wanted any more
 _lock = Lock()
-
-CHECK = 0.01   # [s] between two looks at whether a request is cancelled
 
 
 def solve_chunk_here(chunk: Chunk, sweep: str) -> list[Row] | None:
@@ -69,26 +66,17 @@ def handle_request(key: str, module: str, kind: str, request: Packet, time_limit
 
     """
     pool = _find_solver(module, lambda: Pool(module, 1, memory=memory, niceness=0))
-    report = _find_reporter()
-    while not pool.pids and not pool.fault and key not in _cancelled:
-        time.sleep(CHECK)
-    answers: list[RequestAnswer] = []
-    arrived = Event()
+    import distributed  # an extra, which only a worker of a cluster has
+    worker = distributed.get_worker()
 
-    def take(answer: RequestAnswer) -> None:
-        answers.append(answer)
-        arrived.set()
+    def report(*progress: Any) -> bool:
+        worker.log_event('obc-progress', [key, *progress])
+        return False
 
-    job = Job(kind, request, time_limit, take, lambda *progress: report([key, *progress]))
-    if key in _cancelled:
+    try:
+        return pool.ask(kind, request, time_limit, lambda: key in _cancelled, report)
+    finally:
         _cancelled.discard(key)
-        return RequestAnswer(RequestOutcome.CANCELLED, 'cancelled while it waited for a worker')
-    pool.submit(job)
-    while not arrived.wait(CHECK):
-        if key in _cancelled and not job.cancelled:
-            pool.cancel(job)
-    _cancelled.discard(key)
-    return answers[0]
 
 
 def cancel_request(key: str) -> None:
@@ -112,10 +100,3 @@ def _find_solver(kind: str, start: Callable[[], Pool]) -> Pool:
         if key not in _solvers:
             _solvers[key] = start()
         return _solvers[key]
-
-
-def _find_reporter() -> Callable[[list[Any]], None]:
-    """Return what sends progress to the server: an event of the worker."""
-    import distributed  # an extra, which only a worker of a cluster has
-    worker = distributed.get_worker()
-    return lambda progress: worker.log_event('obc-progress', progress)
