@@ -44,6 +44,8 @@ from obc_ros.ros.service_qos import be_patient, BURST
 from obc_ros.ros.state_sources import SOURCES, STATE_SOURCE
 from obc_ros.ros.throttled_log import ThrottledLog
 from obc_ros.srv import DesignLqr, Minimize, PlanMotion, SolveOptimalControl
+from obc_ros.sweep.cluster.connection import check_address, explain_exposure, has_dask
+from obc_ros.sweep.cluster.requests_on_cluster import ClusterPool
 from obc_ros.workers.pool import (
     Job,
     LONGEST_LIMIT,
@@ -111,17 +113,15 @@ class TrajectoryServer(Node):  # type: ignore[misc] # rclpy's classes are untype
     """The node; see the module's text."""
 
     _pools: tuple[Pool, ...] = ()  # until the parameters are accepted
-    _cluster: Any = None           # a ClusterPool, if there is a scheduler
 
     def __init__(self, **options: Any) -> None:
         super().__init__('trajectory_server', allow_undeclared_parameters=True, **options)
         self._settings = Parameters(self, Settings, _judge, self._adopt)
-        self._solvers = Pool(ANSWERS, 0)
+        self._solvers = self._find_solvers(self._settings.settings.scheduler)
         self._designers = Pool(ANSWERS, 1, niceness=0)  # short designs do not wait for solves
         self._pools = self._solvers, self._designers
         self._view = PlanView(self)
         self._adopt(self._settings.settings)
-        self._connect(self._settings.settings.scheduler)
         self._jobs: dict[bytes, tuple[Any, Job]] = {}   # with their pools
         self._asked = 0
         self._arrived: deque[tuple[Future, RequestAnswer]] = deque()
@@ -173,7 +173,7 @@ class TrajectoryServer(Node):  # type: ignore[misc] # rclpy's classes are untype
         return self._asked > 0
 
     def _close_pools(self) -> None:
-        for pool in filter(None, (self._cluster, *self._pools)):
+        for pool in self._pools:
             pool.close()
 
     def destroy_node(self) -> None:
@@ -259,7 +259,7 @@ class TrajectoryServer(Node):  # type: ignore[misc] # rclpy's classes are untype
             done=lambda answer: self._deliver(future, answer), progress=progress,
             affinity=compute_affinity(packet))
         quick = kind == 'design_lqr' and len(request.a) <= QUICK
-        pool = self._designers if quick else self._cluster or self._solvers
+        pool = self._designers if quick else self._solvers
         pool.submit(job)
         if goal:
             key = bytes(goal.goal_id.uuid)
@@ -314,14 +314,13 @@ class TrajectoryServer(Node):  # type: ignore[misc] # rclpy's classes are untype
         self._solvers.affinities = settings.cache_size
         self._solvers.resize(settings.workers)
 
-    def _connect(self, scheduler: str) -> None:
-        """Let a cluster solve requests, if there is one."""
-        if scheduler:
-            from obc_ros.sweep.cluster.connection import explain_exposure
-            from obc_ros.sweep.cluster.requests_on_cluster import ClusterPool
-            if exposure := explain_exposure(scheduler):
-                self.get_logger().warning(exposure)
-            self._cluster = ClusterPool(scheduler, ANSWERS, self._solvers, self._tell)
+    def _find_solvers(self, scheduler: str) -> Pool:
+        """Return the pool of the solvers, with a cluster if there is one."""
+        if not scheduler:
+            return Pool(ANSWERS, 0)
+        if exposure := explain_exposure(scheduler):
+            self.get_logger().warning(exposure)
+        return ClusterPool(scheduler, ANSWERS, 0, self._tell)
 
     def _tell(self, sentence: str, good: bool) -> None:
         """Log that a cluster is found or lost."""
@@ -344,13 +343,12 @@ class TrajectoryServer(Node):  # type: ignore[misc] # rclpy's classes are untype
             if replaced:   # the first start of a worker is no fault
                 status.level = DiagnosticStatus.WARN
             status.message += f'; {pool.size - len(pool.pids)} workers are being started'
-        if self._cluster and self._cluster.fault:
+        if isinstance(pool, ClusterPool) and pool.absence:
             status.level = max(status.level, DiagnosticStatus.WARN)
-            status.message += (f'; the cluster {self._cluster.address} cannot be used: '
-                               f'{self._cluster.fault}')
-        elif self._cluster:
-            status.message += (f'; {self._cluster.busy} requests are on the cluster '
-                               f'{self._cluster.address}, {self._cluster.threads} threads')
+            status.message += f'; the cluster {pool.address} cannot be used: {pool.absence}'
+        elif isinstance(pool, ClusterPool):
+            status.message += (f'; {pool.sent} requests are on the cluster {pool.address}, '
+                               f'{pool.threads} threads')
         if pool.waiting >= pool.queue_length:
             status.level = max(status.level, DiagnosticStatus.WARN)
             status.message += '; the queue is full'
@@ -368,7 +366,6 @@ def _judge(settings: Settings) -> Settings:
     """Return the settings; raise ObcError if the scheduler or a system cannot be used."""
     load_plants(settings.systems)
     if settings.scheduler:
-        from obc_ros.sweep.cluster.connection import check_address, has_dask
         check_address(settings.scheduler)
         if not has_dask():
             raise StatementError('scheduler: Dask is missing: pip install distributed')

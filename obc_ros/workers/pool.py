@@ -97,6 +97,23 @@ class Job:
     deadline: float = 0.0
     cancelled: bool = False
 
+    def give_up_waiting(self) -> RequestAnswer | None:
+        """Return the answer to a waiting request that is cancelled or late; None: it is not."""
+        if self.cancelled:
+            return RequestAnswer(
+                RequestOutcome.CANCELLED, 'cancelled while it waited for a worker')
+        if time.monotonic() >= self.deadline:
+            return RequestAnswer(
+                RequestOutcome.TIMED_OUT, f'no worker was free within {self.time_limit:g} s')
+        return None
+
+    def give_up(self, kept: Packet) -> RequestAnswer:
+        """Return the answer to a request that was cancelled or has taken too long."""
+        if self.cancelled:
+            return RequestAnswer(RequestOutcome.CANCELLED, 'cancelled', kept)
+        return RequestAnswer(
+            RequestOutcome.TIMED_OUT, f'no answer within {self.time_limit:g} s', kept)
+
 
 class Pool:
     """
@@ -164,6 +181,11 @@ class Pool:
     def busy(self) -> int:
         """Return the number of workers that handle a request."""
         return sum(worker.job is not None for worker in self._workers)
+
+    @property
+    def uses_processes(self) -> bool:
+        """Return whether the processes take requests; a subclass may have another place."""
+        return True
 
     @property
     def pids(self) -> list[int]:
@@ -235,14 +257,8 @@ class Pool:
 
     def cancel(self, job: Job) -> None:
         """Stop a request: at once if it is waiting, else within `TICK` + `GRACE` seconds."""
-        with self._changed:
-            job.cancelled = True
-            waiting = job in self._queue
-            if waiting:
-                self._queue.remove(job)
-        if waiting:
-            self.finish(job, RequestAnswer(RequestOutcome.CANCELLED,
-                                           'cancelled while it waited for a worker'))
+        job.cancelled = True
+        self.review()
 
     def close(self) -> None:
         """End all workers; present and waiting requests are cancelled."""
@@ -252,7 +268,7 @@ class Pool:
             for worker in workers:
                 if worker.job:
                     worker.job.cancelled = True
-        self.empty_queue(RequestAnswer(RequestOutcome.CANCELLED, 'the server is shutting down'))
+        self.review(RequestAnswer(RequestOutcome.CANCELLED, 'the server is shutting down'))
         self.resize(0)
         for worker in workers:
             worker.join()
@@ -262,23 +278,19 @@ class Pool:
         self.outcomes[answer.outcome] += 1
         job.done(answer)
 
-    def empty_queue(self, answer: RequestAnswer) -> None:
-        """Give all waiting requests the same answer."""
-        with self._changed:
-            jobs, self._queue = self._queue, deque()
-        for job in jobs:
-            self.finish(job, answer)
+    def has_room(self) -> bool:
+        """Return whether a request need not wait."""
+        return self._idle('') is not None
 
-    def expire(self) -> None:
-        """Answer the requests whose time limit has passed while they waited."""
-        now = time.monotonic()
+    def review(self, refusal: RequestAnswer | None = None) -> None:
+        """Answer the waiting requests that are cancelled or late; with a refusal, all of them."""
         with self._changed:
-            late = [job for job in self._queue if now >= job.deadline]
-            for job in late:
-                self._queue.remove(job)
-        for job in late:
-            self.finish(job, RequestAnswer(
-                RequestOutcome.TIMED_OUT, f'no worker was free within {job.time_limit:g} s'))
+            answers = {job: answer for job in self._queue
+                       if (answer := refusal or job.give_up_waiting())}
+            if answers:
+                self._queue = deque(job for job in self._queue if job not in answers)
+        for job, answer in answers.items():
+            self.finish(job, answer)
 
     def note_start(self, worker: '_Worker', why: str = '') -> None:
         """Record that `worker` has started, or why it has not."""
@@ -287,15 +299,15 @@ class Pool:
             worker.failures = worker.failures + 1 if why else 0
             self.fault = why
             self._changed.notify_all()
-        if why and not self.pids:
-            self.empty_queue(self._no_worker())
+        if why and self.uses_processes and not self.pids:
+            self.review(self._no_worker())
 
     def next_job(self, worker: '_Worker') -> Job | None:
         """Return the next job of `worker`; None if there was none for `IDLE_CHECK` seconds."""
         with self._changed:
-            if worker.wanted and not worker.job and not self._queue:
+            if worker.wanted and not worker.job and not (self._queue and self.uses_processes):
                 self._changed.wait(IDLE_CHECK)
-            if worker.wanted and not worker.job and self._queue:
+            if worker.wanted and not worker.job and self._queue and self.uses_processes:
                 worker.job = self._queue.popleft()
             return worker.job
 
@@ -317,7 +329,7 @@ class Pool:
         """Wait for `duration` seconds, or less if `worker` is not wanted any more."""
         end = time.monotonic() + duration
         while worker.wanted and (left := end - time.monotonic()) > 0:
-            self.expire()
+            self.review()
             with self._changed:
                 self._changed.wait_for(lambda: not worker.wanted, min(left, TICK))
 
@@ -325,9 +337,10 @@ class Pool:
         """Return the answer to a request that cannot be accepted now; None if it can."""
         if self._closed:
             return RequestAnswer(RequestOutcome.REFUSED, 'the server is shutting down')
-        if self._workers and all(worker.failures >= TRIES for worker in self._workers):
+        if self.uses_processes and self._workers and all(
+                worker.failures >= TRIES for worker in self._workers):
             return self._no_worker()
-        if self.waiting >= self.queue_length and not self._idle(''):
+        if self.waiting >= self.queue_length and not self.has_room():
             return RequestAnswer(RequestOutcome.REFUSED, (
                 f'refused: the queue is full, with {self.waiting} requests; send the request '
                 'again later'))
@@ -338,7 +351,8 @@ class Pool:
 
     def _idle(self, affinity: str) -> '_Worker | None':
         """Return an idle worker, preferably one that has seen `affinity`; None if all are busy."""
-        idle = [worker for worker in self._workers if worker.ready and not worker.job]
+        idle = [worker for worker in self._workers
+                if self.uses_processes and worker.ready and not worker.job]
         return next((worker for worker in idle if affinity in worker.seen),
                     min(idle, key=lambda worker: len(worker.seen), default=None))
 
@@ -404,7 +418,7 @@ class _Worker(Thread):
                 packet = self._process.channel.receive(TICK)
             except EOFError:
                 return self._cause()
-            self._pool.expire()
+            self._pool.review()
             if packet and 'ready' in packet.plain:
                 self._pool.note_start(self)
                 return ''
@@ -446,7 +460,7 @@ class _Worker(Thread):
                 self._process.channel.send({'cancel': True}, timeout=GRACE)
                 end, asked = min(end, now + GRACE), True
             packet = self._process.channel.receive(max(0.0, min(TICK, end - now)))
-            self._pool.expire()
+            self._pool.review()
             if packet is None:
                 continue
             if 'answer' in packet.plain:
@@ -460,10 +474,7 @@ class _Worker(Thread):
                                     packet.arrays or self._kept.arrays)
             else:
                 job.progress(*packet.plain['progress'])
-        if job.cancelled:
-            return RequestAnswer(RequestOutcome.CANCELLED, 'cancelled', self._kept)
-        return RequestAnswer(RequestOutcome.TIMED_OUT, f'no answer within {job.time_limit:g} s',
-                             self._kept)
+        return job.give_up(self._kept)
 
     def _cause(self) -> str:
         """Return how the process has ended."""

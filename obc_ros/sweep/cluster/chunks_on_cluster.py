@@ -11,7 +11,7 @@ import uuid
 
 from obc_ros.core.text.errors import ObcError
 from obc_ros.sweep.chunk_solver import Chunk
-from obc_ros.sweep.cluster.connection import connect, start_local
+from obc_ros.sweep.cluster.connection import connect, count_threads, start_local
 from obc_ros.sweep.cluster.tasks import end_solvers, solve_chunk_here, stop_sweep
 from obc_ros.sweep.local_workers import Finished
 
@@ -140,7 +140,7 @@ class _ClusterRun:
             If the scheduler is gone, or there has been no worker for some time.
 
         """
-        while (threads := self._count_threads()) is None:
+        while (threads := count_threads(self._client)) is None:
             if self._client.status == 'closed' or time.monotonic() > self._seen + LOST:
                 raise ObcError(f'the scheduler of {self._name} is gone')
             time.sleep(0.1)
@@ -150,13 +150,3 @@ class _ClusterRun:
         elif self._seen > self._worked + ALONE:
             raise ObcError(f'the cluster of {self._name} has had no worker for {ALONE:g} s')
         return AHEAD * threads
-
-    def _count_threads(self) -> int | None:
-        """Return the number of threads of all workers; None if the scheduler does not answer."""
-        if self._client.status != 'running':
-            return None
-        try:
-            threads: int = sum(self._client.nthreads().values())
-        except (OSError, TimeoutError):
-            return None
-        return threads

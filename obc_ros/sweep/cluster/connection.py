@@ -138,6 +138,17 @@ def start_local(workers: int) -> Any:
     return distributed.Client(cluster, set_as_default=False)
 
 
+def count_threads(client: Any) -> int | None:
+    """Return the number of threads of all workers; None if the scheduler does not answer."""
+    if client.status != 'running':
+        return None
+    try:
+        threads: int = sum(client.nthreads().values())
+    except (OSError, TimeoutError):
+        return None
+    return threads
+
+
 def _import_distributed() -> Any:
     try:
         import distributed

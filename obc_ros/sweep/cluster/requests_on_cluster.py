@@ -1,30 +1,32 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Requests of a server on a Dask cluster, with the interface of `workers.pool.Pool`.
+A pool whose requests are handled by a Dask cluster.
 
-A thread connects to the scheduler. While there is no connection, and for requests under way when
-it is lost, the server's own processes work.
+A thread connects to the scheduler. While there is no connection, the processes of the pool work,
+also on the requests that were on the cluster when it was lost.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
-from queue import Empty, SimpleQueue
-from threading import Event, Lock, Thread
+from contextlib import suppress
+from dataclasses import dataclass
+from threading import Thread
 import time
 from typing import Any
 import uuid
 
 from obc_ros.core.text.errors import ObcError
-from obc_ros.sweep.cluster.connection import check_address, connect
+from obc_ros.sweep.cluster.connection import check_address, connect, count_threads
 from obc_ros.sweep.cluster.tasks import cancel_request, handle_request
 from obc_ros.workers.pool import GRACE, Job, Pool, RequestAnswer, RequestOutcome
+from obc_ros.workers.wire import Packet
 
+AHEAD = 2       # requests at each thread of a worker, one of which waits
 RETRY = 3.0     # [s] between two attempts to connect, and for each: it may not hold up an end
 CHECK = 0.05    # [s] between two looks at requests and connection
+COUNT = 1.0     # [s] between two counts of the threads
 ENDING = 0.5    # [s] in which the cluster must answer a cancelled or late request
 CLOSING = 2.0   # [s] that `close` waits for the connection to end
-SILENT = 3.0    # [s] without the scheduler after which the own processes take over
 
 
 @dataclass(eq=False)
@@ -33,31 +35,27 @@ class _Sent:
 
     job: Job
     key: str
-    deadline: float
     future: Any
     ends: float = 0.0
-    outcome: RequestOutcome = RequestOutcome.CANCELLED
 
 
-class ClusterPool:
+class ClusterPool(Pool):
     """
-    Requests on a cluster; own processes take over if it is gone.
+    Requests on a cluster; processes of this machine take over if it is gone.
 
     Parameters
     ----------
     address : str
         Of the scheduler.
-    module : str
+    module, size
         As for `Pool`.
-    own : Pool
-        The processes of the server. It counts the outcomes of all requests.
     say : callable
         Called by a thread with a sentence, and whether it is good, when the cluster is found or
         lost.
 
     Attributes
     ----------
-    fault : str
+    absence : str
         Why there is no connection; empty while there is one.
     threads : int
         Number of requests that the cluster handles at once.
@@ -69,118 +67,110 @@ class ClusterPool:
 
     """
 
-    def __init__(self, address: str, module: str, own: Pool,
+    def __init__(self, address: str, module: str, size: int,
                  say: Callable[[str, bool], None]) -> None:
         check_address(address)
-        self.address, self.module = address, module
-        self.fault, self.threads = 'not connected yet', 0
-        self._own, self._say = own, say
+        self.address = address
+        self.absence, self.threads = 'not connected yet', 0
+        self._say = say
         self._client: Any = None
-        self._lock = Lock()
         self._sent: dict[Job, _Sent] = {}
-        self._moved: dict[Job, Job] = {}   # to the own processes
-        self._closed = Event()
-        self._arrived: SimpleQueue[_Sent] = SimpleQueue()
+        super().__init__(module, size)
         self._thread = Thread(target=self._run, name='cluster', daemon=True)
         self._thread.start()
 
     @property
-    def busy(self) -> int:
+    def uses_processes(self) -> bool:
+        """Return whether the processes take requests, in place of the cluster."""
+        return bool(self.absence)
+
+    @property
+    def sent(self) -> int:
         """Return the number of requests on the cluster."""
         return len(self._sent)
 
-    def submit(self, job: Job) -> None:
-        """Accept a request; its time limit counts from now on."""
-        with self._lock:
-            full = len(self._sent) >= self.threads + self._own.queue_length
-            if not self.fault and not full:
-                try:
-                    self._send(job)
-                    return
-                except Exception as error:   # the connection has just been lost
-                    self.fault = str(error)
-        if not self.fault and full:
-            self._own.finish(job, RequestAnswer(RequestOutcome.REFUSED, (
-                f'refused: {len(self._sent)} requests wait for the cluster; send the request '
-                'again later')))
-            return
-        self._own.submit(job)
-
-    def cancel(self, job: Job) -> None:
-        """Stop a request."""
-        with self._lock:
-            sent, moved = self._sent.get(job), self._moved.get(job, job)
-            if sent:
-                job.cancelled = True   # `_look` asks the cluster
-        if not sent:
-            self._own.cancel(moved)
+    def has_room(self) -> bool:
+        """Return whether a request need not wait."""
+        return super().has_room() or not self.absence and self.waiting < (
+            AHEAD * self.threads - self.sent)
 
     def close(self) -> None:
-        """Cancel all requests on the cluster and end the connection."""
-        self._closed.set()
+        """Cancel all requests, and end the connection and the processes."""
+        with self._changed:
+            self._closed = True
+            sent = [*self._sent.values()]
+        for each in sent:
+            self._finish(each, RequestAnswer(RequestOutcome.CANCELLED,
+                                             'the server is shutting down'))
+        super().close()
         self._thread.join(CLOSING)
-
-    def _send(self, job: Job) -> None:
-        key = f'obc-request-{uuid.uuid4().hex}'
-        future = self._client.submit(
-            handle_request, key, self.module, job.kind, job.request, job.time_limit,
-            self._own.memory, pure=False, key=key)
-        sent = _Sent(job, key, time.monotonic() + job.time_limit, future)
-        self._sent[job] = sent
-        future.add_done_callback(lambda _: self._arrived.put(sent))
 
     def _run(self) -> None:
         """Connect, and connect again, until closed."""
-        while not self._closed.is_set():
+        while not self._closed:
             try:
                 self._client = connect(self.address, RETRY)
                 self._client.subscribe_topic('obc-progress', self._report)
             except (ObcError, OSError, TimeoutError) as error:
                 self._lose(str(error))
             else:
-                self._count()
                 self._attend()
-            self._closed.wait(RETRY)
+            with self._changed:
+                self._changed.wait_for(lambda: self._closed, RETRY)
 
     def _attend(self) -> None:
-        """Pass on answers until the connection is lost or closed."""
-        looked = seen = time.monotonic()
-        while not self._closed.is_set():
-            try:
-                sent = self._arrived.get(timeout=CHECK)
-            except Empty:
-                pass
-            else:
-                self._take(sent)
+        """Send requests and pass on answers until the connection is lost or closed."""
+        counted = -COUNT
+        while not self._closed and self._client.status == 'running':
             now = time.monotonic()
-            if self._client.status == 'running':
-                seen = now
-            if now > seen + SILENT or self._client.status == 'closed':
-                self._lose('the scheduler is gone')
-                break
-            for each in list(self._sent.values()):
-                self._look(each, now)
-            if now > looked + 1.0:
-                looked = now
+            if now > counted + COUNT:
+                counted = now
                 self._count()
-        for each in list(self._sent.values()) if self._closed.is_set() else ():
-            self._finish(each, RequestAnswer(RequestOutcome.CANCELLED,
-                                             'the server is shutting down'))
-        try:
+            self.review()
+            try:
+                self._send()
+            except Exception:   # the connection has just been lost
+                break
+            for each in [*self._sent.values()]:
+                self._look(each, now)
+            with self._changed:
+                self._changed.wait_for(self._has_news, CHECK)
+        if not self._closed:
+            self._lose('the scheduler is gone')
+        with suppress(Exception):   # a connection that is gone cannot be closed
             self._client.close(timeout=1.0)
-        except Exception as error:   # a connection that is gone cannot be closed
-            self.fault = self.fault or str(error)
+
+    def _has_news(self) -> bool:
+        return self._closed or self._may_send() or any(
+            each.future.done() for each in self._sent.values())
+
+    def _may_send(self) -> bool:
+        return bool(self._queue) and not self.absence and self.sent < AHEAD * self.threads
+
+    def _send(self) -> None:
+        """Give waiting requests to the cluster."""
+        with self._changed:
+            while self._may_send() and not self._closed:
+                job, key = self._queue[0], f'obc-request-{uuid.uuid4().hex}'
+                future = self._client.submit(
+                    handle_request, key, self.module, job.kind, job.request,
+                    max(job.deadline - time.monotonic(), 0.01), self.memory, pure=False, key=key)
+                self._sent[self._queue.popleft()] = _Sent(job, key, future)
+                future.add_done_callback(self._wake)
+
+    def _wake(self, _: Any) -> None:
+        with self._changed:
+            self._changed.notify_all()
 
     def _look(self, sent: _Sent, now: float) -> None:
-        """End a request that is cancelled or late."""
-        if sent.ends:
+        """Take the answer to a request, or end it if it is cancelled or late."""
+        job = sent.job
+        if sent.future.done():
+            self._take(sent)
+        elif sent.ends:
             if now > sent.ends:
-                self._finish(sent, _ended(sent, RequestAnswer(sent.outcome)))
-            return
-        late = now > sent.deadline + GRACE
-        if late or sent.job.cancelled:
-            sent.outcome = (RequestOutcome.CANCELLED if sent.job.cancelled else
-                            RequestOutcome.TIMED_OUT)
+                self._finish(sent, job.give_up(Packet({})))
+        elif job.cancelled or now > job.deadline + GRACE:
             sent.ends = now + ENDING
             try:
                 self._client.run(cancel_request, sent.key, wait=False, on_error='ignore')
@@ -188,75 +178,56 @@ class ClusterPool:
                 sent.ends = now
 
     def _take(self, sent: _Sent) -> None:
-        """Pass on the answer of the cluster, or give the request to the own processes."""
-        if sent.job not in self._sent:
-            return
-        if sent.future.status == 'finished':
-            try:
-                answer: RequestAnswer = sent.future.result(timeout=ENDING)
-            except Exception:   # its worker is gone
-                self._move(sent)
-            else:
-                self._finish(sent, _ended(sent, answer) if sent.ends else answer)
-        elif sent.future.status == 'error':
+        """Pass on the answer of the cluster; without one the request waits again."""
+        if sent.future.status == 'error':
             self._finish(sent, RequestAnswer(RequestOutcome.DIED, (
                 f'the worker of the cluster that was solving this has died: '
                 f'{sent.future.exception()}')))
-        else:
-            self._move(sent)
+            return
+        try:
+            answer: RequestAnswer = sent.future.result(timeout=ENDING)
+        except Exception:   # its worker is gone, or the scheduler
+            self._return([sent.job])
+            return
+        is_ended = sent.ends and answer.outcome is not RequestOutcome.ANSWERED
+        if is_ended or answer.outcome is RequestOutcome.TIMED_OUT:   # in words of this pool
+            answer = sent.job.give_up(answer.packet)
+        self._finish(sent, answer)
 
     def _count(self) -> None:
-        try:
-            self.threads = sum(self._client.nthreads().values())
-        except (OSError, TimeoutError):
+        if (threads := count_threads(self._client)) is None:
             return
+        self.threads = threads
         if not self.threads:
             self._lose('it has no workers')
-        elif self.fault:
-            self.fault = ''
+        elif self.absence:
+            self.absence = ''
             self._say(f'requests go to the cluster {self.address}, {self.threads} threads', True)
 
     def _lose(self, why: str) -> None:
-        """Go on with the own processes."""
-        known, self.fault = self.fault, why
+        """Go on with the processes of this machine."""
+        known, self.absence = self.absence, why
         if known != why:
             self._say(f'the cluster {self.address} cannot be used: {why}; requests go to the '
                       'processes of this server', False)
-        for sent in list(self._sent.values()):
-            self._move(sent)
+        self._return([*self._sent])
 
-    def _move(self, sent: _Sent) -> None:
-        """Give a request to the own processes, with the time that is left."""
-        with self._lock:
-            if self._sent.pop(sent.job, None) is None:
-                return
-            job = replace(sent.job, time_limit=max(sent.deadline - time.monotonic(), 0.01),
-                          done=lambda answer: self._settle(sent.job, answer))
-            self._moved[sent.job] = job
-        self._own.submit(job)
-
-    def _settle(self, job: Job, answer: RequestAnswer) -> None:
-        self._moved.pop(job, None)
-        job.done(answer)
+    def _return(self, jobs: list[Job]) -> None:
+        """Let requests that were on the cluster wait again, before all others."""
+        with self._changed:
+            self._queue.extendleft(job for job in reversed(jobs) if self._sent.pop(job, None))
+            self._changed.notify_all()
 
     def _finish(self, sent: _Sent, answer: RequestAnswer) -> None:
-        with self._lock:
+        with self._changed:
             if self._sent.pop(sent.job, None) is None:
                 return
         sent.future.release()
-        self._own.finish(sent.job, answer)
+        self.finish(sent.job, answer)
 
     def _report(self, event: Any) -> None:
         """Pass on the progress of a request."""
         key, *progress = event[1]
-        for sent in list(self._sent.values()):
+        for sent in [*self._sent.values()]:
             if sent.key == key:
                 sent.job.progress(*progress)
-
-
-def _ended(sent: _Sent, answer: RequestAnswer) -> RequestAnswer:
-    """Return an answer to a request that was ended, in the words of a pool."""
-    if answer.outcome is RequestOutcome.ANSWERED:
-        return answer
-    return RequestAnswer(sent.outcome, 'cancelled' if sent.outcome is RequestOutcome.CANCELLED else
-                         f'no answer within {sent.job.time_limit:g} s', answer.packet)
