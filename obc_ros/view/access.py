@@ -144,7 +144,8 @@ class HeaderDeadline(asyncio.Protocol):
     Closes connections that send the header of a request slowly or never.
 
     A base class to stand before a protocol of uvicorn, which waits without end for the first
-    request, and for a request that has begun.
+    request, and for a request that has begun; and which answers a request on a connection that it
+    has closed for malformed data.
     """
 
     cycle: Any       # of uvicorn: the request, and how it sends
@@ -160,6 +161,11 @@ class HeaderDeadline(asyncio.Protocol):
         """Read data, and wait for the rest of a header that has begun."""
         super().data_received(data)
         self._watch()
+        cycle = self.cycle
+        if self.transport.is_closing() and cycle and not cycle.response_complete:
+            # uvicorn has answered malformed data with 400; the request before them has no answer
+            cycle.disconnected = True
+            cycle.message_event.set()
 
     def connection_lost(self, error: Exception | None) -> None:
         """Wait no more."""

@@ -9,6 +9,7 @@ import threading
 import time
 from types import SimpleNamespace
 from typing import Any
+from unittest import mock
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from hypothesis import given
@@ -50,6 +51,7 @@ from obc_ros.view.telemetry import (
 )
 from obc_ros.view.weights_panel import convert_weights
 import uvicorn
+from uvicorn.server import ServerState
 from view_recording import record
 
 HOSTILE = '</script><img src=x onerror=alert(1)>{{ 7*7 }}'
@@ -237,6 +239,40 @@ def test_a_request_that_arrived_and_a_websocket_have_all_time(protocol):
 
     asyncio.run(exchange(protocol, ask_twice))
     asyncio.run(exchange(protocol, converse))
+
+
+@pytest.mark.parametrize('protocol', ['h11'], indirect=True)   # httptools reads on
+def test_a_request_before_malformed_data_is_not_answered_after_400(protocol, caplog):
+    """The application answers before the loop tells it of the end of the connection."""
+    async def give_both() -> bytes:
+        going = asyncio.Event()
+
+        async def answer_later(scope: Any, receive: Any, send: Any) -> None:
+            await going.wait()
+            await answer_briefly(scope, receive, send)
+
+        config = uvicorn.Config(answer_later, lifespan='off', log_config=None)
+        config.load()
+        state = ServerState()
+        server = protocol(config=config, server_state=state, app_state={})
+        connection = mock.MagicMock(spec=asyncio.Transport)
+        connection.is_closing.side_effect = lambda: connection.close.called
+        connection.get_protocol.return_value = server
+        connection.get_extra_info.return_value = None
+        server.connection_made(connection)
+        server.data_received(REQUEST.replace(b'1.1', b'1.0'))
+        await asyncio.sleep(0)
+        server.data_received(b'more\r\n\r\n')
+        assert connection.close.called
+        going.set()
+        await asyncio.gather(*state.tasks)
+        server.connection_lost(None)
+        return b''.join(call.args[0] for call in connection.write.mock_calls)
+
+    written = asyncio.run(give_both())
+    assert (written.count(b'HTTP/1.1'), written.count(b'HTTP/1.1 400')) == (1, 1)
+    assert not [each for each in caplog.records if each.name == 'uvicorn.error' and (
+        each.levelname == 'ERROR')]
 
 
 def test_one_page_controls_at_a_time_after_a_click():
