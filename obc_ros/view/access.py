@@ -159,7 +159,10 @@ class HeaderDeadline(asyncio.Protocol):
 
     def data_received(self, data: bytes) -> None:
         """Read data, and wait for the rest of a header that has begun."""
-        super().data_received(data)
+        try:
+            super().data_received(data)
+        except Exception:   # of h11: a 400 behind an answer that ends the connection
+            self.transport.close()
         self._watch()
         cycle = self.cycle
         if self.transport.is_closing() and cycle and not cycle.response_complete:

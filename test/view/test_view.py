@@ -241,6 +241,20 @@ def test_a_request_that_arrived_and_a_websocket_have_all_time(protocol):
     asyncio.run(exchange(protocol, converse))
 
 
+def connect(protocol: type, application: Any) -> tuple[Any, Any, ServerState]:
+    """Return a protocol that serves an application, its connection, and its requests."""
+    config = uvicorn.Config(application, lifespan='off', log_config=None)
+    config.load()
+    state = ServerState()
+    server = protocol(config=config, server_state=state, app_state={})
+    connection = mock.MagicMock(spec=asyncio.Transport)
+    connection.is_closing.side_effect = lambda: connection.close.called
+    connection.get_protocol.return_value = server
+    connection.get_extra_info.return_value = None
+    server.connection_made(connection)
+    return server, connection, state
+
+
 @pytest.mark.parametrize('protocol', ['h11'], indirect=True)   # httptools reads on
 def test_a_request_before_malformed_data_is_not_answered_after_400(protocol, caplog):
     """The application answers before the loop tells it of the end of the connection."""
@@ -251,15 +265,7 @@ def test_a_request_before_malformed_data_is_not_answered_after_400(protocol, cap
             await going.wait()
             await answer_briefly(scope, receive, send)
 
-        config = uvicorn.Config(answer_later, lifespan='off', log_config=None)
-        config.load()
-        state = ServerState()
-        server = protocol(config=config, server_state=state, app_state={})
-        connection = mock.MagicMock(spec=asyncio.Transport)
-        connection.is_closing.side_effect = lambda: connection.close.called
-        connection.get_protocol.return_value = server
-        connection.get_extra_info.return_value = None
-        server.connection_made(connection)
+        server, connection, state = connect(protocol, answer_later)
         server.data_received(REQUEST.replace(b'1.1', b'1.0'))
         await asyncio.sleep(0)
         server.data_received(b'more\r\n\r\n')
@@ -273,6 +279,21 @@ def test_a_request_before_malformed_data_is_not_answered_after_400(protocol, cap
     assert (written.count(b'HTTP/1.1'), written.count(b'HTTP/1.1 400')) == (1, 1)
     assert not [each for each in caplog.records if each.name == 'uvicorn.error' and (
         each.levelname == 'ERROR')]
+
+
+@pytest.mark.parametrize('protocol', ['h11'], indirect=True)
+def test_malformed_data_after_an_answer_end_the_connection(protocol):
+    """The body of the request is not read, so that the answer is the last one."""
+    async def give() -> bool:
+        server, connection, state = connect(protocol, answer_briefly)
+        server.data_received(REQUEST.replace(
+            b'\r\n\r\n', b'\r\nTransfer-Encoding: chunked\r\n\r\n\xbf'))
+        await asyncio.gather(*state.tasks)
+        server.data_received(b'\r\n')
+        server.connection_lost(None)
+        return connection.close.called
+
+    assert asyncio.run(give())
 
 
 def test_one_page_controls_at_a_time_after_a_click():
