@@ -161,8 +161,10 @@ class HeaderDeadline(asyncio.Protocol):
         """Read data, and wait for the rest of a header that has begun."""
         try:
             super().data_received(data)
-        except Exception:   # of h11: a 400 behind an answer that ends the connection
-            self.transport.close()
+        except Exception as error:
+            if not type(error).__module__.startswith('h11.'):
+                raise
+            self.transport.close()   # h11 has no 400 behind an answer that ends the connection
         self._watch()
         cycle = self.cycle
         if self.transport.is_closing() and cycle and not cycle.response_complete:
