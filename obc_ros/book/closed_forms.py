@@ -25,15 +25,9 @@ class ScalarPath:
     """
     Optimal trajectory of a scalar system.
 
-    Attributes
-    ----------
-    t, x, u, lam : ndarray, shape (N,)
-        Times [s], state, input, costate of H = u^2 / 2 + lam f.
-    J : float
-        Cost, P x(0)^2 / 2.
-    P : float
-        Cost-to-go at 0; u(0) = -b P x(0).
-
+    :ivar t, x, u, lam: (N,), times [s], state, input, costate of H = u^2 / 2 + lam f.
+    :ivar J: cost, P x(0)^2 / 2.
+    :ivar P: cost-to-go at 0; u(0) = -b P x(0).
     """
 
     t: Array
@@ -57,32 +51,14 @@ def solve_scalar_finite_horizon(a: float, b: float, c: float, x0: float, t: Arra
     W(r) = (1 - e^(-2 |a| r)) / (2 |a|). All terms of this sum have one sign. Equation (2.5) is a
     difference, which has no correct digit left at a = 2, tf = 10.
 
-    Parameters
-    ----------
-    a, b : float
-        System; b is not 0.
-    c : float
-        Weight of x(tf), >= 0; inf for x(tf) = 0, the limit of the example.
-    x0 : float
-        x(0).
-    t : array_like, shape (N,)
-        Times within [0, tf] [s].
-    tf : float
-        [s], > 0.
-
-    Returns
-    -------
-    ScalarPath
-
-    Raises
-    ------
-    StatementError
-        If a number is not finite or out of its range.
-
-    References
-    ----------
     Example 2.2, equations (2.4) and (2.5), for a > 0; Exercise 2.4(a) with -a in place of a.
 
+    :param a, b: system; b is not 0.
+    :param c: weight of x(tf), >= 0; inf for x(tf) = 0, the limit of the example.
+    :param x0: x(0).
+    :param t: (N,), times within [0, tf] [s].
+    :param tf: [s], > 0.
+    :raises StatementError: if a number is not finite or out of its range.
     """
     _finite(a=a, b=b, x0=x0, tf=tf)
     if not c >= 0:
@@ -113,26 +89,12 @@ def solve_scalar_infinite_horizon(a: float, b: float, x0: float, t: ArrayLike) -
     For a > 0, P = 2 a / b^2 and u = -b P x, so that x' = -a x. P = 0 also solves the Riccati
     equation; the condition x(inf) = 0 selects P > 0. For a < 0, u = 0 is optimal.
 
-    Parameters
-    ----------
-    a, b, x0 : float
-        System, a and b not 0, and x(0).
-    t : array_like, shape (N,)
-        Times >= 0 [s].
-
-    Returns
-    -------
-    ScalarPath
-
-    Raises
-    ------
-    StatementError
-        If a number is not finite or out of its range; if a = 0, for which no minimum is attained.
-
-    References
-    ----------
     Exercise 2.9.
 
+    :param a, b, x0: system, a and b not 0, and x(0).
+    :param t: (N,), times >= 0 [s].
+    :raises StatementError: if a number is not finite or out of its range; if a = 0, for which no
+        minimum is attained.
     """
     _finite(a=a, b=b, x0=x0)
     _nonzero(a=a, b=b)
@@ -155,27 +117,12 @@ def solve_scalar_between(a: float, b: float, x0: float, xf: float, t: ArrayLike,
 
     is evaluated without overflow. `P` is nan, because J is not a multiple of x0^2.
 
-    Parameters
-    ----------
-    a, b, x0, xf : float
-        System, b not 0, and x at both ends.
-    t, tf
-        As for `solve_scalar_finite_horizon`.
-
-    Returns
-    -------
-    ScalarPath
-
-    Raises
-    ------
-    StatementError
-        As `solve_scalar_finite_horizon`.
-
-    References
-    ----------
     Exercise 2.4(d), which compares flat trajectories with it: from x(0) = 0 the solution of
     part (a) is x = 0.
 
+    :param a, b, x0, xf: system, b not 0, and x at both ends.
+    :param t, tf: as for `solve_scalar_finite_horizon`.
+    :raises StatementError: as `solve_scalar_finite_horizon`.
     """
     _finite(a=a, b=b, x0=x0, xf=xf, tf=tf)
     _nonzero(b=b)
@@ -198,15 +145,9 @@ class SecondOrderDesign:
     """
     Optimal regulator of a second-order system.
 
-    Attributes
-    ----------
-    K, P : ndarray, shape (1, 2) and (2, 2)
-        u = -K x; J = x0'P x0.
-    omega0 : float
-        Natural frequency of the closed loop [rad/s].
-    zeta : float
-        Its damping ratio.
-
+    :ivar K, P: (1, 2) and (2, 2), u = -K x; J = x0'P x0.
+    :ivar omega0: natural frequency of the closed loop [rad/s].
+    :ivar zeta: its damping ratio.
     """
 
     K: Array
@@ -222,24 +163,10 @@ def solve_double_integrator_regulator(q: float) -> SecondOrderDesign:
     K = [q, sqrt(2 q)], the second row of P = [[sqrt(2 q^3), q], [q, sqrt(2 q)]], and
     omega0 = sqrt(q). The K and omega0 printed in the book hold for q = 1 only.
 
-    Parameters
-    ----------
-    q : float
-        Square root of the weight of x1, > 0.
-
-    Returns
-    -------
-    SecondOrderDesign
-
-    Raises
-    ------
-    StatementError
-        If `q` is not a finite number > 0.
-
-    References
-    ----------
     Example 2.4.
 
+    :param q: square root of the weight of x1, > 0.
+    :raises StatementError: if `q` is not a finite number > 0.
     """
     _positive(q=q)
     root = sqrt(2 * q)
@@ -254,24 +181,10 @@ def solve_lag_regulator(a: float) -> SecondOrderDesign:
     K = [1, sqrt(a^2 + 2) - a], omega0 = 1, zeta = sqrt(a^2 + 2) / 2. The zero b of the transfer
     function has no influence.
 
-    Parameters
-    ----------
-    a : float
-        Reciprocal of the time constant of the lag [1/s], > 0.
-
-    Returns
-    -------
-    SecondOrderDesign
-
-    Raises
-    ------
-    StatementError
-        If `a` is not a finite number > 0.
-
-    References
-    ----------
     Exercise 2.8.
 
+    :param a: reciprocal of the time constant of the lag [1/s], > 0.
+    :raises StatementError: if `a` is not a finite number > 0.
     """
     _positive(a=a)
     root = sqrt(a * a + 2)
@@ -285,15 +198,9 @@ class BrockettPath:
     """
     Optimal inputs of Brockett's system.
 
-    Attributes
-    ----------
-    t : ndarray, shape (N,)
-        Times within [0, 1] [s].
-    q, u : ndarray, shape (N, m)
-        q(t) and its rate.
-    J : float
-        Integral of u'u / 2.
-
+    :ivar t: (N,), times within [0, 1] [s].
+    :ivar q, u: (N, m), q(t) and its rate.
+    :ivar J: integral of u'u / 2.
     """
 
     t: Array
@@ -318,27 +225,13 @@ def solve_brockett(Y: ArrayLike, t: ArrayLike) -> BrockettPath:
     sigma has the lowest frequency. For m = 3 (b), with Y z = y x z, there is one plane, normal to
     y, and J = pi |y|.
 
-    Parameters
-    ----------
-    Y : array_like, shape (m, m)
-        Y(1); skew, Y' = -Y.
-    t : array_like, shape (N,)
-        Times within [0, 1] [s].
-
-    Returns
-    -------
-    BrockettPath
-
-    Raises
-    ------
-    StatementError
-        If Y is not a skew-symmetric matrix of finite numbers, or a time is not within [0, 1].
-
-    References
-    ----------
     Exercise 2.2. R. W. Brockett, Control theory and singular Riemannian geometry, in: New
     Directions in Applied Mathematics, Springer, 1981.
 
+    :param Y: (m, m), Y(1); skew, Y' = -Y.
+    :param t: (N,), times within [0, 1] [s].
+    :raises StatementError: if Y is not a skew-symmetric matrix of finite numbers, or a time is not
+        within [0, 1].
     """
     matrix = np.asarray(Y, dtype=float)
     if matrix.ndim != 2 or matrix.shape[0] != matrix.shape[1] or not matrix.size:
@@ -367,19 +260,11 @@ class StraightPath:
     """
     Shortest path between two points, at constant speed over [0, 1].
 
-    Attributes
-    ----------
-    t : ndarray, shape (N,)
-        Times [s].
-    x, u : ndarray, shape (N, n)
-        Position [m] and velocity [m/s].
-    length : float
-        Integral of |u| [m]; it does not depend on the speed along the line.
-    energy : float
-        Integral of u'u; only constant speed minimises it.
-    lam : ndarray, shape (n,)
-        Costate of the length, -u / |u|; zero for a path of length 0.
-
+    :ivar t: (N,), times [s].
+    :ivar x, u: (N, n), position [m] and velocity [m/s].
+    :ivar length: integral of |u| [m]; it does not depend on the speed along the line.
+    :ivar energy: integral of u'u; only constant speed minimises it.
+    :ivar lam: (n,), costate of the length, -u / |u|; zero for a path of length 0.
     """
 
     t: Array
@@ -397,26 +282,12 @@ def solve_straight_line(x0: ArrayLike, xf: ArrayLike, t: ArrayLike) -> StraightP
     For L = |u| the necessary conditions determine the direction of u, not its size:
     H = |u| + lam'u = 0 for every u along -lam. The problem has no maximum speed.
 
-    Parameters
-    ----------
-    x0, xf : array_like, shape (n,)
-        Initial and final position [m].
-    t : array_like, shape (N,)
-        Times within [0, 1] [s].
-
-    Returns
-    -------
-    StraightPath
-
-    Raises
-    ------
-    StatementError
-        If the points are not finite or not of equal dimension, or a time is not within [0, 1].
-
-    References
-    ----------
     Exercise 2.3.
 
+    :param x0, xf: (n,), initial and final position [m].
+    :param t: (N,), times within [0, 1] [s].
+    :raises StatementError: if the points are not finite or not of equal dimension, or a time is
+        not within [0, 1].
     """
     start, end = np.asarray(x0, dtype=float), np.asarray(xf, dtype=float)
     if start.shape != end.shape or start.ndim != 1 or not start.size:

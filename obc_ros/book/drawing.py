@@ -19,20 +19,10 @@ def create_panels(rows: int, columns: int, height: float = HEIGHT, **options: An
     """
     Return a figure with panels.
 
-    Parameters
-    ----------
-    rows, columns : int
-        Numbers of panels.
-    height : float
-        Of a row [in].
-    **options : object
-        For `Figure.subplots`.
-
-    Returns
-    -------
-    Figure, ndarray of Axes, shape (rows, columns)
-        The figure and its panels.
-
+    :param rows, columns: numbers of panels.
+    :param height: of a row [in].
+    :param **options: for `Figure.subplots`.
+    :return: (rows, columns), the figure and its panels.
     """
     figure = Figure(figsize=(WIDTH, height * rows), layout='constrained')
     return figure, figure.subplots(rows, columns, squeeze=False, **options)
@@ -42,15 +32,9 @@ def label_axes(axes: Axes, title: str, x: str, y: str, *, legend: bool | str = F
     """
     Set title, labels and legend of a panel.
 
-    Parameters
-    ----------
-    axes : Axes
-        The panel.
-    title, x, y : str
-        Title, and labels of both axes with their units.
-    legend : bool or str
-        Whether there is a legend, or its place.
-
+    :param axes: the panel.
+    :param title, x, y: title, and labels of both axes with their units.
+    :param legend: whether there is a legend, or its place.
     """
     axes.set(title=title, xlabel=x, ylabel=y)
     if legend:
@@ -61,15 +45,9 @@ def place_legend_below(figure: Figure, axes: Axes, columns: int = 4) -> None:
     """
     Put the legend of a panel below the figure.
 
-    Parameters
-    ----------
-    figure : Figure
-        With a constrained layout.
-    axes : Axes
-        Whose labelled lines the legend has.
-    columns : int
-        Of the legend.
-
+    :param figure: with a constrained layout.
+    :param axes: whose labelled lines the legend has.
+    :param columns: of the legend.
     """
     figure.legend(*axes.get_legend_handles_labels(), loc='outside lower center', ncols=columns)
 
@@ -78,15 +56,10 @@ def draw_arrow(axes: Axes, start: Any, direction: Any, **style: Any) -> None:
     """
     Draw a vector.
 
-    Parameters
-    ----------
-    axes : Axes
-        The panel.
-    start, direction : array_like, shape (2,)
-        Where the vector begins, and the vector, in the coordinates of the data.
-    **style : object
-        For `arrowprops` of `Axes.annotate`.
-
+    :param axes: the panel.
+    :param start, direction: (2,), where the vector begins, and the vector, in the coordinates of
+        the data.
+    :param **style: for `arrowprops` of `Axes.annotate`.
     """
     (x, y), (along, across) = np.asarray([start, direction], dtype=float)
     axes.annotate('', (x + along, y + across), (x, y), arrowprops={
@@ -98,15 +71,10 @@ def draw_pole_pairs(axes: Axes, pairs: Iterable[tuple[NDArray[np.complex128], st
     """
     Draw pairs of complex poles of the damping ratio 1/sqrt(2), and the rays on which they are.
 
-    Parameters
-    ----------
-    axes : Axes
-        The panel.
-    pairs : iterable of (ndarray, str)
-        The poles (2,) [rad/s] of each pair, and the text beside the upper one; empty: none.
-    title : str
-        Of the panel.
-
+    :param axes: the panel.
+    :param pairs: the poles (2,) [rad/s] of each pair, and the text beside the upper one; empty:
+        none.
+    :param title: of the panel.
     """
     ray = np.array([-2.6, 0.0])
     for sign in (1, -1):

@@ -19,19 +19,11 @@ class ComparedRow:
     """
     A quantity as computed by the nodes, and its reference.
 
-    Attributes
-    ----------
-    what : str
-        Name and unit, in the markup of `page`.
-    measured, exact : array_like
-        Result and reference, of one shape.
-    by : str
-        Source of the reference: a formula, or an independent computation.
-    relative : bool
-        Whether errors are relative for references below 1, too.
-    tolerance : float
-        Largest error allowed.
-
+    :ivar what: name and unit, in the markup of `page`.
+    :ivar measured, exact: result and reference, of one shape.
+    :ivar by: source of the reference: a formula, or an independent computation.
+    :ivar relative: whether errors are relative for references below 1, too.
+    :ivar tolerance: largest error allowed.
     """
 
     what: str
@@ -95,22 +87,12 @@ class GalleryEntry:
     """
     An example, a theorem or an exercise.
 
-    Attributes
-    ----------
-    name : str
-        As on the command line: '2.5', 'theorem-2.1', 'exercise-2.4', 'estimation-1'.
-    title : str
-    source : str
-        Place in the book, or a publication.
-    statement : tuple of str
-        Paragraphs, in the markup of `page`.
-    run : callable
-        Takes a `Desk` and returns the `EntryResult`.
-    erratum : str
-        What the book prints and what is correct; empty if the book is correct.
-    in_book : bool
-        Whether the entry is of chapter 2 of the book.
-
+    :ivar name: as on the command line: '2.5', 'theorem-2.1', 'exercise-2.4', 'estimation-1'.
+    :ivar source: place in the book, or a publication.
+    :ivar statement: paragraphs, in the markup of `page`.
+    :ivar run: takes a `Desk` and returns the `EntryResult`.
+    :ivar erratum: what the book prints and what is correct; empty if the book is correct.
+    :ivar in_book: whether the entry is of chapter 2 of the book.
     """
 
     name: str

@@ -23,22 +23,11 @@ def run_sampled_loop(A: Array, B: Array, K: Array, x0: ArrayLike, step: float, c
 
     The matrix exponential is exact up to rounding.
 
-    Parameters
-    ----------
-    A, B, K : ndarray, shape (n, n), (n, m) and (m, n)
-        Plant and gain.
-    x0 : array_like, shape (n,)
-        Initial state.
-    step : float
-        Time [s] between samples.
-    count : int
-        Number of steps N.
-
-    Returns
-    -------
-    x, u : ndarray, shape (N + 1, n) and (N + 1, m)
-        At t_0 .. t_N.
-
+    :param A, B, K: (n, n), (n, m) and (m, n), plant and gain.
+    :param x0: (n,), initial state.
+    :param step: time [s] between samples.
+    :param count: number of steps N.
+    :return: x, u: (N + 1, n) and (N + 1, m), at t_0 .. t_N.
     """
     n, m = np.shape(B)
     whole = expm(step * np.block([[A, B], [np.zeros((m, n + m))]]))
@@ -55,25 +44,13 @@ def simulate_loop(rate: RateFunction, law: Law, x0: ArrayLike, step: float, coun
     """
     Return states and inputs of x' = rate(x, u) with u = law(t_k, x(t_k)), held for a step.
 
-    Parameters
-    ----------
-    rate : callable
-        Returns x' for x (n,) and u (m,).
-    law : callable
-        Returns u (m,) for a time [s] and x (n,).
-    x0 : array_like, shape (n,)
-        Initial state.
-    step : float
-        Time [s] between samples.
-    count : int
-        Number of steps N.
-
-    Returns
-    -------
-    x, u : ndarray, shape (N + 1, n) and (N + 1, m)
-        At t_0 .. t_N; integrated by the method of Dormand and Prince of order 8 at a relative
-        tolerance of 1e-12.
-
+    :param rate: returns x' for x (n,) and u (m,).
+    :param law: returns u (m,) for a time [s] and x (n,).
+    :param x0: (n,), initial state.
+    :param step: time [s] between samples.
+    :param count: number of steps N.
+    :return: x, u: (N + 1, n) and (N + 1, m), at t_0 .. t_N; integrated by the method of Dormand
+        and Prince of order 8 at a relative tolerance of 1e-12.
     """
     solver = ode(lambda _, y, u: rate(y, u)).set_integrator('dop853', rtol=1e-12, atol=1e-14)
     solver.set_initial_value(np.asarray(x0, dtype=float))
@@ -88,20 +65,10 @@ def compute_free_motion(A: Array, x0: ArrayLike, t: Array) -> Array:
     """
     Return x(t) of x' = A x.
 
-    Parameters
-    ----------
-    A : ndarray, shape (n, n)
-        With n independent eigenvectors.
-    x0 : array_like, shape (n,)
-        Initial state.
-    t : ndarray, shape (N,)
-        Times [s].
-
-    Returns
-    -------
-    ndarray, shape (N, n)
-        States.
-
+    :param A: (n, n), with n independent eigenvectors.
+    :param x0: (n,), initial state.
+    :param t: (N,), times [s].
+    :return: (N, n), States.
     """
     E, V = np.linalg.eig(A)
     modes = np.linalg.solve(V, np.asarray(x0, dtype=complex))
@@ -112,16 +79,8 @@ def match_poles(poles: Complex, wanted: Complex) -> Complex:
     """
     Return poles in the order of the references that they are paired with.
 
-    Parameters
-    ----------
-    poles, wanted : ndarray, shape (n,), complex
-        Poles and their references.
-
-    Returns
-    -------
-    ndarray, shape (n,), complex
-        Paired so that the sum of the distances is minimal.
-
+    :param poles, wanted: (n,), complex, poles and their references.
+    :return: (n,), complex, paired so that the sum of the distances is minimal.
     """
     _, order = linear_sum_assignment(np.abs(np.subtract.outer(wanted, poles)))
     paired: Complex = poles[order]

@@ -44,16 +44,8 @@ def find_least_times(goals: ArrayLike) -> Array:
     """
     Return the minimum times from (0, 0, 0) to goals with |v|, |omega| <= 1.
 
-    Parameters
-    ----------
-    goals : array_like, shape (N, 3)
-        x, y [m] and theta [rad]; multiples of 2 pi do not count.
-
-    Returns
-    -------
-    ndarray, shape (N,)
-        Times [s].
-
+    :param goals: (N, 3), x, y [m] and theta [rad]; multiples of 2 pi do not count.
+    :return: (N,), times [s].
     """
     x, y, theta = np.asarray(goals, dtype=float).T
     goal = x + 1j * y
@@ -138,11 +130,7 @@ class _Ends:
     """
     The first and the last arc of paths between given poses, on given sides.
 
-    Attributes
-    ----------
-    distance : ndarray, shape (N,)
-        Between the centres of their circles.
-
+    :ivar distance: (N,), between the centres of their circles.
     """
 
     def __init__(self, goal: Complex, theta: Array, first: int, last: int) -> None:

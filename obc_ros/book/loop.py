@@ -41,13 +41,8 @@ class Run:
     """
     All states of one run, and the commands computed from them.
 
-    Attributes
-    ----------
-    t : ndarray, shape (N,)
-        Times [s] since the reset.
-    x, u : ndarray, shape (N, n) and (N, m)
-        States and inputs.
-
+    :ivar t: (N,), times [s] since the reset.
+    :ivar x, u: (N, n) and (N, m), states and inputs.
     """
 
     t: Array
@@ -60,15 +55,9 @@ class RecordedNodes:
     """
     Nodes as processes, and the client that records their topics.
 
-    Attributes
-    ----------
-    children : Children
-        The processes.
-    recorder : Recorder
-        Writes the topics.
-    pilot : Pilot
-        The client.
-
+    :ivar children: the processes.
+    :ivar recorder: writes the topics.
+    :ivar pilot: the client.
     """
 
     children: Children
@@ -112,11 +101,7 @@ class NodeLoop:
         """
         Set parameters of a node in one transaction; for `lqr_node`, wait for the new design.
 
-        Raises
-        ------
-        UnansweredError
-            If they are rejected.
-
+        :raises UnansweredError: if they are rejected.
         """
         pilot = self._pilot
         revision = self.design.revision
@@ -135,11 +120,7 @@ class NodeLoop:
 
         The reference is written to a file called `name`, for the command that publishes it.
 
-        Raises
-        ------
-        UnansweredError
-            If messages of the loop are lost in each of `ATTEMPTS` runs.
-
+        :raises UnansweredError: if messages of the loop are lost in each of `ATTEMPTS` runs.
         """
         self._note(RESET)
         if reference:
@@ -180,20 +161,10 @@ def read_run(states: Samples, commands: Samples, end: int, begin: int = 0, answe
     """
     Return the states of a run and the commands computed from them.
 
-    Parameters
-    ----------
-    states, commands : Samples
-        As recorded.
-    end : int
-        Stamp of the last state [ns].
-    begin, answered : int
-        Numbers of states and commands of earlier runs.
-
-    Returns
-    -------
-    Run or None
-        From the stamp 0 on; None if messages are missing.
-
+    :param states, commands: as recorded.
+    :param end: stamp of the last state [ns].
+    :param begin, answered: numbers of states and commands of earlier runs.
+    :return: from the stamp 0 on; None if messages are missing.
     """
     begin += states.stamp[begin:].index(0)
     # A repeated state counts once; a command from before the reset may arrive late.

@@ -105,16 +105,8 @@ def format_scientific(text: str) -> str:
     """
     Return a number with its power of ten in the markup of this page.
 
-    Parameters
-    ----------
-    text : str
-        The number as Python writes it, such as ``1.2e-05``.
-
-    Returns
-    -------
-    str
-        Such as ``$1.2·10^{-5}$``.
-
+    :param text: the number as Python writes it, such as ``1.2e-05``.
+    :return: such as ``$1.2·10^{-5}$``.
     """
     digits, _, exponent = text.partition('e')
     return f'${digits}·10^{{{int(exponent)}}}$' if exponent else f'${digits}$'

@@ -43,20 +43,12 @@ class Trajectory:
     """
     An optimal trajectory computed by the server.
 
-    Attributes
-    ----------
-    t, hamiltonian : ndarray, shape (N,)
-    x, u, lam : dict of str to ndarray, shape (N,)
-        By name of the state or input.
-    nu : ndarray, shape (q,)
-        Multipliers of the terminal constraints; empty for a planned motion.
-    J, T : float
-        Cost and final time [s].
-    switching_times : ndarray
-        Times [s].
-    message, verdict : str
-        Of the response and of its certificate.
-
+    :ivar t, hamiltonian: (N,).
+    :ivar x, u, lam: (N,), by name of the state or input.
+    :ivar nu: (q,), multipliers of the terminal constraints; empty for a planned motion.
+    :ivar J, T: cost and final time [s].
+    :ivar switching_times: times [s].
+    :ivar message, verdict: of the response and of its certificate.
     """
 
     t: Array
@@ -145,11 +137,7 @@ class Desk:
         """
         Return the solutions of problems.
 
-        Raises
-        ------
-        UnansweredError
-            If one of them is not solved and certified.
-
+        :raises UnansweredError: if one of them is not solved and certified.
         """
         responses = self.ask([solve_request(each, method) for each in statements],
                              SolveOptimalControl, show)
@@ -172,11 +160,7 @@ class Desk:
         """
         Return regulators: `A` and `B` or `system` (and `parameters`), and fields of LqrWeights.
 
-        Raises
-        ------
-        UnansweredError
-            If one of them is rejected.
-
+        :raises UnansweredError: if one of them is rejected.
         """
         responses = self.ask([design_request(each) for each in cases], DesignLqr, show)
         for each in responses:
@@ -205,16 +189,9 @@ def minimize_request(question: ReportedValues) -> Any:
     """
     Return the request for a minimum.
 
-    Parameters
-    ----------
-    question : mapping
-        Fields of Minimize; `parameters` and `bounds` as mappings by name, `guess` as numbers.
-
-    Returns
-    -------
-    Minimize.Request
-        The request.
-
+    :param question: fields of Minimize; `parameters` and `bounds` as mappings by name, `guess` as
+        numbers.
+    :return: the request.
     """
     given = dict(question)
     return Minimize.Request(
@@ -239,17 +216,9 @@ def design_request(case: ReportedValues) -> Any:
     """
     Return the request for a regulator.
 
-    Parameters
-    ----------
-    case : mapping
-        `A` (n, n) and `B` (n, m), or `system` with `parameters`, `setpoint` and
+    :param case: `A` (n, n) and `B` (n, m), or `system` with `parameters`, `setpoint` and
         `setpoint_input`; `sample_time` [s]; fields of LqrWeights, with capitals or without.
-
-    Returns
-    -------
-    DesignLqr.Request
-        The request.
-
+    :return: the request.
     """
     given = dict(case)
     own = {key.lower(): flatten_doubles(np.asarray(given.pop(key), dtype=float).ravel())
@@ -291,16 +260,8 @@ def read_design(design: Any) -> AnsweredRegulator:
     """
     Return the matrices and poles of an LqrDesign message.
 
-    Parameters
-    ----------
-    design : LqrDesign
-        The message.
-
-    Returns
-    -------
-    AnsweredRegulator
-        With arrays A (n, n), B (n, m), K (m, n), P (n, n), E (n,).
-
+    :param design: the message.
+    :return: with arrays A (n, n), B (n, m), K (m, n), P (n, n), E (n,).
     """
     told = read_matrices(design)
     return AnsweredRegulator(told.A, told.B, told.K, told.P, told.poles, design)

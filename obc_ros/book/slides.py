@@ -53,23 +53,11 @@ def write_slides(folder: Path, names: Sequence[str]) -> Path:
     """
     Write ``slides.html`` from the results of a gallery.
 
-    Parameters
-    ----------
-    folder : Path
-        That `obc gallery` has written.
-    names : sequence of str
-        Entries; empty: all.
-
-    Returns
-    -------
-    Path
-        The file.
-
-    Raises
-    ------
-    ObcError
-        If there are no results of these entries, or a file cannot be read or written.
-
+    :param folder: that `obc gallery` has written.
+    :param names: entries; empty: all.
+    :return: the file.
+    :raises ObcError: if there are no results of these entries, or a file cannot be read or
+        written.
     """
     path = folder / 'slides.html'
     try:

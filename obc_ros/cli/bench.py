@@ -35,11 +35,7 @@ def run(args: argparse.Namespace) -> int:
     """
     Run benchmarks; return 0 if all requirements hold, 1 if not, 2 for an unknown name.
 
-    Raises
-    ------
-    ObcError
-        If a benchmark needs ROS 2 and there is none.
-
+    :raises ObcError: if a benchmark needs ROS 2 and there is none.
     """
     try:
         scripts = find_benchmarks()
@@ -71,11 +67,7 @@ def find_benchmarks() -> dict[str, Path]:
     """
     Return the scripts of the benchmarks by name.
 
-    Raises
-    ------
-    ObcError
-        If none are installed.
-
+    :raises ObcError: if none are installed.
     """
     folder = share_directory('obc_ros') / 'benchmarks'
     scripts = {path.stem: path for path in sorted(folder.glob('*.py'))

@@ -72,18 +72,10 @@ def connect_client(server: str = '') -> Iterator[Client]:
     """
     Yield a client of a running server.
 
-    Parameters
-    ----------
-    server : str
-        Its full name; empty: the first one by name.
-
-    Raises
-    ------
-    InterruptedByUserError, ServerLostError
-        On a signal, or if the server disappears. Methods of the client raise them, too.
-    ObcError
-        If no such server is running, or if ROS 2 does not start in this environment.
-
+    :param server: its full name; empty: the first one by name.
+    :raises InterruptedByUserError, ServerLostError: on a signal, or if the server disappears.
+        Methods of the client raise them, too.
+    :raises ObcError: if no such server is running, or if ROS 2 does not start in this environment.
     """
     with EndSignals() as signals, join_graph(signals.check, Client) as client:
         if not client.find(LOOK_HERE if is_domain_used() else CLIENT_LOOK, server):
@@ -104,18 +96,9 @@ def serve_client(children: Children, *parameters: str) -> Iterator[Client]:
     """
     Start a server on the domain of this process, and yield a client of it.
 
-    Parameters
-    ----------
-    children : Children
-        Among which the server is started.
-    *parameters : str
-        ``name:=value``
-
-    Raises
-    ------
-    ServerLostError
-        If the server does not appear, or disappears.
-
+    :param children: among which the server is started.
+    :param *parameters: ``name:=value``.
+    :raises ServerLostError: if the server does not appear, or disappears.
     """
     children.start('trajectory_server', *(
         word for each in parameters for word in ('-p', each)))

@@ -57,17 +57,11 @@ class Pilot:
 
     Methods that wait raise what `Children.check` raises: the end of a node ends every wait.
 
-    Attributes
-    ----------
-    states, heard : Samples
-        States of the plant, and those that the controller hears.
-    estimates, measurements : Samples
-        Empty without an estimator.
-    told : dict
-        Values of the newest diagnostics by name, for each status by what follows the node's name.
-    stood_in : int
-        Number of states that the pilot has answered.
-
+    :ivar states, heard: states of the plant, and those that the controller hears.
+    :ivar estimates, measurements: empty without an estimator.
+    :ivar told: values of the newest diagnostics by name, for each status by what follows the
+        node's name.
+    :ivar stood_in: number of states that the pilot has answered.
     """
 
     def __init__(self, children: Children, recorder: Recorder, journal: Recorder | None = None,
@@ -234,11 +228,8 @@ class Pilot:
         """
         Let a paused plant in lockstep go on until `moment` [s], and until its command has come.
 
-        Raises
-        ------
-        ObcError
-            If the plant has passed `moment`, or does not reach it within `timeout` [s].
-
+        :raises ObcError: if the plant has passed `moment`, or does not reach it within `timeout`
+            [s].
         """
         if self.now < moment - 1e-9:
             done, reason = self.set_parameters('plant_simulator', {'pause_at': moment})

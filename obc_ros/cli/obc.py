@@ -100,15 +100,9 @@ def build_parser(used: Collection[str], unlisted: Collection[str] = (), epilog: 
     """
     Return the parser of the command line.
 
-    Parameters
-    ----------
-    used : collection of str
-        The subcommands whose modules are imported: the others have no arguments.
-    unlisted : collection of str
-        The subcommands that the help leaves out; the epilog may list them.
-    epilog : str
-        The end of the help.
-
+    :param used: the subcommands whose modules are imported: the others have no arguments.
+    :param unlisted: the subcommands that the help leaves out; the epilog may list them.
+    :param epilog: the end of the help.
     """
     parser = Parser(
         prog='obc', description='Optimal control: LQR and certified trajectories.',

@@ -125,18 +125,9 @@ def lock_folder(folder: Path) -> Iterator[None]:
     """
     Create a folder for results, and lock it against other commands.
 
-    Parameters
-    ----------
-    folder : Path
-        Locked until the context is left; not locked on a file system without locks.
-
-    Raises
-    ------
-    ObcError
-        If another command has locked the folder.
-    OSError
-        If the folder cannot be created.
-
+    :param folder: locked until the context is left; not locked on a file system without locks.
+    :raises ObcError: if another command has locked the folder.
+    :raises OSError: if the folder cannot be created.
     """
     folder.mkdir(parents=True, exist_ok=True)
     lock = os.open(folder, os.O_RDONLY)
@@ -157,11 +148,7 @@ def isolate(domain: int) -> None:
     """
     Restrict this process and its children to one DDS domain and to this machine.
 
-    Parameters
-    ----------
-    domain : int
-        Value of ROS_DOMAIN_ID.
-
+    :param domain: value of ROS_DOMAIN_ID.
     """
     os.environ.update(ONE_THREAD)
     find_log_folder()
@@ -240,10 +227,7 @@ class Children:
         """
         Raise if a child has ended or if this command was asked to end.
 
-        Raises
-        ------
-        ProcessDiedError, InterruptedByUserError
-
+        :raises ProcessDiedError, InterruptedByUserError:
         """
         self._signals.check()
         for node, child in self._children.items():

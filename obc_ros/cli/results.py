@@ -77,18 +77,9 @@ def read_questions(kind: type[Kind], files: Iterable[Path]) -> list[Kind]:
     """
     Return the entries of all files, in order.
 
-    Parameters
-    ----------
-    kind : type
-        Class of the entries, a subclass of `Asked`.
-    files : iterable of Path
-        YAML files of one entry or a list each.
-
-    Returns
-    -------
-    list of kind
-        Malformed entries, and files that cannot be read, have the status ``malformed``.
-
+    :param kind: class of the entries, a subclass of `Asked`.
+    :param files: YAML files of one entry or a list each.
+    :return: malformed entries, and files that cannot be read, have the status ``malformed``.
     """
     asked: list[Kind] = []
     for file in files:
@@ -120,13 +111,8 @@ def add_arguments(parser: argparse.ArgumentParser, what: str) -> None:
     """
     Declare the arguments for files and for the folders of the results.
 
-    Parameters
-    ----------
-    parser : ArgumentParser
-        Of the command.
-    what : str
-        What the files hold, in the plural: ``problems``.
-
+    :param parser: of the command.
+    :param what: what the files hold, in the plural: ``problems``.
     """
     parser.add_argument('files', nargs='+', metavar='FILE', type=Path,
                         help=f'YAML file with {what}: one, or a list')
@@ -144,11 +130,7 @@ def add_format(parser: argparse.ArgumentParser) -> None:
     """
     Declare the argument `--format` of figures.
 
-    Parameters
-    ----------
-    parser : ArgumentParser
-        Of the command.
-
+    :param parser: of the command.
     """
     parser.add_argument('--format', metavar='NAMES', type=_formats, default=FORMATS[:1],
                         help=f'of the figures: {",".join(FORMATS)} (default: {FORMATS[0]})')
@@ -173,16 +155,8 @@ def make_folders(args: argparse.Namespace) -> None:
     """
     Create the folders of the results, before the work begins.
 
-    Parameters
-    ----------
-    args : argparse.Namespace
-        With the folders `json` and `plot`, or None.
-
-    Raises
-    ------
-    OSError
-        If one cannot be created.
-
+    :param args: with the folders `json` and `plot`, or None.
+    :raises OSError: if one cannot be created.
     """
     for folder in filter(None, (args.json, args.plot)):
         folder.mkdir(parents=True, exist_ok=True)
@@ -194,20 +168,11 @@ def save_answers(asked: Sequence[Kind], args: argparse.Namespace,
     """
     Write the files of all results, and report those that were renamed.
 
-    Parameters
-    ----------
-    asked : sequence of Asked
-        The entries with their results.
-    args : argparse.Namespace
-        With the folders `json` and `plot`, or None, and the formats of figures, `format`.
-    draw : callable
-        Draws a result, if it can be drawn, into files: the path without ending, the formats.
-
-    Raises
-    ------
-    ObcError
-        If a file cannot be written.
-
+    :param asked: the entries with their results.
+    :param args: with the folders `json` and `plot`, or None, and the formats of figures, `format`.
+    :param draw: draws a result, if it can be drawn, into files: the path without ending, the
+        formats.
+    :raises ObcError: if a file cannot be written.
     """
     for each in asked:
         if each.renamed and (args.json or args.plot):
@@ -232,20 +197,10 @@ def write(folder: Path, name: str, result: Mapping[str, Any]) -> None:
     """
     Write ``NAME.json``.
 
-    Parameters
-    ----------
-    folder : Path
-        Created if it is missing.
-    name : str
-        Of the file, without extension.
-    result : mapping
-        See `convert_to_json`.
-
-    Raises
-    ------
-    ObcError
-        If the file cannot be written.
-
+    :param folder: created if it is missing.
+    :param name: of the file, without extension.
+    :param result: see `convert_to_json`.
+    :raises ObcError: if the file cannot be written.
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -270,16 +225,8 @@ def get_exit_status(statuses: Iterable[str]) -> int:
     """
     Return the exit status of a command.
 
-    Parameters
-    ----------
-    statuses : iterable of str
-        Of all entries.
-
-    Returns
-    -------
-    int
-        2 if an entry is malformed, 0 if all are solved, else 1.
-
+    :param statuses: of all entries.
+    :return: 2 if an entry is malformed, 0 if all are solved, else 1.
     """
     found = set(statuses)
     return 2 if 'malformed' in found else int(found != {'solved'})

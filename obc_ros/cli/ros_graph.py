@@ -81,18 +81,10 @@ class Graph:
         """
         Spin until `ready`.
 
-        Parameters
-        ----------
-        ready, available : callable
-            Return whether the wait is over, and whether the other side can be reached.
-        whom : str
-            The other side, for the error; by default the server.
-
-        Raises
-        ------
-        ServerLostError
-            If the other side has not been available for `SILENCE` seconds.
-
+        :param ready, available: return whether the wait is over, and whether the other side can be
+            reached.
+        :param whom: the other side, for the error; by default the server.
+        :raises ServerLostError: if the other side has not been available for `SILENCE` seconds.
         """
         seen = time.monotonic()
         while not ready():
@@ -131,11 +123,7 @@ class Graph:
         """
         Return the full name of a node, waiting at most `timeout` [s] for it.
 
-        Raises
-        ------
-        ObcError
-            If there is no such node; the message lists the running nodes.
-
+        :raises ObcError: if there is no such node; the message lists the running nodes.
         """
         full = name if name.startswith('/') else f'/{name}'
         if not self.until(lambda: full in self.nodes(hidden=True), timeout):
@@ -164,18 +152,9 @@ def join_graph(check: Callable[[], None] = lambda: None, kind: Callable[..., Gra
     """
     Yield a node in the ROS graph; it leaves at the end.
 
-    Parameters
-    ----------
-    check : callable
-        Called while the node waits; raises if the command is to end.
-    kind : callable
-        Returns the `Graph` for a context and `check`.
-
-    Raises
-    ------
-    ObcError
-        If ROS 2 does not start in this environment, or rejects a name.
-
+    :param check: called while the node waits; raises if the command is to end.
+    :param kind: returns the `Graph` for a context and `check`.
+    :raises ObcError: if ROS 2 does not start in this environment, or rejects a name.
     """
     context = rclpy.Context()
     find_log_folder()

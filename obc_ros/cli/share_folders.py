@@ -16,16 +16,9 @@ def share_directory(package: str) -> Path:
     For obc_ros itself this is the source tree if the modules are imported from there (an editable
     installation, links of a workspace): it has the same layout, and changes take effect at once.
 
-    Parameters
-    ----------
-    package : str
-        Name of the package.
-
-    Raises
-    ------
-    ObcError
-        If the package is under no prefix of AMENT_PREFIX_PATH and not under the interpreter's.
-
+    :param package: name of the package.
+    :raises ObcError: if the package is under no prefix of AMENT_PREFIX_PATH and not under the
+        interpreter's.
     """
     source = Path(__file__).resolve().parents[2]
     if package == 'obc_ros' and (source / 'package.xml').is_file():

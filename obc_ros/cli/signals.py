@@ -47,10 +47,7 @@ class EndSignals:
         """
         Raise if this command was asked to end.
 
-        Raises
-        ------
-        InterruptedByUserError
-
+        :raises InterruptedByUserError:
         """
         if EndSignals._number:
             name = signal.Signals(EndSignals._number).name

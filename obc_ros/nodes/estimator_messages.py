@@ -25,17 +25,8 @@ class EstimateMessages:
     """
     The messages of an estimate, which are changed in place.
 
-    Parameters
-    ----------
-    system : System
-        Whose states are estimated.
-
-    Attributes
-    ----------
-    state : State
-    estimate : Estimate
-        They share the header.
-
+    :param system: whose states are estimated.
+    :ivar estimate: they share the header.
     """
 
     def __init__(self, system: System) -> None:
@@ -72,19 +63,11 @@ class Traffic:
     """
     What the node has received and published.
 
-    Attributes
-    ----------
-    received, published : int
-        Number of measurements and of estimates.
-    counts : Counter
-        Of the filter.
-    silence : float
-        Local time since the last measurement arrived [s].
-    ahead : float
-        Its stamp minus the local time then [s].
-    age : float or None
-        Of the newest measurement in use [s]; None: there is none.
-
+    :ivar received, published: number of measurements and of estimates.
+    :ivar counts: of the filter.
+    :ivar silence: local time since the last measurement arrived [s].
+    :ivar ahead: its stamp minus the local time then [s].
+    :ivar age: of the newest measurement in use [s]; None: there is none.
     """
 
     received: int = 0
@@ -100,17 +83,10 @@ def estimator_status(name: str, candidate: EstimatorCandidate, delayed: DelayedF
     """
     Return the diagnostics of the estimator.
 
-    Parameters
-    ----------
-    name : str
-        Of the node.
-    candidate : EstimatorCandidate
-        The settings in use.
-    delayed : DelayedFilter
-        The filter.
-    now, before : Traffic
-        Until now, and until the last diagnostics.
-
+    :param name: of the node.
+    :param candidate: the settings in use.
+    :param delayed: the filter.
+    :param now, before: until now, and until the last diagnostics.
     """
     consistency = delayed.monitor.assess()
     level, words = _explain_silence(candidate, now, before) or _judge(

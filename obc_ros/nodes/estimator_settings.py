@@ -82,19 +82,10 @@ class EstimatorCandidate:
     """
     The filter of a valid set of parameters.
 
-    Attributes
-    ----------
-    settings : Settings
-    system : System
-    kalman : KalmanFilter
-    plant : MeasuredPlant
-    design : KalmanDesign
-        The steady filter about the set point, by which the noise is judged.
-    x0, P0, u0 : ndarray, shape (n,), (n, n), (m,)
-        Mean and covariance before the first measurement, input before the first command.
-    outputs : tuple of str
-        The measured outputs.
-
+    :ivar design: the steady filter about the set point, by which the noise is judged.
+    :ivar x0, P0, u0: (n,), (n, n), (m,), mean and covariance before the first measurement, input
+        before the first command.
+    :ivar outputs: the measured outputs.
     """
 
     settings: Settings
@@ -121,20 +112,9 @@ def judge_estimator_settings(settings: Settings) -> EstimatorCandidate:
     """
     Return the filter for a set of parameters.
 
-    Parameters
-    ----------
-    settings : Settings
-        The parameters.
-
-    Returns
-    -------
-    EstimatorCandidate
-
-    Raises
-    ------
-    ObcError
-        If a parameter is rejected: sizes, definiteness, or a mode that cannot be seen.
-
+    :param settings: the parameters.
+    :raises ObcError: if a parameter is rejected: sizes, definiteness, or a mode that cannot be
+        seen.
     """
     system = choose_system(settings.system, settings.system_parameters)
     n, q = system.n, len(system.outputs)

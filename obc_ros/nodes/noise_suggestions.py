@@ -25,20 +25,10 @@ def suggest_noise(request: SuggestNoise.Request, candidate: EstimatorCandidate,
     """
     Return the process noise that recovers the margins of a regulator.
 
-    Parameters
-    ----------
-    request : SuggestNoise.Request
-        Gain of the regulator, and the wanted share of its margins.
-    candidate : EstimatorCandidate
-        The settings in use.
-    design : LqrDesign or None
-        The last design of lqr_node, for a request without a gain.
-
-    Raises
-    ------
-    ObcError
-        If there is no gain, or one that cannot be used.
-
+    :param request: gain of the regulator, and the wanted share of its margins.
+    :param candidate: the settings in use.
+    :param design: the last design of lqr_node, for a request without a gain.
+    :raises ObcError: if there is no gain, or one that cannot be used.
     """
     share = request.share or LITTLE
     if not 0.0 < share <= 1.0:
@@ -53,13 +43,8 @@ def fill_noise(response: SuggestNoise.Response, found: Recovery) -> None:
     """
     Write noise, margins and message into a response.
 
-    Parameters
-    ----------
-    response : SuggestNoise.Response
-        Changed in place.
-    found : Recovery
-        What the search found.
-
+    :param response: changed in place.
+    :param found: what the search found.
     """
     response.success, response.message = found.recovered, _describe(found)
     response.qw, response.added = flatten_doubles(found.Qw), found.q

@@ -231,11 +231,7 @@ def judge_plant_settings(settings: Settings) -> PlantCandidate:
     """
     Return the system, conditions and pacing for the settings.
 
-    Raises
-    ------
-    ObcError
-        If a setting is rejected.
-
+    :raises ObcError: if a setting is rejected.
     """
     system = choose_system(settings.system, settings.system_parameters)
     dt, steps = choose_step(settings.dt, settings.publish_rate)

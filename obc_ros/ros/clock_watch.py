@@ -18,11 +18,7 @@ class ClockWatch:
     """
     Looks for a publisher of /clock; nothing depends on the time that stands still.
 
-    Parameters
-    ----------
-    node : rclpy.node.Node
-        Whose parameter ``use_sim_time`` and whose log are used.
-
+    :param node: whose parameter ``use_sim_time`` and whose log are used.
     """
 
     def __init__(self, node: Node) -> None:
@@ -34,12 +30,8 @@ class ClockWatch:
         """
         Return what is wrong, and log it once; call it every second from a steady timer.
 
-        Returns
-        -------
-        str
-            Empty: the node uses the system clock, or /clock has a publisher, or had one within
-            the last 2 s.
-
+        :return: empty: the node uses the system clock, or /clock has a publisher, or had one
+            within the last 2 s.
         """
         node = self._node
         if not node.get_parameter('use_sim_time').value or node.count_publishers('/clock'):

@@ -41,16 +41,8 @@ def read_nanoseconds(stamp: Time) -> int:
     """
     Return a stamp in nanoseconds.
 
-    Parameters
-    ----------
-    stamp : builtin_interfaces.msg.Time
-        May be negative.
-
-    Returns
-    -------
-    int
-        Time [ns].
-
+    :param stamp: may be negative.
+    :return: time [ns].
     """
     return int(stamp.sec) * 10**9 + int(stamp.nanosec)
 
@@ -59,13 +51,8 @@ def set_stamp(stamp: Time, time: int) -> None:
     """
     Set a stamp.
 
-    Parameters
-    ----------
-    stamp : builtin_interfaces.msg.Time
-        Changed in place.
-    time : int
-        Time [ns], not negative.
-
+    :param stamp: changed in place.
+    :param time: time [ns], not negative.
     """
     stamp.sec, stamp.nanosec = divmod(time, 10**9)
 
@@ -74,18 +61,9 @@ class OdometryMap:
     """
     Conversion between the states of a system and odometry.
 
-    Parameters
-    ----------
-    system : System
-        See its attributes `plane` and `robot`.
-
-    Attributes
-    ----------
-    complete : bool
-        Whether a state determines the pose.
-    readable : bool
-        Whether pose and twist determine the state.
-
+    :param system: see its attributes `plane` and `robot`.
+    :ivar complete: whether a state determines the pose.
+    :ivar readable: whether pose and twist determine the state.
     """
 
     def __init__(self, system: System) -> None:
@@ -117,15 +95,10 @@ class OdometryMap:
         """
         Set pose and twist of a message.
 
-        Parameters
-        ----------
-        message : nav_msgs.msg.Odometry
-            Changed in place; other fields are kept.
-        x : ndarray, shape (n,)
-            State.
-        slope : ndarray, shape (n,), or None
-            Its derivative; None: the body is held, and only velocities that are states count.
-
+        :param message: changed in place; other fields are kept.
+        :param x: (n,), State.
+        :param slope: (n,), or None, its derivative; None: the body is held, and only velocities
+            that are states count.
         """
         along, up, turned = self._values(self._pose, x)
         theta = -turned if self._vertical else turned   # nose up is a negative pitch
@@ -159,11 +132,7 @@ class OdometryMap:
 
         Motion out of the plane is ignored.
 
-        Raises
-        ------
-        StatementError
-            If a number is not finite, or the quaternion is no orientation.
-
+        :raises StatementError: if a number is not finite, or the quaternion is no orientation.
         """
         position, turn = message.pose.pose.position, message.pose.pose.orientation
         linear, angular = message.twist.twist.linear, message.twist.twist.angular
@@ -198,24 +167,11 @@ def make_state_reader(topic: str, system: System) -> Read:
     """
     Return the function that converts a message to a state, whatever messages came before.
 
-    Parameters
-    ----------
-    topic : str
-        A key of `state_sources.SOURCES`.
-    system : System
-        Whose state is read.
-
-    Returns
-    -------
-    callable
-        Returns the state (n,) of a message; raises StatementError if the message has none, or
+    :param topic: a key of `state_sources.SOURCES`.
+    :param system: whose state is read.
+    :return: returns the state (n,) of a message; raises StatementError if the message has none, or
         that of another system.
-
-    Raises
-    ------
-    StatementError
-        If messages of the topic do not determine the state of the system.
-
+    :raises StatementError: if messages of the topic do not determine the state of the system.
     """
     if topic == 'state':
         components = Components(system.name, system.state_names)
@@ -233,23 +189,11 @@ def make_body_reader(topic: str, system: System) -> Read:
     """
     Return the function that converts the messages of a topic, all of one body, to states.
 
-    Parameters
-    ----------
-    topic : str
-        A key of `state_sources.SOURCES`.
-    system : System
-        Whose state is read.
-
-    Returns
-    -------
-    callable
-        As that of `make_state_reader`; it also raises FrameError for odometry of another body.
-
-    Raises
-    ------
-    StatementError
-        If messages of the topic do not determine the state of the system.
-
+    :param topic: a key of `state_sources.SOURCES`.
+    :param system: whose state is read.
+    :return: as that of `make_state_reader`; it also raises FrameError for odometry of another
+        body.
+    :raises StatementError: if messages of the topic do not determine the state of the system.
     """
     convert, body = make_state_reader(topic, system), Body()
     if topic == 'state':

@@ -24,13 +24,8 @@ class Diagnostics:
     """
     Publishes the statuses of a node.
 
-    Parameters
-    ----------
-    node : rclpy.node.Node
-        Whose log is used.
-    clock : ClockWatch, optional
-        Judges the first status; it has a log of its own.
-
+    :param node: whose log is used.
+    :param clock: judges the first status; it has a log of its own.
     """
 
     def __init__(self, node: Any, clock: ClockWatch | None = None) -> None:
@@ -43,17 +38,10 @@ class Diagnostics:
         """
         Publish statuses, and log what begins.
 
-        Parameters
-        ----------
-        statuses : list of DiagnosticStatus
-            Their hardware_id is set.
-        stamp : builtin_interfaces.msg.Time
-            The present time.
-        given, otherwise : str
-            See `hardware_id.identify`.
-        told : collection of str
-            Names of statuses whose condition the log has already.
-
+        :param statuses: their hardware_id is set.
+        :param stamp: the present time.
+        :param given, otherwise: see `hardware_id.identify`.
+        :param told: names of statuses whose condition the log has already.
         """
         identify(statuses, self._node, given, otherwise)
         for status in statuses:

@@ -13,17 +13,10 @@ def identify(statuses: list[DiagnosticStatus], node: Node, given: str, otherwise
     """
     Set the hardware_id of each status.
 
-    Parameters
-    ----------
-    statuses : list of DiagnosticStatus
-        Changed in place.
-    node : rclpy.node.Node
-        The node that publishes them.
-    given : str
-        Value of the parameter ``hardware_id``.
-    otherwise : str
-        Value if that is empty and the node has no namespace; not empty.
-
+    :param statuses: changed in place.
+    :param node: the node that publishes them.
+    :param given: value of the parameter ``hardware_id``.
+    :param otherwise: value if that is empty and the node has no namespace; not empty.
     """
     hardware = given.strip() or node.get_namespace().strip('/') or otherwise
     for status in statuses:

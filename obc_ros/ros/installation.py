@@ -18,12 +18,8 @@ def explain_missing_ros() -> str:
     """
     Return why nothing here can use ROS 2, and how to change that.
 
-    Returns
-    -------
-    str
-        The end of a sentence that begins with a command; empty if ROS 2 and the messages of this
-        package are there.
-
+    :return: the end of a sentence that begins with a command; empty if ROS 2 and the messages of
+        this package are there.
     """
     if util.find_spec('obc_ros.msg') is None:
         return _explain_pure_wheel(sysconfig.get_platform())
@@ -37,16 +33,8 @@ def require_ros(what: str) -> None:
     """
     Do nothing where there is ROS 2.
 
-    Parameters
-    ----------
-    what : str
-        What needs it: the beginning of the sentence.
-
-    Raises
-    ------
-    ObcError
-        If there is no ROS 2; the message says why, and how to get it.
-
+    :param what: what needs it: the beginning of the sentence.
+    :raises ObcError: if there is no ROS 2; the message says why, and how to get it.
     """
     if missing := explain_missing_ros():
         raise ObcError(f'{what} {missing}')

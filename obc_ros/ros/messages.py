@@ -43,16 +43,8 @@ def check_size(message: Any) -> None:
     """
     Reject a request that is too large.
 
-    Parameters
-    ----------
-    message : message
-        The request, or a field of it.
-
-    Raises
-    ------
-    StatementError
-        If its texts and numbers take more than `MAX_SIZE` bytes.
-
+    :param message: the request, or a field of it.
+    :raises StatementError: if its texts and numbers take more than `MAX_SIZE` bytes.
     """
     size = _size(message)
     if size > MAX_SIZE:
@@ -77,21 +69,10 @@ def read_statement(problem: OptimalControlProblem) -> dict[str, Any]:
     """
     Return the statement of a problem message, without its empty fields.
 
-    Parameters
-    ----------
-    problem : OptimalControlProblem
-        The message.
-
-    Returns
-    -------
-    dict
-        With the keys of a problem file.
-
-    Raises
-    ------
-    StatementError
-        If a name occurs twice in a list of names and values, or the message is too large.
-
+    :param problem: the message.
+    :return: with the keys of a problem file.
+    :raises StatementError: if a name occurs twice in a list of names and values, or the message is
+        too large.
     """
     check_size(problem)
     entries = {
@@ -159,18 +140,9 @@ def build_problem_message(mapping: Mapping[str, Any], guess: Guess) -> OptimalCo
     """
     Return the message of a statement.
 
-    Parameters
-    ----------
-    mapping : mapping
-        A statement that `statement.build_problem` accepts.
-    guess : Guess
-        Initial guess of the problem that `build_problem` returns.
-
-    Returns
-    -------
-    OptimalControlProblem
-        The message.
-
+    :param mapping: a statement that `statement.build_problem` accepts.
+    :param guess: initial guess of the problem that `build_problem` returns.
+    :return: the message.
     """
     message = OptimalControlProblem()
     for key in ('name', 'system'):
@@ -241,23 +213,10 @@ def read_expressions(where: str, entries: Iterable[NamedExpression]) -> dict[str
     """
     Return expressions by name, in order.
 
-    Parameters
-    ----------
-    where : str
-        Key of the statement, for errors.
-    entries : iterable of NamedExpression
-        Field of a message.
-
-    Returns
-    -------
-    dict of str to str
-        Expressions.
-
-    Raises
-    ------
-    StatementError
-        If a name occurs twice.
-
+    :param where: key of the statement, for errors.
+    :param entries: field of a message.
+    :return: Expressions.
+    :raises StatementError: if a name occurs twice.
     """
     return _unique(where, ((each.name, each.expression) for each in entries))
 
@@ -266,23 +225,11 @@ def read_parameters(where: str, entries: Iterable[NamedExpression]) -> dict[str,
     """
     Return parameters and construction options of a system by name.
 
-    Parameters
-    ----------
-    where : str
-        Key of the statement, for errors.
-    entries : iterable of NamedExpression
-        Field of a message; lists are written as JSON.
-
-    Returns
-    -------
-    dict of str to str or list
-        Expressions, and lists.
-
-    Raises
-    ------
-    StatementError
-        If a name occurs twice, or a text that begins with a bracket is no list.
-
+    :param where: key of the statement, for errors.
+    :param entries: field of a message; lists are written as JSON.
+    :return: expressions, and lists.
+    :raises StatementError: if a name occurs twice, or a text that begins with a bracket is no
+        list.
     """
     return {name: _list(f'{where}.{quote(name)}', text) if text.startswith('[') else text
             for name, text in read_expressions(where, entries).items()}
@@ -292,23 +239,10 @@ def read_message_bounds(where: str, entries: Iterable[NamedBounds]) -> dict[str,
     """
     Return bounds by name.
 
-    Parameters
-    ----------
-    where : str
-        Key of the statement, for errors.
-    entries : iterable of NamedBounds
-        Field of a message.
-
-    Returns
-    -------
-    dict of str to list
-        [lower, upper], as expressions; None: no bound.
-
-    Raises
-    ------
-    StatementError
-        If a name occurs twice.
-
+    :param where: key of the statement, for errors.
+    :param entries: field of a message.
+    :return: [lower, upper], as expressions; None: no bound.
+    :raises StatementError: if a name occurs twice.
     """
     return _unique(where, (
         (each.name, [each.lower or None, each.upper or None]) for each in entries))
@@ -318,16 +252,8 @@ def build_named_expressions(mapping: Mapping[str, Any]) -> list[NamedExpression]
     """
     Return a mapping of names to numbers or expressions as messages.
 
-    Parameters
-    ----------
-    mapping : mapping
-        From names to numbers, expressions or lists.
-
-    Returns
-    -------
-    list of NamedExpression
-        In the order of the mapping.
-
+    :param mapping: from names to numbers, expressions or lists.
+    :return: in the order of the mapping.
     """
     return [NamedExpression(name=name, expression=_text(value))
             for name, value in mapping.items()]
@@ -337,16 +263,8 @@ def build_named_bounds(mapping: Mapping[str, Any]) -> list[NamedBounds]:
     """
     Return a mapping of names to bounds as messages.
 
-    Parameters
-    ----------
-    mapping : mapping
-        From names to [lower, upper], each a number, an expression or None; or to None.
-
-    Returns
-    -------
-    list of NamedBounds
-        In the order of the mapping, without the names that have None.
-
+    :param mapping: from names to [lower, upper], each a number, an expression or None; or to None.
+    :return: in the order of the mapping, without the names that have None.
     """
     return [NamedBounds(name=name, lower=_text(pair[0]), upper=_text(pair[1]))
             for name, pair in mapping.items() if pair is not None]
@@ -356,23 +274,11 @@ def read_request(kind: str, request: Any) -> Packet:
     """
     Return a request as plain data.
 
-    Parameters
-    ----------
-    kind : str
-        A key of `requests.KINDS`.
-    request : SolveOptimalControl, Minimize, PlanMotion or DesignLqr request
-        Of that kind.
-
-    Returns
-    -------
-    Packet
-        For `requests.answer`.
-
-    Raises
-    ------
-    StatementError
-        If it is too large, or a name occurs twice in a list of names and values.
-
+    :param kind: a key of `requests.KINDS`.
+    :param request: of that kind.
+    :return: for `requests.answer`.
+    :raises StatementError: if it is too large, or a name occurs twice in a list of names and
+        values.
     """
     check_size(request)
     return _REQUESTS[kind](request)
@@ -428,13 +334,8 @@ def fill_answer(response: Any, packet: Packet) -> None:
     """
     Fill a response or a result with the answer to a problem.
 
-    Parameters
-    ----------
-    response : SolveOptimalControl.Response, SolveOptimalControl.Result or PlanMotion.Response
-        Filled in place.
-    packet : Packet
-        As `solutions.pack_solution` returns it, or with a status and a message only.
-
+    :param response: filled in place.
+    :param packet: as `solutions.pack_solution` returns it, or with a status and a message only.
     """
     plain = dict(packet.plain)
     response.certificate = build_certificate_message(plain.pop('certificate', None))
@@ -461,13 +362,8 @@ def fill_minimum(response: Any, packet: Packet) -> None:
     """
     Fill the response of ``~/minimize``.
 
-    Parameters
-    ----------
-    response : Minimize.Response
-        Filled in place.
-    packet : Packet
-        As `requests.answer` returns it, or with a status and a message only.
-
+    :param response: filled in place.
+    :param packet: as `requests.answer` returns it, or with a status and a message only.
     """
     plain = dict(packet.plain)
     response.certificate = build_certificate_message(plain.pop('certificate', None))
@@ -482,13 +378,8 @@ def fill_design(response: Any, packet: Packet) -> None:
     """
     Fill the response of ``~/design_lqr``.
 
-    Parameters
-    ----------
-    response : DesignLqr.Response
-        Filled in place; the message of a failure begins with the status.
-    packet : Packet
-        As `requests.answer` returns it, or with a status and a message only.
-
+    :param response: filled in place; the message of a failure begins with the status.
+    :param packet: as `requests.answer` returns it, or with a status and a message only.
     """
     status, response.message = packet.plain['status'], packet.plain['message']
     response.success = status == 'solved'
@@ -502,16 +393,8 @@ def build_lqr_design(fields: Mapping[str, Any]) -> LqrDesign:
     """
     Return the message of a design.
 
-    Parameters
-    ----------
-    fields : mapping
-        As `report_fields` returns it; arrays are flattened row by row.
-
-    Returns
-    -------
-    LqrDesign
-        The message.
-
+    :param fields: as `report_fields` returns it; arrays are flattened row by row.
+    :return: the message.
     """
     return LqrDesign(**{name: flatten_doubles(value) if isinstance(value, np.ndarray) else value
                         for name, value in fields.items()})
@@ -532,16 +415,9 @@ def read_solution(result: Any) -> solution.Solution:
     """
     Return the solution that a response or a result contains.
 
-    Parameters
-    ----------
-    result : SolveOptimalControl.Response or SolveOptimalControl.Result
-        As `fill_answer` fills it. It has no multipliers of state bounds and path constraints.
-
-    Returns
-    -------
-    Solution
-        With the arrays of the trajectory.
-
+    :param result: as `fill_answer` fills it. It has no multipliers of state bounds and path
+        constraints.
+    :return: with the arrays of the trajectory.
     """
     path, certificate, known = result.trajectory, result.certificate, result.optimality
     shape = len(path.t), -1
@@ -570,16 +446,8 @@ def flatten_doubles(values: Any) -> 'array[float]':
     """
     Return numbers as the value of a float64[] field.
 
-    Parameters
-    ----------
-    values : array_like
-        Of any shape.
-
-    Returns
-    -------
-    array of double
-        Row by row.
-
+    :param values: of any shape.
+    :return: row by row.
     """
     return array('d', np.asarray(values, np.float64).tobytes())
 

@@ -22,13 +22,8 @@ class RepeatedReader:
     """
     Reader of serialised messages of one type.
 
-    Parameters
-    ----------
-    kind : type
-        Its first field is a header, and its last one a ``float64[]``.
-    numbers : str
-        Name of the last field.
-
+    :param kind: its first field is a header, and its last one a ``float64[]``.
+    :param numbers: name of the last field.
     """
 
     def __init__(self, kind: type, numbers: str) -> None:

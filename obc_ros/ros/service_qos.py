@@ -25,13 +25,8 @@ def be_patient(node: Node, service: Service) -> None:
     """
     Have responses sent again that the middleware has dropped.
 
-    Parameters
-    ----------
-    node : rclpy.node.Node
-        Whose timers and log are used.
-    service : rclpy.service.Service
-        Its method `send_response` is replaced.
-
+    :param node: whose timers and log are used.
+    :param service: its method `send_response` is replaced.
     """
     send, clock = service.send_response, Clock(clock_type=ClockType.STEADY_TIME)
 

@@ -33,13 +33,8 @@ class Components:
     """
     The components of the states or commands of one system, in messages that may name them.
 
-    Parameters
-    ----------
-    system : str
-        Name of the system, for sentences.
-    names : sequence of str
-        Names of its states or inputs, in order.
-
+    :param system: name of the system, for sentences.
+    :param names: names of its states or inputs, in order.
     """
 
     def __init__(self, system: str, names: Sequence[str]) -> None:
@@ -50,18 +45,9 @@ class Components:
         """
         Return the values of a message in the order of the system.
 
-        Parameters
-        ----------
-        names : list of str
-            Names in the message; empty: not stated, and not checked.
-        values : sequence of float
-            The values in the message.
-
-        Raises
-        ------
-        NamesError
-            If other names are stated, or more or fewer than values.
-
+        :param names: names in the message; empty: not stated, and not checked.
+        :param values: the values in the message.
+        :raises NamesError: if other names are stated, or more or fewer than values.
         """
         if not names or names == self._names:
             return values

@@ -54,21 +54,9 @@ def parse_axes(texts: Sequence[str]) -> dict[str, Any]:
     """
     Return keys and values of axes as the command line writes them.
 
-    Parameters
-    ----------
-    texts : sequence of str
-        Such as ``x0.p=-2:2:101`` and ``mass=1,2,4``.
-
-    Returns
-    -------
-    dict
-        For `make_axes`.
-
-    Raises
-    ------
-    StatementError
-        If a text has another form, or a key occurs twice.
-
+    :param texts: such as ``x0.p=-2:2:101`` and ``mass=1,2,4``.
+    :return: for `make_axes`.
+    :raises StatementError: if a text has another form, or a key occurs twice.
     """
     found: dict[str, Any] = {}
     for text in texts:
@@ -84,21 +72,9 @@ def parse_draws(texts: Sequence[str]) -> dict[str, str]:
     """
     Return keys and distributions of random numbers as the command line writes them.
 
-    Parameters
-    ----------
-    texts : sequence of str
-        Such as ``x0.v~normal(0,1)``.
-
-    Returns
-    -------
-    dict
-        For `make_draws`.
-
-    Raises
-    ------
-    StatementError
-        If a text has another form, or a key occurs twice.
-
+    :param texts: such as ``x0.v~normal(0,1)``.
+    :return: for `make_draws`.
+    :raises StatementError: if a text has another form, or a key occurs twice.
     """
     found: dict[str, str] = {}
     for text in texts:
@@ -114,21 +90,10 @@ def make_axes(over: Mapping[str, Any]) -> tuple[SweepAxis, ...]:
     """
     Return the axes of a grid.
 
-    Parameters
-    ----------
-    over : mapping of str to values
-        The values are a sequence or an array of numbers, one number, or a text: ``-2:2:101`` or
-        ``1,2,4``.
-
-    Returns
-    -------
-    tuple of SweepAxis
-
-    Raises
-    ------
-    StatementError
-        If there are no values, or if one is not a finite number or occurs twice.
-
+    :param over: the values are a sequence or an array of numbers, one number, or a text:
+        ``-2:2:101`` or ``1,2,4``.
+    :raises StatementError: if there are no values, or if one is not a finite number or occurs
+        twice.
     """
     return tuple(SweepAxis(key, _values(values, key)) for key, values in over.items())
 
@@ -137,20 +102,8 @@ def make_draws(sample: Mapping[str, Any]) -> tuple[RandomNumber, ...]:
     """
     Return the random numbers of a sweep.
 
-    Parameters
-    ----------
-    sample : mapping of str to str
-        Distributions, such as ``normal(0, 1)``.
-
-    Returns
-    -------
-    tuple of RandomNumber
-
-    Raises
-    ------
-    StatementError
-        If a distribution is unknown or has other parameters.
-
+    :param sample: distributions, such as ``normal(0, 1)``.
+    :raises StatementError: if a distribution is unknown or has other parameters.
     """
     return tuple(_random(key, text) for key, text in sample.items())
 
@@ -159,19 +112,10 @@ def check_count(axes: Sequence[SweepAxis], draws: Sequence[RandomNumber], count:
     """
     Return the number of points of a sweep.
 
-    Parameters
-    ----------
-    axes, draws : sequences of SweepAxis and of RandomNumber
-        All with different keys.
-    count : int
-        Number of samples; every sample is combined with every point of the grid.
-
-    Raises
-    ------
-    StatementError
-        If there is nothing to vary, a key occurs twice, the count does not fit, or there are more
-        than ``MOST_POINTS`` points.
-
+    :param axes, draws: all with different keys.
+    :param count: number of samples; every sample is combined with every point of the grid.
+    :raises StatementError: if there is nothing to vary, a key occurs twice, the count does not
+        fit, or there are more than ``MOST_POINTS`` points.
     """
     keys = [axis.key for axis in axes] + [draw.key for draw in draws]
     if not keys:

@@ -52,20 +52,10 @@ def solve_chunk(pool: Pool, chunk: Chunk,
     They do not depend on what the process has solved before. If the process ends, the chunk is
     begun again; a point at which it has ended `TRIES` times has the status ``died``.
 
-    Parameters
-    ----------
-    pool : Pool
-        Of one process, from `start_solver`.
-    chunk : Chunk
-        The points.
-    is_stopped : callable
-        Called several times a second.
-
-    Raises
-    ------
-    ChunkStoppedError
-        If `is_stopped` returned True.
-
+    :param pool: of one process, from `start_solver`.
+    :param chunk: the points.
+    :param is_stopped: called several times a second.
+    :raises ChunkStoppedError: if `is_stopped` returned True.
     """
     deaths: Counter[int] = Counter()
     guilty: dict[int, str] = {}
@@ -83,13 +73,8 @@ def _try_chunk(pool: Pool, chunk: Chunk, is_stopped: Callable[[], bool],
     """
     Solve the points of a chunk, but for the guilty ones, until the process ends.
 
-    Returns
-    -------
-    rows : list
-        All answers, or those before the process ended.
-    message : str
-        How the process ended, at the point after these; empty if it did not.
-
+    :return: rows: all answers, or those before the process ended; message: how the process ended,
+        at the point after these; empty if it did not.
     """
     rows: list[Row] = []
     fresh = True

@@ -23,18 +23,10 @@ def divide_grid(shape: Sequence[int], size: int) -> list[Indices]:
     """
     Return the chunks of a grid.
 
-    Parameters
-    ----------
-    shape : sequence of int
-        Numbers of values along each dimension.
-    size : int
-        Largest number of points of a chunk.
-
-    Returns
-    -------
-    list of ndarray
-        Flat indices of the points (the last dimension counts fastest), in the order of solution.
-
+    :param shape: numbers of values along each dimension.
+    :param size: largest number of points of a chunk.
+    :return: flat indices of the points (the last dimension counts fastest), in the order of
+        solution.
     """
     tiles = _tile_shape(shape, size)
     spans = [np.array_split(np.arange(n), math.ceil(n / t))
@@ -48,17 +40,9 @@ def order_samples(values: Array) -> Indices:
     """
     Return an order of random samples in which successive ones are near each other.
 
-    Parameters
-    ----------
-    values : ndarray, shape (count, keys)
-        One sample in each row.
-
-    Returns
-    -------
-    ndarray, shape (count,)
-        Indices of the rows. The samples are halved again and again, each time across the widest
-        dimension in units of its standard deviation.
-
+    :param values: (count, keys), one sample in each row.
+    :return: (count,), indices of the rows. The samples are halved again and again, each time
+        across the widest dimension in units of its standard deviation.
     """
     spread = values.std(axis=0)
     scaled = values / np.where(spread > 0.0, spread, 1.0)

@@ -65,22 +65,10 @@ def simulate_regulator(request: Mapping[str, Any]) -> dict[str, Any]:
     """
     Design a regulator, simulate its closed loop, and return its numbers.
 
-    Parameters
-    ----------
-    request : mapping
-        From `RegulatorNumbers.vary`: `case`, `plant`, `x0` (deviations by state) and `T` [s] (0:
-        long enough for the designed loop).
-
-    Returns
-    -------
-    dict
-        Values of `dataset.REGULATOR_QUANTITIES`; status ``refused`` if there is no design.
-
-    Raises
-    ------
-    ObcError
-        If the case is malformed.
-
+    :param request: from `RegulatorNumbers.vary`: `case`, `plant`, `x0` (deviations by state) and
+        `T` [s] (0: long enough for the designed loop).
+    :return: values of `dataset.REGULATOR_QUANTITIES`; status ``refused`` if there is no design.
+    :raises ObcError: if the case is malformed.
     """
     case = request['case']
     system = _system(case, case)
@@ -104,18 +92,9 @@ def linearize_plant_of(case: Mapping[str, Any], system: System) -> LinearizedPla
     """
     Return the plant of a case at its set point.
 
-    Parameters
-    ----------
-    case : mapping
-        With `setpoint` and `setpoint_input`, if any.
-    system : System
-        Of the case.
-
-    Raises
-    ------
-    ObcError
-        If there is no equilibrium.
-
+    :param case: with `setpoint` and `setpoint_input`, if any.
+    :param system: of the case.
+    :raises ObcError: if there is no equilibrium.
     """
     if case.get('system') is None:   # the set point of given matrices is the origin
         n, m = system.n, system.m

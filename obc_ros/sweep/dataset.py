@@ -29,19 +29,11 @@ class Quantity:
     """
     A quantity of the answer at each point.
 
-    Attributes
-    ----------
-    name : str
-        In the dataset and in the rows.
-    about : str
-        Long name, in words.
-    unit : str
-        Empty if it is unknown.
-    dimension : str
-        Name of a further dimension, for a list; empty for a number.
-    flags : tuple of str
-        Meanings of the values 0, 1, ... of a code.
-
+    :ivar name: in the dataset and in the rows.
+    :ivar about: long name, in words.
+    :ivar unit: empty if it is unknown.
+    :ivar dimension: name of a further dimension, for a list; empty for a number.
+    :ivar flags: meanings of the values 0, 1, ... of a code.
     """
 
     name: str
@@ -86,11 +78,7 @@ def import_xarray() -> Any:
     """
     Return the module xarray, which is an extra.
 
-    Raises
-    ------
-    ObcError
-        If it is not installed.
-
+    :raises ObcError: if it is not installed.
     """
     try:
         import xarray
@@ -107,37 +95,17 @@ def make_dataset(coordinates: Mapping[str, Sequence[float]], units: Mapping[str,
     """
     Return the dataset of a sweep.
 
-    Parameters
-    ----------
-    coordinates : mapping
-        The axes of the grid: key and values.
-    units : mapping
-        Unit of each key; empty if it is unknown.
-    other_keys : mapping
-        Another name of each key, if a quantity has its name.
-    samples : mapping
-        The random numbers: key and values.
-    count : int
-        Number of samples; 0 without random numbers.
-    names : mapping
-        Coordinates of further dimensions: names of states and inputs.
-    quantities : sequence of Quantity
-        Data variables.
-    rows : mapping
-        The answers by flat index of the point; points may be missing.
-    about : mapping
-        Attributes of the dataset.
-
-    Returns
-    -------
-    xarray.Dataset
-        Points without an answer have the status -1, and nan.
-
-    Raises
-    ------
-    ObcError
-        If xarray is not installed.
-
+    :param coordinates: the axes of the grid: key and values.
+    :param units: unit of each key; empty if it is unknown.
+    :param other_keys: another name of each key, if a quantity has its name.
+    :param samples: the random numbers: key and values.
+    :param count: number of samples; 0 without random numbers.
+    :param names: coordinates of further dimensions: names of states and inputs.
+    :param quantities: data variables.
+    :param rows: the answers by flat index of the point; points may be missing.
+    :param about: attributes of the dataset.
+    :return: points without an answer have the status -1, and nan.
+    :raises ObcError: if xarray is not installed.
     """
     xarray = import_xarray()
     taken = {each.name for each in quantities} | set(names) | {SAMPLE, 'switch', 'switches'}
@@ -170,18 +138,9 @@ def write_dataset(dataset: Any, path: Path) -> None:
     """
     Write a dataset completely or not at all.
 
-    Parameters
-    ----------
-    dataset : xarray.Dataset
-        From `make_dataset`.
-    path : Path
-        Replaced if it exists.
-
-    Raises
-    ------
-    OSError
-        If it cannot be written.
-
+    :param dataset: from `make_dataset`.
+    :param path: replaced if it exists.
+    :raises OSError: if it cannot be written.
     """
     part = path.with_suffix('.part')
     dataset.to_netcdf(part, engine='scipy', format='NETCDF3_64BIT')
@@ -194,16 +153,8 @@ def read_dataset(path: Path) -> Any:
     """
     Return the dataset of a file, completely in memory.
 
-    Parameters
-    ----------
-    path : Path
-        Written by `write_dataset`.
-
-    Raises
-    ------
-    ObcError
-        If xarray is not installed.
-
+    :param path: written by `write_dataset`.
+    :raises ObcError: if xarray is not installed.
     """
     return import_xarray().load_dataset(path, engine='scipy')
 

@@ -28,29 +28,14 @@ class Journal:
     """
     The folder of a sweep, opened by one process.
 
-    Parameters
-    ----------
-    folder : Path
-        Created if it is missing.
-    question : mapping
-        All that the answers depend on.
-    resume : bool
-        Whether to go on with a sweep that the folder holds.
-
-    Attributes
-    ----------
-    chunks : dict
-        The rows of each finished chunk, by its number.
-
-    Raises
-    ------
-    StatementError
-        If the folder holds a sweep and `resume` is not set, or a sweep with another question.
-    ObcError
-        If another process has it open.
-    OSError
-        If it cannot be written.
-
+    :param folder: created if it is missing.
+    :param question: all that the answers depend on.
+    :param resume: whether to go on with a sweep that the folder holds.
+    :ivar chunks: the rows of each finished chunk, by its number.
+    :raises StatementError: if the folder holds a sweep and `resume` is not set, or a sweep with
+        another question.
+    :raises ObcError: if another process has it open.
+    :raises OSError: if it cannot be written.
     """
 
     def __init__(self, folder: Path, question: Mapping[str, Any], resume: bool) -> None:
@@ -111,20 +96,10 @@ def check_folder(folder: Path, question: Mapping[str, Any], resume: bool) -> Non
     """
     Check whether a sweep can be written to a folder; nothing is changed.
 
-    Parameters
-    ----------
-    folder : Path
-        It need not exist.
-    question : mapping
-        All that the answers depend on.
-    resume : bool
-        Whether to go on with a sweep that the folder holds.
-
-    Raises
-    ------
-    StatementError
-        As for `Journal`.
-
+    :param folder: it need not exist.
+    :param question: all that the answers depend on.
+    :param resume: whether to go on with a sweep that the folder holds.
+    :raises StatementError: as for `Journal`.
     """
     try:
         text = (folder / QUESTION).read_text(encoding='utf-8')

@@ -21,20 +21,9 @@ def solve_locally(chunks: Sequence[Chunk], workers: int) -> Generator[Finished]:
     """
     Yield the answers of chunks as they are finished.
 
-    Parameters
-    ----------
-    chunks : sequence of Chunk
-        In any order.
-    workers : int
-        Number of processes.
-
-    Yields
-    ------
-    number : int
-        Of the chunk.
-    rows : list
-        The answers at its points.
-
+    :param chunks: in any order.
+    :param workers: number of processes.
+    :yield: number: of the chunk; rows: the answers at its points.
     """
     waiting: SimpleQueue[Chunk] = SimpleQueue()
     finished: SimpleQueue[Finished | BaseException] = SimpleQueue()

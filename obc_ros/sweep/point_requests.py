@@ -30,23 +30,12 @@ def answer(kind: str, request: Packet, time_limit: float, report: Report,
     """
     Return the numbers of the solution at one point.
 
-    Parameters
-    ----------
-    kind : str
-        Key of `POINT_KINDS`.
-    request : Packet
-        With `fresh`: whether to forget all earlier points, so that the answers of a chunk do not
-        depend on what the process has solved before.
-    time_limit : float
-        [s].
-    report, keep
-        As for `workers.requests`; the best path so far is not kept.
-
-    Returns
-    -------
-    Packet
-        Its status is ``malformed`` if the point has no valid problem.
-
+    :param kind: key of `POINT_KINDS`.
+    :param request: with `fresh`: whether to forget all earlier points, so that the answers of a
+        chunk do not depend on what the process has solved before.
+    :param time_limit: [s].
+    :param report, keep: as for `workers.requests`; the best path so far is not kept.
+    :return: its status is ``malformed`` if the point has no valid problem.
     """
     begun = time.perf_counter()
     if request.plain['fresh']:

@@ -33,26 +33,11 @@ class ProblemNumbers:
     """
     A problem whose numbers vary.
 
-    Parameters
-    ----------
-    statement : mapping
-        See docs/problems.md.
-
-    Attributes
-    ----------
-    kind : str
-        Of the requests to a solver process.
-    quantities : tuple of Quantity
-        Of the answers.
-    statement : dict
-    dimensions : dict
-        Names of the states and of the inputs.
-
-    Raises
-    ------
-    StatementError
-        If the statement is malformed.
-
+    :param statement: see docs/problems.md.
+    :ivar kind: of the requests to a solver process.
+    :ivar quantities: of the answers.
+    :ivar dimensions: names of the states and of the inputs.
+    :raises StatementError: if the statement is malformed.
     """
 
     kind = 'problem'
@@ -139,20 +124,10 @@ def check_number_key(key: str, places: Mapping[str, Place], hint: str) -> None:
     """
     Check that a key is known.
 
-    Parameters
-    ----------
-    key : str
-        Of an axis or a random number.
-    places : mapping
-        Its keys are those that are known.
-    hint : str
-        How keys are written.
-
-    Raises
-    ------
-    StatementError
-        If it is not.
-
+    :param key: of an axis or a random number.
+    :param places: its keys are those that are known.
+    :param hint: how keys are written.
+    :raises StatementError: if it is not.
     """
     if key not in places:
         raise StatementError(f"there is no number '{quote(key)}'{suggest_name(key, places)}; "
@@ -164,17 +139,10 @@ def replace_number(value: Any, place: Place, number: float,
     """
     Return mappings and lists with another number at one place; the rest is shared.
 
-    Parameters
-    ----------
-    value : object
-        Nested mappings and lists; None for a mapping that is missing.
-    place : tuple
-        Keys and positions that lead to the number.
-    number : float
-        The new value.
-    bounds : tuple, optional
-        List to put in place of one that is missing.
-
+    :param value: nested mappings and lists; None for a mapping that is missing.
+    :param place: keys and positions that lead to the number.
+    :param number: the new value.
+    :param bounds: list to put in place of one that is missing.
     """
     if not place:
         return number

@@ -38,26 +38,11 @@ class RegulatorNumbers:
     """
     A case of `obc lqr` whose numbers vary, and whose closed loop is simulated.
 
-    Parameters
-    ----------
-    case : mapping
-        As in a file of `obc lqr`, without sampling and delay.
-
-    Attributes
-    ----------
-    kind : str
-        Of the requests to a solver process.
-    quantities : tuple of Quantity
-        Of the answers.
-    statement : dict
-    dimensions : dict
-        Names of the states and of the inputs.
-
-    Raises
-    ------
-    ObcError
-        If the case is malformed.
-
+    :param case: as in a file of `obc lqr`, without sampling and delay.
+    :ivar kind: of the requests to a solver process.
+    :ivar quantities: of the answers.
+    :ivar dimensions: names of the states and of the inputs.
+    :raises ObcError: if the case is malformed.
     """
 
     kind = 'regulator'
@@ -171,18 +156,9 @@ def read_numbers(value: Any, where: str) -> Any:
     """
     Return lists with all their entries as numbers.
 
-    Parameters
-    ----------
-    value : object
-        A number, an expression, or a list of such, also nested.
-    where : str
-        The key, with which a message begins.
-
-    Raises
-    ------
-    StatementError
-        If an entry is not a number, or rows differ in length.
-
+    :param value: a number, an expression, or a list of such, also nested.
+    :param where: the key, with which a message begins.
+    :raises StatementError: if an entry is not a number, or rows differ in length.
     """
     if isinstance(value, (list, tuple)):
         lengths = {len(each) if isinstance(each, (list, tuple)) else -1 for each in value}

@@ -35,13 +35,8 @@ class Gate:
     """
     Rejects requests from other sites and, with a token, those without it (ASGI middleware).
 
-    Parameters
-    ----------
-    app : callable
-        The application behind it.
-    token : str
-        Empty: none is asked for, and only names of this machine are served.
-
+    :param app: the application behind it.
+    :param token: empty: none is asked for, and only names of this machine are served.
     """
 
     def __init__(self, app: Any, token: str = '') -> None:
@@ -196,11 +191,7 @@ class Helm:
     """
     Which page controls the loop: one at a time, after a click.
 
-    Parameters
-    ----------
-    allowed : bool
-        False: all pages only watch.
-
+    :param allowed: False: all pages only watch.
     """
 
     def __init__(self, allowed: bool) -> None:

@@ -35,15 +35,9 @@ class LoopCanvas(Element, component='canvas.js'):
 
     A browser that falls behind is sent fewer frames: what it has not acknowledged is bounded.
 
-    Parameters
-    ----------
-    scene : dict
-        From `describe_scene`.
-    on_goal : callable
-        Called with x and y [m] of a click.
-    live : bool
-        Whether the picture says so when no state has come for more than a second.
-
+    :param scene: from `describe_scene`.
+    :param on_goal: called with x and y [m] of a click.
+    :param live: whether the picture says so when no state has come for more than a second.
     """
 
     def __init__(self, scene: dict[str, Any], on_goal: Callable[[float, float], Any], *,

@@ -40,13 +40,9 @@ def find_switching_functions(problem: Problem, x: Array, u: Array, lam: Array
     An input is at its lower bound where its function is positive, and at its upper bound where it
     is negative. Inputs without bounds, and those whose function is 0 throughout, have none.
 
-    Parameters
-    ----------
-    problem : Problem
-        The problem; one of several phases has none.
-    x, u, lam : ndarray, shape (N, n), (N, m), (N, n)
-        The path with all states of the problem; without costates there are none.
-
+    :param problem: the problem; one of several phases has none.
+    :param x, u, lam: (N, n), (N, m), (N, n), the path with all states of the problem; without
+        costates there are none.
     """
     if problem.phases is not None or np.shape(lam) != np.shape(x) or not np.size(x):
         return {}
@@ -62,15 +58,8 @@ def draw_path_lines(path: Trajectory, units: Mapping[str, str],
     """
     Draw inputs, states, costates and conditions of a path in the present container.
 
-    Parameters
-    ----------
-    path : Trajectory
-        The path.
-    units : mapping
-        Unit by the name of a state or an input; none: without.
-    switching : mapping, optional
-        From `find_switching_functions`.
-
+    :param units: unit by the name of a state or an input; none: without.
+    :param switching: from `find_switching_functions`.
     """
     keep = choose_points(len(path.t))
     t = np.asarray(path.t)[keep]
@@ -104,17 +93,10 @@ def draw_lines(title: str, t: Any, values: Any, names: Sequence[str]) -> ui.echa
     """
     Draw signals over time in the present container.
 
-    Parameters
-    ----------
-    title : str
-        Of the chart.
-    t : ndarray, shape (N,)
-        Times [s].
-    values : ndarray, shape (N, k)
-        The signals.
-    names : sequence of str
-        k names.
-
+    :param title: of the chart.
+    :param t: (N,), times [s].
+    :param values: (N, k), the signals.
+    :param names: k names.
     """
     return ui.echart({
         'title': {'text': title, 'left': 0, 'textStyle': {'fontSize': 13, 'color': GREY}},
@@ -191,16 +173,8 @@ def compute_steps(design: LqrDesign) -> list[tuple[str, list[list[float]]]]:
     """
     Return the response of each position to a step of its set point.
 
-    Parameters
-    ----------
-    design : LqrDesign
-        With the matrices of the linear closed loop.
-
-    Returns
-    -------
-    list of (str, list of [time [s], value])
-        For the states whose `rise_time` is a number, two at most.
-
+    :param design: with the matrices of the linear closed loop.
+    :return: for the states whose `rise_time` is a number, two at most.
     """
     n, m = len(design.state_names), len(design.input_names)
     a, b = np.reshape(design.a, (n, n)), np.reshape(design.b, (n, m))

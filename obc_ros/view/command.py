@@ -71,11 +71,7 @@ def check_port(host: str, port: int) -> None:
     """
     Raise if the page cannot be served at an address.
 
-    Raises
-    ------
-    ObcError
-        If the address is not one of this machine, or the port is in use.
-
+    :raises ObcError: if the address is not one of this machine, or the port is in use.
     """
     family = socket.AF_INET6 if ':' in host else socket.AF_INET
     with socket.socket(family) as probe:
@@ -113,16 +109,8 @@ def choose_priority(wanted: int | None) -> int:
     """
     Return the priority of the nodes that `obc view` starts.
 
-    Parameters
-    ----------
-    wanted : int or None
-        As given; None: `LOOP_PRIORITY` where the system allows it, else 0.
-
-    Raises
-    ------
-    ObcError
-        If the system does not allow the priority that was given.
-
+    :param wanted: as given; None: `LOOP_PRIORITY` where the system allows it, else 0.
+    :raises ObcError: if the system does not allow the priority that was given.
     """
     priority = LOOP_PRIORITY if wanted is None else wanted
     refusal = find_priority_refusal(priority) if priority else ''
@@ -139,13 +127,9 @@ def start_loop_nodes(scenario: str, priority: int) -> Iterator[None]:
     """
     Start the three nodes on a domain of their own, in real time; they end with the page.
 
-    Parameters
-    ----------
-    scenario : str
-        File of config/.
-    priority : int
-        Of plant_simulator and lqr_node; 0: ordinary. trajectory_server is an ordinary process.
-
+    :param scenario: file of config/.
+    :param priority: of plant_simulator and lqr_node; 0: ordinary. trajectory_server is an ordinary
+        process.
     """
     pace = ['-p', f'priority:={priority}']
     config = ['--params-file', str(share_directory('obc_ros') / 'config' / f'{scenario}.yaml')]

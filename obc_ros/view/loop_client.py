@@ -76,18 +76,9 @@ class Request:
     """
     A problem for trajectory_server.
 
-    Parameters
-    ----------
-    problem : OptimalControlProblem
-        The statement.
-    time_limit : float
-        Of the solution [s].
-
-    Attributes
-    ----------
-    phase : str
-        What is tried now, in words.
-
+    :param problem: the statement.
+    :param time_limit: of the solution [s].
+    :ivar phase: what is tried now, in words.
     """
 
     def __init__(self, problem: OptimalControlProblem, time_limit: float) -> None:
@@ -104,20 +95,10 @@ class LoopClient:
     """
     A client of the nodes of one loop.
 
-    Parameters
-    ----------
-    namespace : str
-        Of the loop; empty: none.
-
-    Attributes
-    ----------
-    plant : Plant or None
-        Signals of the plant; None before the first design.
-    design : LqrDesign or None
-        The design in use.
-    controller : str
-        The node that has published it.
-
+    :param namespace: of the loop; empty: none.
+    :ivar plant: signals of the plant; None before the first design.
+    :ivar design: the design in use.
+    :ivar controller: the node that has published it.
     """
 
     def __init__(self, namespace: str = '') -> None:
@@ -311,11 +292,7 @@ class LoopClient:
         """
         Return the response of a service of the loop.
 
-        Raises
-        ------
-        ObcError
-            If there is no such service, or no response within `timeout` [s].
-
+        :raises ObcError: if there is no such service, or no response within `timeout` [s].
         """
         answer: Future[Any] = Future()
         deadline = time.monotonic() + DISCOVERED
@@ -367,11 +344,7 @@ class LoopClient:
         """
         Return the result of a request to trajectory_server.
 
-        Raises
-        ------
-        ObcError
-            If there is no server, or if it rejects the request or loses it.
-
+        :raises ObcError: if there is no server, or if it rejects the request or loses it.
         """
         answer: Future[Any] = Future()
         deadline = time.monotonic() + DISCOVERED

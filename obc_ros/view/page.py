@@ -66,15 +66,9 @@ class Viewer:
     """
     All pages of one loop or recording.
 
-    Parameters
-    ----------
-    source : LoopClient or Playback
-        What is shown.
-    helm : Helm
-        Which page controls.
-    title : str
-        Of the page.
-
+    :param source: what is shown.
+    :param helm: which page controls.
+    :param title: of the page.
     """
 
     def __init__(self, source: LoopClient | Playback, helm: Helm, title: str) -> None:

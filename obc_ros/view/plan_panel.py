@@ -35,15 +35,9 @@ class PlanPanel:
     """
     A goal, a plan to it, its figures, and the command to fly it.
 
-    Parameters
-    ----------
-    client : LoopClient
-        The loop.
-    canvas : LoopCanvas
-        Draws the path ahead.
-    may_control : callable
-        Returns whether this page controls the loop.
-
+    :param client: the loop.
+    :param canvas: draws the path ahead.
+    :param may_control: returns whether this page controls the loop.
     """
 
     def __init__(self, client: LoopClient, canvas: LoopCanvas,
@@ -153,13 +147,8 @@ def compute_switching(request: PlanMotion.Request, path: Trajectory) -> dict[str
 
     They take the dynamics of the registered system and no multipliers of constraints.
 
-    Parameters
-    ----------
-    request : PlanMotion.Request
-        What was asked for.
-    path : Trajectory
-        The answer; its start and its final time are those of the problem.
-
+    :param request: what was asked for.
+    :param path: the answer; its start and its final time are those of the problem.
     """
     if request.system not in list_systems() or request.system_parameters or (
             request.state_bounds or request.path_constraints):

@@ -22,15 +22,9 @@ class PlantPanel:
     """
     The conditions of plant_simulator.
 
-    Parameters
-    ----------
-    client : LoopClient
-        The loop.
-    may_control : callable
-        Returns whether this page controls the loop.
-    now : callable
-        Returns the time of the last state [s].
-
+    :param client: the loop.
+    :param may_control: returns whether this page controls the loop.
+    :param now: returns the time of the last state [s].
     """
 
     def __init__(self, client: LoopClient, may_control: Callable[[], bool],

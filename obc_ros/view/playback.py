@@ -38,16 +38,8 @@ class Playback:
     """
     The states, commands and designs of a recording.
 
-    Parameters
-    ----------
-    file : Path
-        An MCAP file of `obc demo` or `ros2 bag`, or its folder.
-
-    Raises
-    ------
-    ObcError
-        If the file has no states, or is no recording.
-
+    :param file: an MCAP file of `obc demo` or `ros2 bag`, or its folder.
+    :raises ObcError: if the file has no states, or is no recording.
     """
 
     def __init__(self, file: Path) -> None:

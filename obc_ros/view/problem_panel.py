@@ -29,13 +29,8 @@ class ProblemPanel:
     """
     A problem as YAML, and its solution by trajectory_server.
 
-    Parameters
-    ----------
-    client : LoopClient
-        The loop with the server.
-    may_control : callable
-        Returns whether this page may ask the server.
-
+    :param client: the loop with the server.
+    :param may_control: returns whether this page may ask the server.
     """
 
     def __init__(self, client: LoopClient, may_control: Callable[[], bool]) -> None:
@@ -104,11 +99,7 @@ def build_message(text: str) -> tuple[Problem, Any]:
     """
     Return the first problem of a YAML text, and its message.
 
-    Raises
-    ------
-    ObcError
-        If it is no valid statement; the message begins with the key at fault.
-
+    :raises ObcError: if it is no valid statement; the message begins with the key at fault.
     """
     (_, entry), *_ = read_text_entries(text)
     if isinstance(entry, ObcError):

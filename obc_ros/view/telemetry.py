@@ -79,23 +79,13 @@ class Frame:
     """
     A loop at one instant.
 
-    Attributes
-    ----------
-    time : float
-        Stamp of the state [s].
-    x, u : sequence of float
-        Last state and last command; empty: none yet.
-    goal : sequence of float
-        Set point of the design in use; empty: none yet.
-    cost : float
-        Cost-to-go of the design in use at this state; NaN: no design yet.
-    latency : float
-        From the last answered state to its command [s], as published; NaN: unknown.
-    prediction : sequence of sequence of float
-        Rows of time [s], states and inputs of the plan of mpc_node; empty: none.
-    uncertainty : Uncertainty or None
-        Of the state; None: no estimator is known.
-
+    :ivar time: stamp of the state [s].
+    :ivar x, u: last state and last command; empty: none yet.
+    :ivar goal: set point of the design in use; empty: none yet.
+    :ivar cost: cost-to-go of the design in use at this state; NaN: no design yet.
+    :ivar latency: from the last answered state to its command [s], as published; NaN: unknown.
+    :ivar prediction: rows of time [s], states and inputs of the plan of mpc_node; empty: none.
+    :ivar uncertainty: of the state; None: no estimator is known.
     """
 
     time: float
@@ -126,14 +116,9 @@ class Uncertainty:
     """
     Where the true state is, with a probability of 95 %.
 
-    Attributes
-    ----------
-    band : sequence of float
-        Half the width of the band of each state (n,), in its unit.
-    ellipse : sequence of float
-        Half axes [m] of the ellipse of the position in the plane, and the angle [rad] of the first
-        one; empty: no plane.
-
+    :ivar band: half the width of the band of each state (n,), in its unit.
+    :ivar ellipse: half axes [m] of the ellipse of the position in the plane, and the angle [rad]
+        of the first one; empty: no plane.
     """
 
     band: Sequence[float]
@@ -145,13 +130,8 @@ class FollowedPath:
     """
     A reference that lqr_node follows, or a plan of mpc_node.
 
-    Attributes
-    ----------
-    begin : float
-        Time of its first sample [s], in the time of the frames.
-    path : Trajectory
-        The message, as received.
-
+    :ivar begin: time of its first sample [s], in the time of the frames.
+    :ivar path: the message, as received.
     """
 
     begin: float
@@ -161,15 +141,9 @@ class FollowedPath:
         """
         Return at most `most` rows of time and states of a plant; none for another one's.
 
-        Parameters
-        ----------
-        plant : Plant
-            Its order of names is that of the rows.
-        most : int
-            Number of rows; more are thinned out.
-        inputs : bool
-            Add the inputs to each row.
-
+        :param plant: its order of names is that of the rows.
+        :param most: number of rows; more are thinned out.
+        :param inputs: add the inputs to each row.
         """
         path, t = self.path, np.asarray(self.path.t)
         if not len(t):
@@ -223,13 +197,7 @@ def describe_uncertainty(plant: Plant, estimate: Estimate) -> Uncertainty | None
     """
     Return where the true state is; None if the covariance is not one of the plant's states.
 
-    Parameters
-    ----------
-    plant : Plant
-        The plant.
-    estimate : Estimate
-        The message, as received.
-
+    :param estimate: the message, as received.
     """
     names, n = plant.state_names, len(plant.states)
     if not n or len(estimate.covariance) != n * n:
@@ -257,12 +225,6 @@ class SetPoint:
 
     One that moves, such as that of the vehicle, is drawn beside the plant: where it is now only
     the regulator knows, so that there is no cost-to-go.
-
-    Parameters
-    ----------
-    design : LqrDesign
-        The design.
-
     """
 
     def __init__(self, design: LqrDesign) -> None:

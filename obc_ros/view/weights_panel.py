@@ -52,13 +52,8 @@ class WeightsPanel:
     """
     The weights of the controller, and what a change of them would do.
 
-    Parameters
-    ----------
-    client : LoopClient
-        The loop.
-    may_control : callable
-        Returns whether this page controls the loop.
-
+    :param client: the loop.
+    :param may_control: returns whether this page controls the loop.
     """
 
     def __init__(self, client: LoopClient, may_control: Any) -> None:
@@ -309,18 +304,10 @@ def convert_weights(mode: str, x: Sequence[float], u: Sequence[float]) -> dict[s
     """
     Return diagonal weights as largest deviations, or the other way round, by parameter.
 
-    Parameters
-    ----------
-    mode : str
-        How they are wanted: 'matrices' or 'bryson'.
-    x, u : sequence of float
-        Of states and inputs, in the other way. A weight is the inverse square of a deviation.
-
-    Raises
-    ------
-    ObcError
-        If a number is negative, or one of an input is not positive.
-
+    :param mode: how they are wanted: 'matrices' or 'bryson'.
+    :param x, u: of states and inputs, in the other way. A weight is the inverse square of a
+        deviation.
+    :raises ObcError: if a number is negative, or one of an input is not positive.
     """
     first, second, _ = MODES[mode]
     of_x, of_u = (('Qx', 'Qu') if mode == 'bryson' else ('x_max', 'u_max'))

@@ -24,24 +24,11 @@ def design_regulator(request: Packet, time_limit: float, report: Report, keep: K
     """
     Return the design of a regulator, packed; the status is ``refused`` if there is none.
 
-    Parameters
-    ----------
-    request : Packet
-        ``system`` and ``parameters``, or the arrays ``a`` and ``b``; ``sample_time``, ``delay``
-        and the weights as in the message LqrWeights.
-    time_limit, report, keep
-        Not used: a design takes milliseconds.
-
-    Returns
-    -------
-    Packet
-        Status and message; of a design also ``design`` and arrays: the fields of LqrDesign.
-
-    Raises
-    ------
-    ObcError
-        If the request is invalid.
-
+    :param request: ``system`` and ``parameters``, or the arrays ``a`` and ``b``; ``sample_time``,
+        ``delay`` and the weights as in the message LqrWeights.
+    :param time_limit, report, keep: not used: a design takes milliseconds.
+    :return: status and message; of a design also ``design`` and arrays: the fields of LqrDesign.
+    :raises ObcError: if the request is invalid.
     """
     plain, arrays = request.plain, request.arrays
     for name in ('sample_time', 'delay'):

@@ -22,19 +22,11 @@ def answer_by(handlers: Mapping[str, Handler]) -> Answering:
     """
     Return the function `answer` of a module that a pool's workers import.
 
-    Parameters
-    ----------
-    handlers : mapping
-        By kind, what makes the answer of a request, a time limit [s], `report` and `keep`. It
-        calls `keep` with the best path so far, packed as an answer, or with a part of an answer,
-        whenever that changes.
-
-    Returns
-    -------
-    callable
-        ``answer(kind, request, time_limit, report, keep) -> Packet``. The status of an invalid
-        request is ``malformed``.
-
+    :param handlers: by kind, what makes the answer of a request, a time limit [s], `report` and
+        `keep`. It calls `keep` with the best path so far, packed as an answer, or with a part of
+        an answer, whenever that changes.
+    :return: ``answer(kind, request, time_limit, report, keep) -> Packet``. The status of an
+        invalid request is ``malformed``.
     """
     def answer(kind: str, request: Packet, time_limit: float, report: Report,
                keep: Keep = _forget) -> Packet:

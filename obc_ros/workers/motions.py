@@ -11,21 +11,10 @@ def read_motion(request: Packet) -> Motion:
     """
     Return the motion of a request.
 
-    Parameters
-    ----------
-    request : Packet
-        As `messages.read_request` returns it. Optional are ``plant``, the keys of a plant that is
-        not registered, and ``start_names``, the names of the states of the start.
-
-    Returns
-    -------
-    Motion
-
-    Raises
-    ------
-    ObcError
-        If there is no such plant, a parameter is not valid, or the start is that of another plant.
-
+    :param request: as `messages.read_request` returns it. Optional are ``plant``, the keys of a
+        plant that is not registered, and ``start_names``, the names of the states of the start.
+    :raises ObcError: if there is no such plant, a parameter is not valid, or the start is that of
+        another plant.
     """
     plain, arrays = request.plain, request.arrays
     system = build_plant(plain['plant'], plain['parameters']) if 'plant' in plain else (

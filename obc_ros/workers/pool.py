@@ -72,20 +72,12 @@ class Job:
     """
     A request in the pool.
 
-    Attributes
-    ----------
-    kind, request
-        Arguments of the module of the workers.
-    time_limit : float
-        Time [s] from submission to answer, waiting included.
-    done
-        Called once, with the answer.
-    progress
-        Called with phase, iteration, cost and infeasibility while a worker handles the request.
-        Both are called by a thread of the pool, or by the thread that submits or cancels.
-    affinity : str
-        Requests of equal affinity are faster on the worker that handled the last one.
-
+    :ivar kind, request: arguments of the module of the workers.
+    :ivar time_limit: time [s] from submission to answer, waiting included.
+    :ivar done: called once, with the answer.
+    :ivar progress: called with phase, iteration, cost and infeasibility while a worker handles the
+        request. Both are called by a thread of the pool, or by the thread that submits or cancels.
+    :ivar affinity: requests of equal affinity are faster on the worker that handled the last one.
     """
 
     kind: str
@@ -119,35 +111,17 @@ class Pool:
     """
     Worker processes and their queue.
 
-    Parameters
-    ----------
-    module : str
-        Imported by each worker; its ``answer(kind, request, time_limit, report, keep) -> Packet``
-        handles a request. If a worker is ended, what it has passed to `keep` is in the answer: the
-        last value of each key, and the last arrays.
-    size : int
-        Number of workers.
-    queue_length : int
-        Number of requests that may wait; further ones are rejected.
-    memory : int
-        Memory limit of a worker [bytes].
-    affinities : int
-        Number of affinities whose data a worker is expected to keep.
-    niceness : int
-        Niceness of the workers: the node and control loops have priority.
-
-    Attributes
-    ----------
-    fault : str
-        Why the workers do not start; empty if the last one to start did.
-    has_started : bool
-        Whether a worker has been ready, or has failed to start.
-
-    Raises
-    ------
-    ObcError
-        On Windows.
-
+    :param module: imported by each worker; its ``answer(kind, request, time_limit, report, keep)
+        -> Packet`` handles a request. If a worker is ended, what it has passed to `keep` is in the
+        answer: the last value of each key, and the last arrays.
+    :param size: number of workers.
+    :param queue_length: number of requests that may wait; further ones are rejected.
+    :param memory: memory limit of a worker [bytes].
+    :param affinities: number of affinities whose data a worker is expected to keep.
+    :param niceness: niceness of the workers: the node and control loops have priority.
+    :ivar fault: why the workers do not start; empty if the last one to start did.
+    :ivar has_started: whether a worker has been ready, or has failed to start.
+    :raises ObcError: on Windows.
     """
 
     def __init__(self, module: str, size: int, *, queue_length: int = 128,
@@ -228,17 +202,10 @@ class Pool:
         """
         Return the answer to a request.
 
-        Parameters
-        ----------
-        kind, request
-            As for `Job`.
-        time_limit : float
-            Time to the answer [s], without the start of a worker.
-        is_cancelled : callable
-            Called every `TICK` seconds, by this thread.
-        report : callable, optional
-            Called with the progress, by this thread; True cancels.
-
+        :param kind, request: as for `Job`.
+        :param time_limit: time to the answer [s], without the start of a worker.
+        :param is_cancelled: called every `TICK` seconds, by this thread.
+        :param report: called with the progress, by this thread; True cancels.
         """
         arrived: SimpleQueue[Any] = SimpleQueue()   # progress or the answer, of a worker's thread
         job = Job(kind, request, time_limit, arrived.put, lambda *told: arrived.put(told))

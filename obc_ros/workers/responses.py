@@ -21,17 +21,9 @@ def respond(answer: RequestAnswer) -> Packet:
     """
     Return the response to a request: status, message and, if there is one, the solution.
 
-    Parameters
-    ----------
-    answer : RequestAnswer
-        Of the pool. Without an answer of a worker the response has the reason for that, and the
-        best path that the worker has kept.
-
-    Returns
-    -------
-    Packet
-        With a status and a message at least.
-
+    :param answer: of the pool. Without an answer of a worker the response has the reason for that,
+        and the best path that the worker has kept.
+    :return: with a status and a message at least.
     """
     kept = answer.packet
     if answer.outcome is RequestOutcome.ANSWERED:
@@ -47,28 +39,14 @@ def solve_in_process(request: dict[str, Any], time_limit: float, report: Report 
     """
     Solve a problem in a process of its own, which ends with it.
 
-    Parameters
-    ----------
-    request : dict
-        As `solving.solve_statement` wants it.
-    time_limit : float
-        From the start of the process on [s]. Then the process is ended, whatever it does.
-    report : callable, optional
-        Called as report(phase, iteration, cost, infeasibility); True cancels.
-
-    Returns
-    -------
-    solution : Solution
-        With the status 'malformed' if the request is invalid. It has no multipliers of state
-        bounds and path constraints.
-    states, inputs : tuple of str
-        Names of its columns; empty if the process was ended without a path.
-
-    Raises
-    ------
-    ObcError
-        If no process starts.
-
+    :param request: as `solving.solve_statement` wants it.
+    :param time_limit: from the start of the process on [s]. Then the process is ended, whatever it
+        does.
+    :param report: called as report(phase, iteration, cost, infeasibility); True cancels.
+    :return: solution: with the status 'malformed' if the request is invalid. It has no multipliers
+        of state bounds and path constraints; states, inputs: names of its columns; empty if the
+        process was ended without a path.
+    :raises ObcError: if no process starts.
     """
     with closing(Pool('obc_ros.workers.solving', 1, niceness=0)) as pool:
         while not pool.wait_for_start(1.0):
@@ -84,16 +62,8 @@ def compute_affinity(request: Packet) -> str:
     """
     Return a text that is equal for statements which differ in numbers only.
 
-    Parameters
-    ----------
-    request : Packet
-        Of any kind; it may be invalid.
-
-    Returns
-    -------
-    str
-        For `pool.Job.affinity`.
-
+    :param request: of any kind; it may be invalid.
+    :return: for `pool.Job.affinity`.
     """
     given = request.plain.get('statement', {})
     shape = [given.get(key) for key in ('system', 'states', 'inputs', 'dynamics', 'running_cost',

@@ -19,26 +19,12 @@ def solve_statement(request: Packet, time_limit: float, report: Report, keep: Ke
     """
     Return the solution of a statement, packed.
 
-    Parameters
-    ----------
-    request : Packet
-        ``statement``, ``method`` (empty: that of the statement) and ``cache_size``; optional are
-        ``options`` and ``max_intervals``.
-    time_limit : float
-        Limit of the wall-clock time [s].
-    report, keep : callable
-        See `kinds.answer_by`.
-
-    Returns
-    -------
-    Packet
-        As `pack_solution` returns it.
-
-    Raises
-    ------
-    ObcError
-        If the request is invalid.
-
+    :param request: ``statement``, ``method`` (empty: that of the statement) and ``cache_size``;
+        optional are ``options`` and ``max_intervals``.
+    :param time_limit: limit of the wall-clock time [s].
+    :param report, keep: see `kinds.answer_by`.
+    :return: as `pack_solution` returns it.
+    :raises ObcError: if the request is invalid.
     """
     plain = request.plain
     problem, options = build_problem(plain['statement']), read_options(plain.get('options', ()))

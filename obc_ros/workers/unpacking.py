@@ -19,16 +19,8 @@ def unpack_solution(packet: Packet) -> Solution:
     """
     Return the solution that a packet contains.
 
-    Parameters
-    ----------
-    packet : Packet
-        As `solutions.pack_solution` returns it, or with a status and a message only. It has no
-        multipliers of state bounds and path constraints.
-
-    Returns
-    -------
-    Solution
-
+    :param packet: as `solutions.pack_solution` returns it, or with a status and a message only. It
+        has no multipliers of state bounds and path constraints.
     """
     plain, certificate = packet.plain, packet.plain.get('certificate')
     optimality = plain.get('optimality')

@@ -64,11 +64,8 @@ class Channel:
         """
         Send one packet.
 
-        Raises
-        ------
-        OSError
-            If the other end is closed, or has not accepted the packet within `timeout` seconds.
-
+        :raises OSError: if the other end is closed, or has not accepted the packet within
+            `timeout` seconds.
         """
         data = pack(Packet(dict(plain), dict(arrays or {})))
         self._socket.settimeout(timeout)
@@ -78,11 +75,7 @@ class Channel:
         """
         Return the next packet, or None if it has not arrived within `timeout` seconds.
 
-        Raises
-        ------
-        EOFError
-            If the other end is closed.
-
+        :raises EOFError: if the other end is closed.
         """
         deadline = math.inf if timeout is None else time.monotonic() + timeout
         while (packet := self._take()) is None:

@@ -92,11 +92,7 @@ def draw_schematic(axes: Axes) -> None:
     """
     Draw Figure 2.3(b): the aircraft at an angle, its forces and lengths.
 
-    Parameters
-    ----------
-    axes : Axes
-        Its axes are removed.
-
+    :param axes: its axes are removed.
     """
     def at(px: float, py: float) -> Any:
         return place_points(np.array([[px, py]]), 0.0, 0.0, TILT)[0]

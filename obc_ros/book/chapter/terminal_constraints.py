@@ -24,19 +24,11 @@ class TerminalCase:
     """
     A terminal condition on x1' = x2, x2' = u from x(0) = 0, and its closed form.
 
-    Attributes
-    ----------
-    name, text : str
-        For the table, and for the figure.
-    constraints : tuple of str
-        psi.
-    nu : tuple of float
-        Multipliers of psi.
-    lam : tuple of float
-        lambda(T).
-    J : float
-        Minimum cost.
-
+    :ivar name, text: for the table, and for the figure.
+    :ivar constraints: psi.
+    :ivar nu: multipliers of psi.
+    :ivar lam: lambda(T).
+    :ivar J: minimum cost.
     """
 
     name: str

@@ -111,20 +111,10 @@ def fly_nonlinear(K: Array, goal: Array, count: int) -> tuple[Array, Array]:
     """
     Return states and inputs of a flight of the nonlinear model, without the nodes.
 
-    Parameters
-    ----------
-    K : ndarray, shape (2, 6)
-        Gain at hover.
-    goal : ndarray, shape (6,)
-        Set point.
-    count : int
-        Number of steps N of FLIGHT_STEP [s].
-
-    Returns
-    -------
-    x, u : ndarray, shape (N + 1, 6) and (N + 1, 2)
-        From rest at the origin.
-
+    :param K: (2, 6), gain at hover.
+    :param goal: (6,), set point.
+    :param count: number of steps N of FLIGHT_STEP [s].
+    :return: x, u: (N + 1, 6) and (N + 1, 2), from rest at the origin.
     """
     hover = np.array([0.0, MASS * GRAVITY])
 

@@ -38,19 +38,10 @@ def find_gain_interval(f: float, L: Array) -> tuple[float, float]:
     """
     Return the interval of gains m of the plant, around 1, in which the loop is stable.
 
-    Parameters
-    ----------
-    f : float
-        K = f (1, 1).
-    L : ndarray, shape (2,)
-        Gain of the filter.
-
-    Returns
-    -------
-    low, high : float
-        Edges of the interval, by the criterion of Hurwitz for the characteristic polynomial
-        s^4 + a3 s^3 + a2 s^2 + a1 s + a0, whose a1 and a0 are affine in m.
-
+    :param f: K = f (1, 1).
+    :param L: (2,), gain of the filter.
+    :return: low, high: edges of the interval, by the criterion of Hurwitz for the characteristic
+        polynomial s^4 + a3 s^3 + a2 s^2 + a1 s + a0, whose a1 and a0 are affine in m.
     """
     l1, l2 = map(float, L)   # NumPy numbers times a poly1d would be arrays
     a3, a2 = l1 + f - 4.0, 6.0 - 3.0 * (l1 + f) + l1 * f + f + l2

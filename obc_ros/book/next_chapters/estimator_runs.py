@@ -30,19 +30,11 @@ class EstimatedRun:
     """
     Estimates after each measurement.
 
-    Attributes
-    ----------
-    t : ndarray, shape (N,)
-        Times of the measurements [s].
-    y : ndarray, shape (N, q)
-        Measurements.
-    x : ndarray, shape (N, n)
-        Estimates.
-    P : ndarray, shape (N, n, n)
-        Covariances of their errors.
-    true : ndarray, shape (N, n)
-        States of the plant.
-
+    :ivar t: (N,), times of the measurements [s].
+    :ivar y: (N, q), Measurements.
+    :ivar x: (N, n), Estimates.
+    :ivar P: (N, n, n), covariances of their errors.
+    :ivar true: (N, n), states of the plant.
     """
 
     t: Array
@@ -57,25 +49,11 @@ def run_estimator(desk: Desk, plant: Mapping[str, Any], estimator: Mapping[str, 
     """
     Return estimates of a plant, from the first one that arrives.
 
-    Parameters
-    ----------
-    desk : Desk
-        Of the entry.
-    plant, estimator : mapping
-        Parameters of the nodes. The estimator has the rate 0: one estimate after each
-        measurement.
-    count : int
-        Number of estimates.
-
-    Returns
-    -------
-    EstimatedRun
-
-    Raises
-    ------
-    UnansweredError
-        If a message is lost.
-
+    :param desk: of the entry.
+    :param plant, estimator: parameters of the nodes. The estimator has the rate 0: one estimate
+        after each measurement.
+    :param count: number of estimates.
+    :raises UnansweredError: if a message is lost.
     """
     plant, estimator = {**plant, 'speed': SPEED}, {**estimator, 'stamp_timeout': 0.0}
     desk.note(run_node('plant_simulator', plant, RENAMED))
@@ -103,20 +81,10 @@ def ask_estimator(desk: Desk, estimator: Mapping[str, Any], request: SuggestNois
     """
     Return the answer of estimator_node to a request for process noise.
 
-    Parameters
-    ----------
-    desk : Desk
-        Of the entry.
-    estimator : mapping
-        Parameters of the node.
-    request : SuggestNoise.Request
-        The request, with the gain of the regulator.
-
-    Raises
-    ------
-    UnansweredError
-        If the node rejects the request.
-
+    :param desk: of the entry.
+    :param estimator: parameters of the node.
+    :param request: the request, with the gain of the regulator.
+    :raises UnansweredError: if the node rejects the request.
     """
     desk.note(run_node('estimator_node', estimator))
     desk.note(write_service_call('suggest_noise', SuggestNoise, request, 'estimator_node'))

@@ -13,16 +13,8 @@ def solve_scalar_filter(a: float, q: float, r: float) -> tuple[float, float, flo
     """
     Return p, the gain and the pole of the filter of x' = a x + w, y = x + v.
 
-    Parameters
-    ----------
-    a, q, r : float
-        The plant, and the intensities of w and v, positive.
-
-    Returns
-    -------
-    p, L, s : float
-        The positive root p of 2 a p - p^2/r + q = 0, L = p/r, and s = a - L.
-
+    :param a, q, r: the plant, and the intensities of w and v, positive.
+    :return: p, L, s: the positive root p of 2 a p - p^2/r + q = 0, L = p/r, and s = a - L.
     """
     root = sqrt(a * a + q / r)
     return r * (a + root), a + root, -root
@@ -32,19 +24,10 @@ def solve_sampled_scalar_filter(a: float, q: float, R: float, h: float) -> tuple
     """
     Return the variance before and after each measurement of x' = a x + w.
 
-    Parameters
-    ----------
-    a, q : float
-        The plant, a not 0, and the intensity of w.
-    R, h : float
-        Variance of a measurement, and the time between two of them [s].
-
-    Returns
-    -------
-    before, after : float
-        before is the positive root of p^2 + (R - alpha^2 R - Q) p - Q R = 0 with alpha = exp(a h)
-        and Q = q (alpha^2 - 1)/(2 a); after = p R/(p + R).
-
+    :param a, q: the plant, a not 0, and the intensity of w.
+    :param R, h: variance of a measurement, and the time between two of them [s].
+    :return: before, after: before is the positive root of p^2 + (R - alpha^2 R - Q) p - Q R = 0
+        with alpha = exp(a h) and Q = q (alpha^2 - 1)/(2 a); after = p R/(p + R).
     """
     square = exp(2.0 * a * h)   # of alpha
     Q = q * (square - 1.0) / (2.0 * a)
@@ -57,18 +40,10 @@ def solve_tracking_filter(index: float) -> tuple[float, float]:
     """
     Return alpha and beta of the steady alpha-beta filter (Kalata 1984).
 
-    Parameters
-    ----------
-    index : float
-        Tracking index sigma_w h^2/sigma_v: the acceleration is random with the standard deviation
-        sigma_w and constant in each period h; positions are measured with the standard deviation
-        sigma_v.
-
-    Returns
-    -------
-    alpha, beta : float
-        The gain is (alpha, beta/h).
-
+    :param index: tracking index sigma_w h^2/sigma_v: the acceleration is random with the standard
+        deviation sigma_w and constant in each period h; positions are measured with the standard
+        deviation sigma_v.
+    :return: alpha, beta: the gain is (alpha, beta/h).
     """
     root = 0.25 * (4.0 + index - sqrt(8.0 * index + index * index))
     alpha = 1.0 - root * root
@@ -79,17 +54,9 @@ def sample_noise(A: Array, Qw: Array, h: float) -> tuple[Array, Array]:
     """
     Return exp(A h) and the covariance of the noise of a period, by Van Loan's exponential.
 
-    Parameters
-    ----------
-    A, Qw : ndarray, shape (n, n)
-        The plant and the intensity of its noise.
-    h : float
-        Period [s].
-
-    Returns
-    -------
-    Ad, Qd : ndarray, shape (n, n)
-
+    :param A, Qw: (n, n), the plant and the intensity of its noise.
+    :param h: period [s].
+    :return: Ad, Qd: (n, n).
     """
     n = len(A)
     block = expm(h * np.block([[-A, Qw], [np.zeros((n, n)), A.T]]))
@@ -102,20 +69,12 @@ def run_filter(A: Array, C: Array, Qw: Array, Rv: Array, t: Array, y: Array, x: 
     """
     Return the estimates of the Kalman filter of x' = A x + w after each measurement.
 
-    Parameters
-    ----------
-    A, C, Qw, Rv : ndarray, shape (n, n), (q, n), (n, n) and (q, q)
-        The plant, the intensity of its noise, and the covariance of a measurement.
-    t, y : ndarray, shape (N,) and (N, q)
-        Times [s] and measurements.
-    x, P : ndarray, shape (n,) and (n, n)
-        Estimate and covariance after the first measurement.
-
-    Returns
-    -------
-    x, P : ndarray, shape (N, n) and (N, n, n)
-        Computed in information form: each measurement adds C'Rv^-1 C to P^-1.
-
+    :param A, C, Qw, Rv: (n, n), (q, n), (n, n) and (q, q), the plant, the intensity of its noise,
+        and the covariance of a measurement.
+    :param t, y: (N,) and (N, q), times [s] and measurements.
+    :param x, P: (n,) and (n, n), estimate and covariance after the first measurement.
+    :return: x, P: (N, n) and (N, n, n), computed in information form: each measurement adds
+        C'Rv^-1 C to P^-1.
     """
     states, covariances = [x], [P]
     weight = C.T @ np.linalg.inv(Rv)

@@ -18,20 +18,11 @@ def solve_sampled_scalar(a: float, b: float, q: float, r: float, h: float
     """
     Return the sampled plant and regulator of x' = a x + b u with the cost q x^2 + r u^2.
 
-    Parameters
-    ----------
-    a, b, q, r : float
-        Plant and weights; a is not 0.
-    h : float
-        Period [s].
-
-    Returns
-    -------
-    alpha, beta, P, K : float
-        The plant is x+ = alpha x + beta u, the cost-to-go is P x^2, and the regulator is u = -K x.
-        The cost of a period is integrated in closed form. P is the positive root of a quadratic
-        equation.
-
+    :param a, b, q, r: plant and weights; a is not 0.
+    :param h: period [s].
+    :return: alpha, beta, P, K: the plant is x+ = alpha x + beta u, the cost-to-go is P x^2, and
+        the regulator is u = -K x. The cost of a period is integrated in closed form. P is the
+        positive root of a quadratic equation.
     """
     one, two = (exp(a * h) - 1.0) / a, (exp(2.0 * a * h) - 1.0) / (2.0 * a)
     alpha, beta, c = exp(a * h), b * one, b / a
@@ -46,24 +37,12 @@ class EnumeratedPlan:
     """
     The optimal plan of a linear plant with bounded inputs, by enumeration of the active sets.
 
-    Parameters
-    ----------
-    A, B : ndarray, shape (n, n) and (n, 1)
-        The plant in continuous time.
-    Qx, Qu : ndarray, shape (n, n) and (1, 1)
-        Weights in continuous time.
-    h : float
-        Period [s].
-    N : int
-        Number of periods; there are 3^N active sets.
-    bound : float
-        |u| <= bound.
-
-    Attributes
-    ----------
-    Ad, Bd, P, K : ndarray
-        The sampled plant, and the cost-to-go and the gain of its regulator.
-
+    :param A, B: (n, n) and (n, 1), the plant in continuous time.
+    :param Qx, Qu: (n, n) and (1, 1), weights in continuous time.
+    :param h: period [s].
+    :param N: number of periods; there are 3^N active sets.
+    :param bound: |u| <= bound.
+    :ivar Ad, Bd, P, K: the sampled plant, and the cost-to-go and the gain of its regulator.
     """
 
     def __init__(self, A: Array, B: Array, Qx: Array, Qu: Array, h: float, N: int, bound: float

@@ -21,20 +21,11 @@ def run_receding(desk: Desk, plant: Mapping[str, Any], controller: Mapping[str, 
     """
     Return the states and commands of a loop whose plant waits at each state for its command.
 
-    Parameters
-    ----------
-    desk : Desk
-        Of the entry.
-    plant, controller : mapping
-        Parameters of plant_simulator and mpc_node.
-    duration : float
-        Length of the run [s]; the plant keeps real time, so that each plan is ready in time.
-
-    Raises
-    ------
-    UnansweredError
-        If messages are lost or a plan is late in each of `ATTEMPTS` runs.
-
+    :param desk: of the entry.
+    :param plant, controller: parameters of plant_simulator and mpc_node.
+    :param duration: length of the run [s]; the plant keeps real time, so that each plan is ready
+        in time.
+    :raises UnansweredError: if messages are lost or a plan is late in each of `ATTEMPTS` runs.
     """
     plant = {**plant, 'lockstep': True}   # whose stamps are simulated
     # The period is as long as the default: a late state would count as missing.

@@ -43,15 +43,9 @@ class SheetQuestion(ABC):
     """
     A question of a sheet.
 
-    Attributes
-    ----------
-    name : str
-        Key of the answer, such as ``2.4-a-input``.
-    text : str
-        The question, as a lecturer asks it.
-    form : str
-        What to write.
-
+    :ivar name: key of the answer, such as ``2.4-a-input``.
+    :ivar text: the question, as a lecturer asks it.
+    :ivar form: what to write.
     """
 
     name: str
@@ -63,11 +57,7 @@ class SheetQuestion(ABC):
         """
         Return why an answer is wrong, '' if it is right.
 
-        Raises
-        ------
-        ObcError
-            If the answer cannot be read.
-
+        :raises ObcError: if the answer cannot be read.
         """
 
 
@@ -76,17 +66,10 @@ class FormulaQuestion(SheetQuestion):
     """
     A question that a formula, a number, or a matrix of them answers.
 
-    Attributes
-    ----------
-    reference : str, float or list of lists of them
-        A closed form, as rows if the answer is a matrix.
-    names : mapping
-        Names that may be in the answer, with the interval in which values are compared.
-    mistakes : sequence of (reference, str)
-        Typical wrong answers, in any shape, each with the words for a student.
-    advice : str
-        What an answer that is wrong in another way has to fulfil.
-
+    :ivar reference: a closed form, as rows if the answer is a matrix.
+    :ivar names: names that may be in the answer, with the interval in which values are compared.
+    :ivar mistakes: typical wrong answers, in any shape, each with the words for a student.
+    :ivar advice: what an answer that is wrong in another way has to fulfil.
     """
 
     reference: Formula | FormulaRows
@@ -120,11 +103,7 @@ class FormulaQuestion(SheetQuestion):
         """
         Return the values of an answer at points drawn from the intervals of the names.
 
-        Raises
-        ------
-        StatementError
-            If it is not a number, a formula of the names, or rows of them.
-
+        :raises StatementError: if it is not a number, a formula of the names, or rows of them.
         """
         rows = _arrange(self.name, answer)
         symbols = {name: ca.SX.sym(name) for name in self.names}

@@ -49,11 +49,7 @@ def write_sheet(path: Path) -> None:
     """
     Write the sheet, a YAML file without answers.
 
-    Raises
-    ------
-    ObcError
-        If the file exists or cannot be written.
-
+    :raises ObcError: if the file exists or cannot be written.
     """
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -78,11 +74,7 @@ def check_sheet(path: Path) -> list[CheckedAnswer]:
     """
     Check the answers of a sheet, in the order of the questions.
 
-    Raises
-    ------
-    StatementError
-        If the file cannot be read, or has a key that is no question.
-
+    :raises StatementError: if the file cannot be read, or has a key that is no question.
     """
     answers = read_yaml(path)
     if not isinstance(answers, dict):

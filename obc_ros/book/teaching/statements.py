@@ -45,11 +45,7 @@ class ExtremalQuestion(SheetQuestion):
     """
     A question for x(t), u(t) and lam(t) of a problem with one state and one input.
 
-    Attributes
-    ----------
-    statement : mapping
-        The problem, by the keys of a problem file; its final time is given.
-
+    :ivar statement: the problem, by the keys of a problem file; its final time is given.
     """
 
     statement: Statement
@@ -112,17 +108,10 @@ class ProblemQuestion(SheetQuestion):
     """
     A question that a problem statement answers, which is then solved and certified.
 
-    Attributes
-    ----------
-    cost : float
-        Minimum cost, from a closed form.
-    extremal : callable
-        Gets times, returns x, u and lam of the optimum, from closed forms.
-    final_time : float
-        Of the optimum [s].
-    mistakes : sequence of (float, str)
-        Costs of typical wrong statements, each with the words for a student.
-
+    :ivar cost: minimum cost, from a closed form.
+    :ivar extremal: gets times, returns x, u and lam of the optimum, from closed forms.
+    :ivar final_time: of the optimum [s].
+    :ivar mistakes: costs of typical wrong statements, each with the words for a student.
     """
 
     cost: float

@@ -21,13 +21,8 @@ class Batch(ABC):
     """
     Entries of files, and who works on them: processes of this command, or a server.
 
-    Parameters
-    ----------
-    asked : sequence of Asked
-        Each has a status in the end.
-    lines : Lines
-        Shows the progress.
-
+    :param asked: each has a status in the end.
+    :param lines: shows the progress.
     """
 
     def __init__(self, asked: Sequence[Asked], lines: Lines) -> None:
@@ -39,13 +34,8 @@ class Batch(ABC):
         """
         Have all entries worked on; cancel those under way when interrupted.
 
-        Raises
-        ------
-        InterruptedByUserError
-            On a signal.
-        ObcError
-            If nobody works on the entries any more.
-
+        :raises InterruptedByUserError: on a signal.
+        :raises ObcError: if nobody works on the entries any more.
         """
         try:
             while self._waiting or self._begun:
@@ -98,13 +88,8 @@ def end_all(asked: Sequence[Asked], interrupted: str, failed: str) -> Iterator[N
     """
     End all entries without a status when the context is interrupted or fails.
 
-    Parameters
-    ----------
-    asked : sequence of Asked
-        The entries.
-    interrupted, failed : str
-        Their status after a signal, and after an error.
-
+    :param asked: the entries.
+    :param interrupted, failed: their status after a signal, and after an error.
     """
     try:
         yield

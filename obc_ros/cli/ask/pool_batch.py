@@ -26,25 +26,12 @@ def answer_all(read: Callable[[], list[Kind]], module: str, endings: tuple[str, 
     """
     Return the entries of files; each has a status.
 
-    Parameters
-    ----------
-    read : callable
-        Returns the entries; malformed ones have a status already.
-    module : str
-        Answers requests in the processes of this command, see `Pool`.
-    endings : tuple of str
-        Status of entries without a result after a signal, and after an error.
-    ask_server : callable or None
-        Has a server work on entries, in place of the processes of this command.
-    time_limit : float
-        Of each entry [s]; 0: that of a server.
-    hidden : bool
-        Whether not to show the progress.
-
-    Returns
-    -------
-    list of Asked
-
+    :param read: returns the entries; malformed ones have a status already.
+    :param module: answers requests in the processes of this command, see `Pool`.
+    :param endings: status of entries without a result after a signal, and after an error.
+    :param ask_server: has a server work on entries, in place of the processes of this command.
+    :param time_limit: of each entry [s]; 0: that of a server.
+    :param hidden: whether not to show the progress.
     """
     with ExitStack() as stack:
         if not ask_server:

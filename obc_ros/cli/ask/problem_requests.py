@@ -82,16 +82,10 @@ def is_plain(entry: Any) -> bool:
     """
     Return whether a value can be sent to a worker, and is the same there.
 
-    Parameters
-    ----------
-    entry : object
-        As YAML may contain it: with dates, with keys that are no texts, or within itself.
-
-    Returns
-    -------
-    bool
-        Whether it consists of at most `MOST_VALUES` mappings of texts, lists, texts and numbers.
-
+    :param entry: as YAML may contain it: with dates, with keys that are no texts, or within
+        itself.
+    :return: whether it consists of at most `MOST_VALUES` mappings of texts, lists, texts and
+        numbers.
     """
     waiting, count = [(entry, 0)], 0
     while waiting:

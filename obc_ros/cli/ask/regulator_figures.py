@@ -40,11 +40,7 @@ def draw_regulator(path: Path, case: Case, formats: Sequence[str] = ('png',)) ->
     """
     Draw the design of a case into the files `path` with the endings of the formats.
 
-    Raises
-    ------
-    ObcError
-        If the file cannot be written.
-
+    :raises ObcError: if the file cannot be written.
     """
     with matplotlib.rc_context(STYLE):
         save_figure(draw_figure(case), path, formats)

@@ -83,11 +83,8 @@ def check_case(mapping: Mapping[Any, Any]) -> dict[str, Any]:
     """
     Return the checked entries of a case by key: flat arrays, numbers and names.
 
-    Raises
-    ------
-    StatementError, DynamicsError
-        If a key or the system is unknown, or a number or a matrix is malformed.
-
+    :raises StatementError, DynamicsError: if a key or the system is unknown, or a number or a
+        matrix is malformed.
     """
     check_keys(mapping, KEYS, FOR_PEOPLE)
     given = {key: value for key, value in mapping.items() if key in KEYS and value is not None}

@@ -21,22 +21,11 @@ def answer_by_server(server: str, asked: Sequence[Question], time_limit: float) 
     """
     Have a running server solve problems; each has a status afterwards.
 
-    Parameters
-    ----------
-    server : str
-        Its name; empty: any.
-    asked : sequence of Question
-        The problems.
-    time_limit : float
-        Of each problem [s]; 0: that of the server.
-
-    Raises
-    ------
-    InterruptedByUserError
-        On a signal; the problems under way have a result.
-    ObcError
-        If no such server is running, or it does not respond any more.
-
+    :param server: its name; empty: any.
+    :param asked: the problems.
+    :param time_limit: of each problem [s]; 0: that of the server.
+    :raises InterruptedByUserError: on a signal; the problems under way have a result.
+    :raises ObcError: if no such server is running, or it does not respond any more.
     """
     with show_progress() as lines:
         if problems := dict(_build_problems(asked, lines)):

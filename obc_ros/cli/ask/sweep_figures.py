@@ -32,26 +32,12 @@ def draw_sweep(dataset: Any, folder: Path, formats: Sequence[str] = ('png',)) ->
     """
     Draw the figures of a sweep of a problem or of a regulator.
 
-    Parameters
-    ----------
-    dataset : xarray.Dataset
-        From `make_dataset`.
-    folder : Path
-        Of the figures.
-    formats : sequence of str
-        Of the files.
-
-    Returns
-    -------
-    list of Path
-        ``value`` and ``success`` with the endings of the formats. None for over two axes, or axes
-        with samples.
-
-    Raises
-    ------
-    ObcError
-        If a file cannot be written.
-
+    :param dataset: from `make_dataset`.
+    :param folder: of the figures.
+    :param formats: of the files.
+    :return: ``value`` and ``success`` with the endings of the formats. None for over two axes, or
+        axes with samples.
+    :raises ObcError: if a file cannot be written.
     """
     keys = list(dataset['status'].dims)
     if keys == [SAMPLE]:

@@ -148,18 +148,9 @@ def compute_lift(x: Array, u: Array) -> Array:
     """
     Return the vertical part of the thrust.
 
-    Parameters
-    ----------
-    x : ndarray, shape (N, 6)
-        States; the third is theta [rad].
-    u : ndarray, shape (N, 2)
-        f1 and f2 [N], along the wings and upwards in the frame of the aircraft.
-
-    Returns
-    -------
-    ndarray, shape (N,)
-        f1 sin theta + f2 cos theta [N].
-
+    :param x: (N, 6), states; the third is theta [rad].
+    :param u: (N, 2), f1 and f2 [N], along the wings and upwards in the frame of the aircraft.
+    :return: (N,), f1 sin theta + f2 cos theta [N].
     """
     lift: Array = u[:, 0] * np.sin(x[:, 2]) + u[:, 1] * np.cos(x[:, 2])
     return lift

@@ -70,12 +70,8 @@ def _own_domain() -> Iterator[int]:
     """
     Yield the domain that the environment names, or else an unused one.
 
-    Raises
-    ------
-    ObcError
-        If the name is no domain, or if the domain has a loop already: its plant would receive
-        the commands of this one.
-
+    :raises ObcError: if the name is no domain, or if the domain has a loop already: its plant
+        would receive the commands of this one.
     """
     named = os.environ.get('ROS_DOMAIN_ID', '')
     if not named:

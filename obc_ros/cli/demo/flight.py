@@ -33,24 +33,14 @@ class Flight:
     """
     One run of the loop.
 
-    Attributes
-    ----------
-    name : str
-        Of the recording.
-    config : str
-        File of config/ with the parameters of the nodes.
-    duration : float
-        [s]
-    events : sequence of FlightEvent
-    controller : str
-        Name of its node.
-    plant : tuple of str
-        ROS arguments of the plant in addition.
-    sensors : str
-        File of config/sensors/: estimator_node provides the state. Empty: the plant does.
-    rest : tuple of float
-        With sensors: input until the first estimate, shape (m,).
-
+    :ivar name: of the recording.
+    :ivar config: file of config/ with the parameters of the nodes.
+    :ivar duration: [s].
+    :ivar controller: name of its node.
+    :ivar plant: ROS arguments of the plant in addition.
+    :ivar sensors: file of config/sensors/: estimator_node provides the state. Empty: the plant
+        does.
+    :ivar rest: with sensors: input until the first estimate, shape (m,).
     """
 
     name: str

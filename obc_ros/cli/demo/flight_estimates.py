@@ -49,21 +49,14 @@ class EstimatedFlight:
     """
     What a flight with an estimator left.
 
-    Attributes
-    ----------
-    t, x : ndarray, shape (N,), (N, n)
-        Times [s] and true states.
-    te, xe, deviation : ndarray, shape (K,), (K, n), (K, n)
-        Times [s] of the estimates, means and standard deviations.
-    measured : dict
-        Times [s] and values of each output.
-    innovations : dict
-        Times [s] of the measurements and normalised innovations of each output, as far as they
-        are in an estimate.
-    consistency : ndarray, shape (K, 3)
-        Of each estimate: mean of the last normalised innovations squared, relative to its
-        expectation, and the ends of its 95 % band.
-
+    :ivar t, x: (N,), (N, n), times [s] and true states.
+    :ivar te, xe, deviation: (K,), (K, n), (K, n), times [s] of the estimates, means and standard
+        deviations.
+    :ivar measured: times [s] and values of each output.
+    :ivar innovations: times [s] of the measurements and normalised innovations of each output, as
+        far as they are in an estimate.
+    :ivar consistency: (K, 3), of each estimate: mean of the last normalised innovations squared,
+        relative to its expectation, and the ends of its 95 % band.
     """
 
     t: Array
@@ -166,11 +159,7 @@ def judge_flight(t: Array, x: Array) -> tuple[bool, str]:
     """
     Return whether a loop holds its set point, the origin, and the reason.
 
-    Parameters
-    ----------
-    t, x : ndarray, shape (N,), (N, n)
-        Times [s] and true states; the first two are positions [m].
-
+    :param t, x: (N,), (N, n), times [s] and true states; the first two are positions [m].
     """
     distance = float(np.linalg.norm(x[t > t[-1] - LAST, :2], axis=1).max())
     return distance <= NEAR, (f'in the last {LAST:g} s at most {distance:.2f} m from the set '

@@ -22,13 +22,8 @@ def measure_step(t: Array, y: Array, start: float, target: float) -> StepFigures
     """
     Return rise time (10 % to 90 %), overshoot and settling time (2 %) of a recorded step.
 
-    Parameters
-    ----------
-    t, y : ndarray, shape (N,)
-        Times [s] from the step on, and the signal.
-    start, target : float
-        Value before the step, and its set point.
-
+    :param t, y: (N,), times [s] from the step on, and the signal.
+    :param start, target: value before the step, and its set point.
     """
     share = (y - start) / (target - start)
     above = [np.flatnonzero(share >= level) for level in (0.1, 0.9)]

@@ -179,16 +179,8 @@ class LaunchFile:
     """
     A launch file.
 
-    Attributes
-    ----------
-    arguments : tuple of DeclareLaunchArgument
-        In the order of the file.
-
-    Raises
-    ------
-    ObcError
-        If it cannot be read, or uses a class of `launch` that is missing here.
-
+    :ivar arguments: in the order of the file.
+    :raises ObcError: if it cannot be read, or uses a class of `launch` that is missing here.
     """
 
     def __init__(self, path: Path) -> None:
@@ -212,11 +204,7 @@ class LaunchFile:
         """
         Return the nodes that are started with given arguments.
 
-        Raises
-        ------
-        ObcError
-            If an argument is unknown, or its value is invalid.
-
+        :raises ObcError: if an argument is unknown, or its value is invalid.
         """
         names = [each.name for each in self.arguments]
         for name in given:

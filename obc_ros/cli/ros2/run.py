@@ -32,11 +32,7 @@ def find_executable(package: str, name: str) -> Path:
     """
     Return the path of an executable of a package, in a sourced workspace or this environment.
 
-    Raises
-    ------
-    ObcError
-        If there is none; the message lists the executables of the package.
-
+    :raises ObcError: if there is none; the message lists the executables of the package.
     """
     prefixes = [*os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep), sys.prefix]
     folders = [Path(prefix) / 'lib' / package for prefix in filter(None, prefixes)]

@@ -31,18 +31,9 @@ def find_type(name: str, kind: str) -> Any:
     """
     Return the class of a message, service or action by its name.
 
-    Parameters
-    ----------
-    name : str
-        ``obc_ros/srv/DesignLqr`` or, shorter, ``obc_ros/DesignLqr``.
-    kind : str
-        ``msg``, ``srv`` or ``action``.
-
-    Raises
-    ------
-    ObcError
-        If there is none; the message lists the types of the package.
-
+    :param name: ``obc_ros/srv/DesignLqr`` or, shorter, ``obc_ros/DesignLqr``.
+    :param kind: ``msg``, ``srv`` or ``action``.
+    :raises ObcError: if there is none; the message lists the types of the package.
     """
     parts = name.split('/')
     if len(parts) == 2:
@@ -63,11 +54,7 @@ def parse_values(text: str) -> dict[str, Any]:
     """
     Return the values by field of a text in YAML.
 
-    Raises
-    ------
-    FieldError
-        If the text is no YAML, or no mapping.
-
+    :raises FieldError: if the text is no YAML, or no mapping.
     """
     try:
         values = read_text(text, 'not YAML')
@@ -83,22 +70,12 @@ def fill(message: Any, values: Mapping[str, Any], *, now: Any = None, path: str 
     """
     Set fields of a message, and return the message.
 
-    Parameters
-    ----------
-    message : message
-        Changed in place.
-    values : mapping
-        As `parse_values` returns it; a nested message is a mapping, a sequence is a list.
-    now : builtin_interfaces.msg.Time, optional
-        Value of ``stamp: now`` and ``header: auto``.
-    path : str
-        Prefix of the names of the fields in errors.
-
-    Raises
-    ------
-    FieldError
-        If there is no such field, or if it does not accept the value.
-
+    :param message: changed in place.
+    :param values: as `parse_values` returns it; a nested message is a mapping, a sequence is a
+        list.
+    :param now: value of ``stamp: now`` and ``header: auto``.
+    :param path: prefix of the names of the fields in errors.
+    :raises FieldError: if there is no such field, or if it does not accept the value.
     """
     types = dict(zip(message.get_fields_and_field_types(), message.SLOT_TYPES, strict=True))
     for name, value in values.items():
@@ -199,17 +176,11 @@ def convert_to_plain(value: Any, *, truncate: int | None = None, no_arr: bool = 
     """
     Return a message, or a value of a field, as plain values for YAML.
 
-    Parameters
-    ----------
-    value : message, sequence, str, bytes, number
-        A message, or the value of a field.
-    truncate : int, optional
-        Number of entries of sequences and characters of texts that are kept; None: all.
-    no_arr, no_str : bool
-        Whether sequences and texts are replaced by their lengths.
-    kind : optional
-        Type of the field, for `no_arr`.
-
+    :param value: a message, or the value of a field.
+    :param truncate: number of entries of sequences and characters of texts that are kept; None:
+        all.
+    :param no_arr, no_str: whether sequences and texts are replaced by their lengths.
+    :param kind: type of the field, for `no_arr`.
     """
     options: dict[str, Any] = {'truncate': truncate, 'no_arr': no_arr, 'no_str': no_str}
     if hasattr(value, 'get_fields_and_field_types'):

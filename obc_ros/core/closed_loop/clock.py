@@ -40,11 +40,7 @@ class StampClock:
     """
     Judges the stamps of one source in the order of their arrival.
 
-    Attributes
-    ----------
-    last : int or None
-        Last stamp [ns] that was not late.
-
+    :ivar last: last stamp [ns] that was not late.
     """
 
     def __init__(self) -> None:
@@ -59,17 +55,8 @@ class StampClock:
         """
         Return what a stamp means, and remember it unless it is late.
 
-        Parameters
-        ----------
-        stamp : int
-            [ns]
-        timeout : float
-            Larger steps are jumps [s]; 0: only steps back by more than `FAR` are.
-
-        Returns
-        -------
-        Order
-
+        :param stamp: [ns].
+        :param timeout: larger steps are jumps [s]; 0: only steps back by more than `FAR` are.
         """
         last, far = self.last, timeout or FAR
         by = 0.0 if last is None else (stamp - last) * NS

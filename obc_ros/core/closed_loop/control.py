@@ -26,13 +26,8 @@ class Reference:
     """
     When a reference begins; the object is its identity, whatever the gains along it.
 
-    Attributes
-    ----------
-    begin : int or None
-        Stamp [ns] of its t = 0; None: the next state.
-    duration : float
-        [s]
-
+    :ivar begin: stamp [ns] of its t = 0; None: the next state.
+    :ivar duration: [s].
     """
 
     begin: int | None
@@ -44,16 +39,8 @@ class Leg:
     """
     A reference with the control law along it, and the one after its end.
 
-    Attributes
-    ----------
-    reference : Reference
-    along : ReferenceLaw
-    after : SetPointLaw
-    allowed : tuple of (float, float)
-        (n,) bounds of x - xr inside which it may begin; empty: none.
-    units : tuple of str
-        (n,) of the states.
-
+    :ivar allowed: (n,) bounds of x - xr inside which it may begin; empty: none.
+    :ivar units: (n,) of the states.
     """
 
     reference: Reference
@@ -68,13 +55,8 @@ class Horizon:
     """
     Time-varying gains that reach a set point within a horizon.
 
-    Attributes
-    ----------
-    time : float
-        [s]
-    gains : Gains
-        Gains over the time since the change of the set point or the start of the law.
-
+    :ivar time: [s].
+    :ivar gains: gains over the time since the change of the set point or the start of the law.
     """
 
     time: float
@@ -86,14 +68,9 @@ class Schedule:
     """
     A gain schedule over a variable, such as the speed.
 
-    Attributes
-    ----------
-    gains : Gains
-        Gains over the variable.
-    input : int
-        Index of the input that is the variable, if it is not measured; -1: a parameter of the
-        plant, for which the gains are also used along references.
-
+    :ivar gains: gains over the variable.
+    :ivar input: index of the input that is the variable, if it is not measured; -1: a parameter of
+        the plant, for which the gains are also used along references.
     """
 
     gains: Gains
@@ -108,15 +85,10 @@ class Prediction:
     e(t + delay) = Phi e + sum over i of Gamma_i (u_i - ur), where e is x - xr followed by the
     integrals z. u_1 is the last command, u_2 the one before it; each is held for `period`.
 
-    Attributes
-    ----------
-    Phi : tuple of tuple of float
-        (n + p, n + p).
-    Gammas : tuple of tuple of tuple of float
-        An (n + p, m) matrix for each command that has not taken effect, the last one first.
-    period, delay : int
-        Period and delay of the commands [ns].
-
+    :ivar Phi: (n + p, n + p).
+    :ivar Gammas: an (n + p, m) matrix for each command that has not taken effect, the last one
+        first.
+    :ivar period, delay: period and delay of the commands [ns].
     """
 
     Phi: Rows
@@ -136,30 +108,21 @@ class Rules:
     """
     When to send commands, and what to do about missing and extreme states.
 
-    Attributes
-    ----------
-    period : int
-        Time between two commands on average [ns], by the stamps; 0: a command for every state.
-    state_timeout : float
-        Age of the last valid state [s] at which `on_stale` acts; 0: never, and states may be any
-        time apart.
-    on_stale : str
-        'equilibrium' (the input at rest), 'hold' (the last command) or 'silent'.
-    x_limits : tuple of (float, float)
-        (n,) lower and upper bound of the error x - xr inside which the law is used; empty: none.
-    on_envelope : str
-        'stop' (until `start`), or an action as in `on_stale`. It also acts when states are
-        further apart than `Control.longest_period`.
-    on_unplanned : str
-        'regulator' (the feedback at the set point, within the limits), or an action as in
-        `on_stale`: without a plan, outside the region of the feedback.
-    transition_time : float
-        Time [s] in which the jump of a change decays; 0: the command jumps.
-    from_rest : bool
-        Whether the first command is reached from the input at rest in the same way.
-    stamp_timeout : float
-        Maximum difference of a stamp and the clock [s]; other states are dropped. 0: no check.
-
+    :ivar period: time between two commands on average [ns], by the stamps; 0: a command for every
+        state.
+    :ivar state_timeout: age of the last valid state [s] at which `on_stale` acts; 0: never, and
+        states may be any time apart.
+    :ivar on_stale: 'equilibrium' (the input at rest), 'hold' (the last command) or 'silent'.
+    :ivar x_limits: (n,) lower and upper bound of the error x - xr inside which the law is used;
+        empty: none.
+    :ivar on_envelope: 'stop' (until `start`), or an action as in `on_stale`. It also acts when
+        states are further apart than `Control.longest_period`.
+    :ivar on_unplanned: 'regulator' (the feedback at the set point, within the limits), or an
+        action as in `on_stale`: without a plan, outside the region of the feedback.
+    :ivar transition_time: time [s] in which the jump of a change decays; 0: the command jumps.
+    :ivar from_rest: whether the first command is reached from the input at rest in the same way.
+    :ivar stamp_timeout: maximum difference of a stamp and the clock [s]; other states are dropped.
+        0: no check.
     """
 
     period: int = 0
@@ -178,27 +141,14 @@ class Control:
     """
     Everything that determines a command; replaced as a whole.
 
-    Attributes
-    ----------
-    regulator : StateFeedback
-        The feedback at the set point.
-    limits : InputLimits
-    rest : tuple of float
-        (m,) input at rest.
-    names : tuple of str
-        (n,) names of the states.
-    rules : Rules
-    legs : tuple of Leg
-        References, the latest last. One that begins replaces the one that is followed.
-    C : tuple of tuple of float
-        (p, n) outputs with integral action. The input contains -w with dw/dt = Ki C (x - xr), so
-        that a change of the gain keeps the compensation of a constant disturbance.
-    prediction : Prediction, optional
-    horizon : Horizon, optional
-    schedule : Schedule, optional
-    longest_period : float
-        Longest time between two states [s] for which the loop is stable; inf: not known.
-
+    :ivar regulator: the feedback at the set point.
+    :ivar rest: (m,) input at rest.
+    :ivar names: (n,) names of the states.
+    :ivar legs: references, the latest last. One that begins replaces the one that is followed.
+    :ivar C: (p, n) outputs with integral action. The input contains -w with dw/dt = Ki C (x - xr),
+        so that a change of the gain keeps the compensation of a constant disturbance.
+    :ivar longest_period: longest time between two states [s] for which the loop is stable; inf:
+        not known.
     """
 
     regulator: StateFeedback

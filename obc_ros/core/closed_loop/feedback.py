@@ -44,13 +44,8 @@ class Region:
     """
     The errors e with e'P e <= level: an ellipsoid about a set point.
 
-    Attributes
-    ----------
-    P : tuple of tuple of float
-        (n, n), symmetric and positive definite.
-    level : float
-        Above 0.
-
+    :ivar P: (n, n), symmetric and positive definite.
+    :ivar level: above 0.
     """
 
     P: Rows
@@ -67,19 +62,11 @@ class StateFeedback:
     """
     State feedback about a set point that is constant or moves at a constant rate.
 
-    Attributes
-    ----------
-    x, u : tuple of float
-        Set point xe (n,) at t = 0, and its input ue (m,).
-    K : tuple of tuple of float
-        Gain (m, n).
-    drift : tuple of float
-        dxe/dt (n,).
-    Ki : tuple of tuple of float
-        Gain (m, p) of the integrals; empty without integral action.
-    region : Region, optional
-        The errors for which the feedback is used; None: for all.
-
+    :ivar x, u: set point xe (n,) at t = 0, and its input ue (m,).
+    :ivar K: gain (m, n).
+    :ivar drift: dxe/dt (n,).
+    :ivar Ki: gain (m, p) of the integrals; empty without integral action.
+    :ivar region: the errors for which the feedback is used; None: for all.
     """
 
     x: Vector
@@ -106,15 +93,9 @@ class Gains:
     """
     Gains over time or another variable, interpolated linearly.
 
-    Attributes
-    ----------
-    grid : tuple of float
-        Increasing values of the variable.
-    K : tuple
-        An (m, n) gain for each value; outside the grid the nearest one is used.
-    Ki : tuple
-        An (m, p) gain of the integrals for each value.
-
+    :ivar grid: increasing values of the variable.
+    :ivar K: an (m, n) gain for each value; outside the grid the nearest one is used.
+    :ivar Ki: an (m, p) gain of the integrals for each value.
     """
 
     grid: Vector
@@ -163,13 +144,8 @@ class InputLimits:
     """
     Limits of the inputs, and the states that are angles.
 
-    Attributes
-    ----------
-    lower, upper : tuple of float
-        (m,) limits of the inputs.
-    angles : tuple of int
-        Indices of the states whose error is wrapped to [-pi, pi].
-
+    :ivar lower, upper: (m,) limits of the inputs.
+    :ivar angles: indices of the states whose error is wrapped to [-pi, pi].
     """
 
     lower: Vector
@@ -188,11 +164,7 @@ class InputLimits:
         """
         Clip u (m,) to the limits, in place.
 
-        Returns
-        -------
-        int
-            The number of inputs that exceeded a limit.
-
+        :return: the number of inputs that exceeded a limit.
         """
         clipped = 0
         for j, value in enumerate(u):
@@ -214,17 +186,8 @@ def interpolate_vectors(a: Vector, b: Vector, part: float) -> Vector:
     """
     Return a + part (b - a).
 
-    Parameters
-    ----------
-    a, b : tuple of float
-        Vectors of equal length.
-    part : float
-        0: a; 1: b.
-
-    Returns
-    -------
-    tuple of float
-
+    :param a, b: vectors of equal length.
+    :param part: 0: a; 1: b.
     """
     return tuple([p + part * (q - p) for p, q in zip(a, b, strict=True)])
 
@@ -233,15 +196,7 @@ def convert_rows(matrix: Sequence[Sequence[float]] | Any) -> Rows:
     """
     Return a matrix as a tuple of rows of floats.
 
-    Parameters
-    ----------
-    matrix : sequence of sequence of float, or ndarray
-        Shape (m, n).
-
-    Returns
-    -------
-    tuple of tuple of float
-
+    :param matrix: shape (m, n).
     """
     return tuple(convert_vector(row) for row in matrix)
 
@@ -250,14 +205,6 @@ def convert_vector(values: Sequence[float] | Any) -> Vector:
     """
     Return numbers as a tuple of floats.
 
-    Parameters
-    ----------
-    values : iterable of float, or ndarray
-        Shape (n,).
-
-    Returns
-    -------
-    tuple of float
-
+    :param values: shape (n,).
     """
     return tuple(map(float, values))

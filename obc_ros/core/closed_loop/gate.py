@@ -22,13 +22,8 @@ class CommandGate:
     an earlier one. Their clock is the time that has passed between states, so that a jump of the
     stamps is none of the transition.
 
-    Attributes
-    ----------
-    sent : list of float or None
-        The last command (m,); None: there was none.
-    is_entering : bool
-        Whether a law has begun and its transition has not ended.
-
+    :ivar sent: the last command (m,); None: there was none.
+    :ivar is_entering: whether a law has begun and its transition has not ended.
     """
 
     def __init__(self) -> None:

@@ -43,17 +43,10 @@ class HeldSetPoint:
     """
     A set point, where it is now.
 
-    Attributes
-    ----------
-    law : SetPointLaw
-        As designed.
-    x : tuple of float
-        Where it is at `origin`, (n,): a moving one begins at the plant.
-    origin : int
-        Stamp of t = 0 of the law [ns].
-    is_designed : bool
-        Whether it is that of the parameters and not the end of a reference.
-
+    :ivar law: as designed.
+    :ivar x: where it is at `origin`, (n,): a moving one begins at the plant.
+    :ivar origin: stamp of t = 0 of the law [ns].
+    :ivar is_designed: whether it is that of the parameters and not the end of a reference.
     """
 
     law: SetPointLaw
@@ -83,15 +76,9 @@ class HeldSetPoint:
         The component of the error along the drift is freed and nothing else:
         xe += d (d'(x - xe)) / (d'd).
 
-        Parameters
-        ----------
-        x : sequence of float
-            State (n,) at the stamp.
-        stamp, origin : int
-            [ns]
-        error : callable
-            Returns x - xe (n,), with angles wrapped.
-
+        :param x: state (n,) at the stamp.
+        :param stamp, origin: [ns].
+        :param error: returns x - xe (n,), with angles wrapped.
         """
         drift, t = self.law.drift, (stamp - self.origin) * NS
         here = free_drift(x, move(self.x, drift, t), drift, error)
@@ -107,15 +94,9 @@ class HeldSetPoint:
 
         If the design has another set point, it is there; otherwise it goes on where it is.
 
-        Parameters
-        ----------
-        law : SetPointLaw
-            The new design.
-        stamp : int
-            Present stamp [ns].
-        restarts : bool
-            Whether t = 0 is now.
-
+        :param law: the new design.
+        :param stamp: present stamp [ns].
+        :param restarts: whether t = 0 is now.
         """
         moved = move(self.x, self.law.drift, (stamp - self.origin) * NS)
         x = moved if self.is_of(law) else law.x
@@ -140,12 +121,7 @@ class PlanLaw:
     """
     A plan, from half a period before its first sample on.
 
-    Attributes
-    ----------
-    law : SampledPlan
-    begin : int
-        Stamp of its t = 0 [ns].
-
+    :ivar begin: stamp of its t = 0 [ns].
     """
 
     law: SampledPlan

@@ -87,36 +87,23 @@ class ControlLoop:
     """
     One run of a control loop. All methods may be called from any thread.
 
-    Attributes
-    ----------
-    counts : collections.Counter
-        Numbers of events: answered, saturated, skipped, repeated, late, restarted, stale,
-        outside, unplanned, slow, and each reason for which a state is dropped (size, finite, old,
-        ahead, command).
-    news : collections.deque of str
-        Warnings, oldest first; each kind at most once a second.
-    events : collections.deque of str
-        Other messages: the first state, references that begin and end, states that return.
-    refused : collections.deque of str
-        Reasons for which references were rejected or given up.
-    mode : Mode
-    reason : str
-        Why the loop is resting or stopped; empty: it is neither.
-    run : int
-        How often plans were given up: those that began before are not used.
-    stamp, due : int or None
-        Stamps [ns] of the last state in order, and of the last one for which a command was due.
-    x, error : sequence of float or None
-        The last valid state; its error from what was asked for, a set point or a reference, at
-        the last command of the control law.
-    lag : float or None
-        Age of the last state [s] from its stamp; None: not known.
-    samples : tuple of Sample
-        The last two states that the control law has answered, the later one last.
-    is_outside, is_unplanned : bool
-        Whether the last state was outside `x_limits`, and whether there was no plan for it and it
-        was outside the region of the feedback.
-
+    :ivar counts: numbers of events: answered, saturated, skipped, repeated, late, restarted,
+        stale, outside, unplanned, slow, and each reason for which a state is dropped (size,
+        finite, old, ahead, command).
+    :ivar news: warnings, oldest first; each kind at most once a second.
+    :ivar events: other messages: the first state, references that begin and end, states that
+        return.
+    :ivar refused: reasons for which references were rejected or given up.
+    :ivar reason: why the loop is resting or stopped; empty: it is neither.
+    :ivar run: how often plans were given up: those that began before are not used.
+    :ivar stamp, due: stamps [ns] of the last state in order, and of the last one for which a
+        command was due.
+    :ivar x, error: the last valid state; its error from what was asked for, a set point or a
+        reference, at the last command of the control law.
+    :ivar lag: age of the last state [s] from its stamp; None: not known.
+    :ivar samples: the last two states that the control law has answered, the later one last.
+    :ivar is_outside, is_unplanned: whether the last state was outside `x_limits`, and whether
+        there was no plan for it and it was outside the region of the feedback.
     """
 
     def __init__(self, control: Control, mode: Mode = Mode.WAITING) -> None:
@@ -227,12 +214,8 @@ class ControlLoop:
         """
         Adopt a control whose last reference is new, if the present state is near enough to it.
 
-        Returns
-        -------
-        str
-            Why it is rejected, and nothing is adopted; empty: it is accepted. One that begins
+        :return: why it is rejected, and nothing is adopted; empty: it is accepted. One that begins
             later is judged again at its beginning.
-
         """
         with self._lock:
             if not (self.mode in FOLLOWING and not self.is_stale and control.legs):
@@ -253,18 +236,8 @@ class ControlLoop:
         """
         Use a plan for the states that it covers; the one that covers the last state is kept.
 
-        Parameters
-        ----------
-        plan : PlanLaw
-            The plan.
-        run : int
-            `run` at the state from which it was made.
-
-        Returns
-        -------
-        bool
-            False: the law has begun anew since then, and the plan is not used.
-
+        :param run: `run` at the state from which it was made.
+        :return: False: the law has begun anew since then, and the plan is not used.
         """
         with self._lock:
             if run != self.run or self.mode in (Mode.INACTIVE, Mode.STOPPED):
@@ -317,26 +290,14 @@ class ControlLoop:
         """
         Return the command (m,) for a state, or None.
 
-        Parameters
-        ----------
-        stamp : int
-            Time of the state [ns].
-        x : sequence of float
-            The state (n,).
-        now : float
-            Steady clock [s].
-        clock : int, optional
-            Present time of the clock of the stamps [ns]; None: the age of a state is not known.
-        measured : float, optional
-            The scheduling variable, if it is measured.
-        restarts : int
-            How often the source of the states has begun anew.
-
-        Returns
-        -------
-        list of float or None
-            None: the state is dropped or skipped, or the rules ask for silence.
-
+        :param stamp: time of the state [ns].
+        :param x: the state (n,).
+        :param now: steady clock [s].
+        :param clock: present time of the clock of the stamps [ns]; None: the age of a state is not
+            known.
+        :param measured: the scheduling variable, if it is measured.
+        :param restarts: how often the source of the states has begun anew.
+        :return: None: the state is dropped or skipped, or the rules ask for silence.
         """
         with self._lock:
             self._now = now
@@ -559,11 +520,7 @@ class ControlLoop:
         """
         Let near references begin, and judge the followed one again after a discontinuity.
 
-        Returns
-        -------
-        bool
-            False: the followed one is too far, and the loop is stopped.
-
+        :return: False: the followed one is too far, and the loop is stopped.
         """
         acts = self._acts(control, stamp)
         for leg in list(self._itinerary.find_due(control.legs, acts)):

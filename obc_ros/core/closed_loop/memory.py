@@ -26,19 +26,11 @@ class SentCommands:
         """
         Return the error after the delay, and the growth of the p integrals until then.
 
-        Parameters
-        ----------
-        prediction : Prediction
-            Of the error over the delay.
-        e : sequence of float
-            x - xr (n,) at the stamp.
-        ur : sequence of float
-            (m,)
-        p : int
-            Number of the integrals.
-        stamp : int
-            [ns]
-
+        :param prediction: of the error over the delay.
+        :param e: x - xr (n,) at the stamp.
+        :param ur: (m,).
+        :param p: number of the integrals.
+        :param stamp: [ns].
         """
         whole = [*e, *[0.0] * p]
         for u in self._recall(prediction, stamp)[:len(prediction.Gammas)]:
@@ -77,11 +69,7 @@ class Integral:
     The integral of an output is held while an input exceeds a limit and the output would increase
     the excess (conditional anti-windup).
 
-    Attributes
-    ----------
-    w : list of float
-        (m,)
-
+    :ivar w: (m,).
     """
 
     def __init__(self, m: int) -> None:

@@ -18,13 +18,8 @@ class Itinerary:
 
     A reference begins once: what was rejected, given up or has ended does not begin again.
 
-    Attributes
-    ----------
-    followed : Reference or None
-        The one that is followed, also while a rule suspends the law.
-    held : Reference or None
-        The one whose end is the set point.
-
+    :ivar followed: the one that is followed, also while a rule suspends the law.
+    :ivar held: the one whose end is the set point.
     """
 
     def __init__(self) -> None:
@@ -121,17 +116,10 @@ def describe_miss(error: Sequence[float], wanted: Sequence[float], t: float,
     """
     Return a message on the states that are too far from a reference; empty: none is.
 
-    Parameters
-    ----------
-    error, wanted : sequence of float
-        (n,) x - xr and xr.
-    t : float
-        Time of the reference [s]; 0: its start.
-    allowed : tuple of (float, float)
-        (n,) bounds of the error.
-    names, units : sequence of str
-        (n,) names and units of the states.
-
+    :param error, wanted: (n,) x - xr and xr.
+    :param t: time of the reference [s]; 0: its start.
+    :param allowed: (n,) bounds of the error.
+    :param names, units: (n,) names and units of the states.
     """
     where = "the plan's start {}" if t == 0.0 else f'{{}} of the plan at t = {t:.4g} s'
     sentences = []
@@ -147,16 +135,6 @@ def is_within(error: float, low: float, high: float) -> bool:
     """
     Return whether an error is between its bounds.
 
-    Parameters
-    ----------
-    error : float
-        The error.
-    low, high : float
-        low < 0 < high; they are widened by 1e-9 of their size, for rounding.
-
-    Returns
-    -------
-    bool
-
+    :param low, high: low < 0 < high; they are widened by 1e-9 of their size, for rounding.
     """
     return low * (1.0 + 1e-9) <= error <= high * (1.0 + 1e-9)

@@ -25,17 +25,10 @@ class SampledPlan:
     The time t = 0 is half a period before the first sample: a stamp selects the nearest sample,
     so that the jitter of the stamps does not select an input one period early or late.
 
-    Attributes
-    ----------
-    period : int
-        Time between two samples [ns].
-    x : tuple of tuple of float
-        N + 1 states (n,).
-    u : tuple of tuple of float
-        N inputs (m,), each held over a period.
-    K : tuple of tuple of float
-        Gain (m, n).
-
+    :ivar period: time between two samples [ns].
+    :ivar x: N + 1 states (n,).
+    :ivar u: N inputs (m,), each held over a period.
+    :ivar K: gain (m, n).
     """
 
     period: int
@@ -63,20 +56,9 @@ def make_sampled_plan(period: int, x: Array, u: Array, K: Rows) -> SampledPlan:
     """
     Return a plan as a reference.
 
-    Parameters
-    ----------
-    period : int
-        Time between two samples [ns].
-    x : ndarray, shape (N + 1, n)
-        States.
-    u : ndarray, shape (N, m)
-        Inputs.
-    K : tuple of tuple of float
-        Gain (m, n).
-
-    Returns
-    -------
-    SampledPlan
-
+    :param period: time between two samples [ns].
+    :param x: (N + 1, n), States.
+    :param u: (N, m), Inputs.
+    :param K: gain (m, n).
     """
     return SampledPlan(period, tuple(map(convert_vector, x)), convert_rows(u), K)

@@ -42,36 +42,17 @@ def predict_state(model: PlantFlow, x: Sequence[float], sent: Sequence[SentComma
     """
     Return the state at a stamp.
 
-    Parameters
-    ----------
-    model : PlantFlow
-        Of `make_model`.
-    x : sequence of float
-        The last state (n,).
-    sent : sequence of (int, sequence of float)
-        Stamps [ns] of states and the commands (m,) for them, oldest first; the last one is that
-        of the last state. The first one acts until the next one does.
-    stamp : int
-        [ns], not before the last state.
-    law : callable
-        law(stamp, x) returns the command (m,) for a predicted state, within the limits. It is
-        called once for each period after the last state, in order.
-    period : int
-        Time between two states [ns], above 0.
-    delay : int
-        Time from the stamp of a state to the effect of its command [ns].
-
-    Returns
-    -------
-    PredictedState
-
-    Raises
-    ------
-    StatementError
-        If the time contains more than `MOST_COMMANDS` periods.
-    DynamicsError
-        If the model diverges or cannot be integrated.
-
+    :param model: of `make_model`.
+    :param x: the last state (n,).
+    :param sent: stamps [ns] of states and the commands (m,) for them, oldest first; the last one
+        is that of the last state. The first one acts until the next one does.
+    :param stamp: [ns], not before the last state.
+    :param law: law(stamp, x) returns the command (m,) for a predicted state, within the limits. It
+        is called once for each period after the last state, in order.
+    :param period: time between two states [ns], above 0.
+    :param delay: time from the stamp of a state to the effect of its command [ns].
+    :raises StatementError: if the time contains more than `MOST_COMMANDS` periods.
+    :raises DynamicsError: if the model diverges or cannot be integrated.
     """
     now = sent[-1][0]
     if stamp - now > MOST_COMMANDS * period:

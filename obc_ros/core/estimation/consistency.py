@@ -27,13 +27,8 @@ def compute_normalized_error(error: Array, P: Array) -> float:
     """
     Return e'P^-1 e.
 
-    Parameters
-    ----------
-    error : ndarray, shape (n,)
-        Estimate minus state.
-    P : ndarray, shape (n, n)
-        Covariance of the estimate; positive definite.
-
+    :param error: (n,), estimate minus state.
+    :param P: (n, n), covariance of the estimate; positive definite.
     """
     return float(error @ linalg.solve(P, error, assume_a='pos'))
 
@@ -44,15 +39,9 @@ def compute_band(degrees: float, count: int = 1, probability: float = 0.95
     """
     Return the interval that holds the mean of normalised squares with a probability.
 
-    Parameters
-    ----------
-    degrees : float
-        Degrees of freedom of each.
-    count : int
-        Number of independent ones.
-    probability : float
-        Of the interval, with equal tails.
-
+    :param degrees: degrees of freedom of each.
+    :param count: number of independent ones.
+    :param probability: of the interval, with equal tails.
     """
     tail = 0.5 * (1.0 - probability)
     low, high = (compute_chi_square_quantile(p, degrees * count) for p in (tail, 1.0 - tail))
@@ -89,11 +78,7 @@ class InnovationMonitor:
     """
     The consistency of the last innovations.
 
-    Parameters
-    ----------
-    window : int
-        Number of innovations that are kept.
-
+    :param window: number of innovations that are kept.
     """
 
     def __init__(self, window: int = 200) -> None:

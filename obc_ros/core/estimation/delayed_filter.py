@@ -67,15 +67,9 @@ class Estimate:
     """
     The estimate at an instant.
 
-    Attributes
-    ----------
-    stamp : int
-        [ns]
-    x : ndarray, shape (n,)
-        Mean.
-    P : ndarray, shape (n, n)
-        Covariance of the error.
-
+    :ivar stamp: [ns].
+    :ivar x: (n,), Mean.
+    :ivar P: (n, n), covariance of the error.
     """
 
     stamp: int
@@ -87,29 +81,16 @@ class DelayedFilter:
     """
     The estimate of a system from inputs and measurements with stamps.
 
-    Parameters
-    ----------
-    kalman : KalmanFilter
-        The filter; it may be replaced by `adopt`.
-    x0 : ndarray, shape (n,)
-        Mean before the first measurement.
-    P0 : ndarray, shape (n, n)
-        Its covariance; also used when the filter restarts.
-    u0 : ndarray, shape (m,)
-        Input before the first command.
-    longest_lag : float
-        [s] A measurement that is older than the newest one by more is dropped.
-    longest_gap : float
-        [s] After a longer time without measurements the filter restarts; also after a longer
-        step of a sensor's stamps back, and for this time outliers must agree with each other.
-    outputs : sequence of str
-        Names of the outputs that are used; empty: all.
-
-    Attributes
-    ----------
-    reason : str
-        Why the filter was restarted last.
-
+    :param kalman: the filter; it may be replaced by `adopt`.
+    :param x0: (n,), mean before the first measurement.
+    :param P0: (n, n), its covariance; also used when the filter restarts.
+    :param u0: (m,), input before the first command.
+    :param longest_lag: [s] A measurement that is older than the newest one by more is dropped.
+    :param longest_gap: [s] After a longer time without measurements the filter restarts; also
+        after a longer step of a sensor's stamps back, and for this time outliers must agree with
+        each other.
+    :param outputs: names of the outputs that are used; empty: all.
+    :ivar reason: why the filter was restarted last.
     """
 
     def __init__(self, kalman: KalmanFilter, x0: Array, P0: Array, u0: Array,
@@ -185,11 +166,7 @@ class DelayedFilter:
         """
         Receive an input that acts from a stamp [ns] on.
 
-        Raises
-        ------
-        StatementError
-            If it is not m finite numbers; nothing changes.
-
+        :raises StatementError: if it is not m finite numbers; nothing changes.
         """
         given = np.asarray(u, dtype=float)
         if given.shape != self._u.shape or not np.isfinite(given).all():
@@ -211,25 +188,12 @@ class DelayedFilter:
         """
         Receive a measurement.
 
-        Parameters
-        ----------
-        stamp : int
-            Instant of the measurement [ns].
-        names : sequence of str
-            The measured outputs.
-        y : sequence of float
-            Their values; an entry that is not finite is left out.
-
-        Returns
-        -------
-        bool
-            Whether it is used; otherwise it has been counted.
-
-        Raises
-        ------
-        StatementError
-            If a name is unknown or stands twice, or the lengths differ; nothing changes.
-
+        :param stamp: instant of the measurement [ns].
+        :param names: the measured outputs.
+        :param y: their values; an entry that is not finite is left out.
+        :return: whether it is used; otherwise it has been counted.
+        :raises StatementError: if a name is unknown or stands twice, or the lengths differ;
+            nothing changes.
         """
         at, values = self._read(names, y)
         group = tuple(at)
@@ -249,13 +213,8 @@ class DelayedFilter:
         """
         Return the estimate at an instant that is not before the newest measurement.
 
-        Raises
-        ------
-        StatementError
-            If there was no measurement.
-        DynamicsError
-            If the estimate cannot be predicted to the instant.
-
+        :raises StatementError: if there was no measurement.
+        :raises DynamicsError: if the estimate cannot be predicted to the instant.
         """
         self._catch_up()
         if not self._events:
@@ -454,11 +413,7 @@ def spread_deviations(name: str, values: Sequence[float], names: Sequence[str]) 
     """
     Return variances, as a diagonal matrix, from standard deviations: one, or one for each name.
 
-    Raises
-    ------
-    StatementError
-        If their number is another one, or one is not positive and finite.
-
+    :raises StatementError: if their number is another one, or one is not positive and finite.
     """
     if len(values) not in (1, len(names)):
         raise StatementError(f'{name}: wanted 1 or {len(names)} numbers ({", ".join(names)}), '

@@ -57,20 +57,12 @@ class Update:
     """
     What a measurement did.
 
-    Attributes
-    ----------
-    belief : Belief
-        After the measurement; as before it if the measurement is an outlier.
-    innovation : ndarray, shape (q,)
-        y - h(x), angles in [-pi, pi].
-    normalized : ndarray, shape (q,)
-        The innovation divided by its standard deviations.
-    nis : float
-        Normalised innovation squared v'S^-1 v; chi-square with q degrees of freedom if the model
-        is right.
-    is_outlier : bool
-        Whether `nis` is above the quantile of the gate.
-
+    :ivar belief: after the measurement; as before it if the measurement is an outlier.
+    :ivar innovation: (q,), y - h(x), angles in [-pi, pi].
+    :ivar normalized: (q,), the innovation divided by its standard deviations.
+    :ivar nis: normalised innovation squared v'S^-1 v; chi-square with q degrees of freedom if the
+        model is right.
+    :ivar is_outlier: whether `nis` is above the quantile of the gate.
     """
 
     belief: Belief
@@ -84,15 +76,9 @@ class _Evaluator:
     """
     A function of x, u and p that CasADi evaluates into arrays, which each call overwrites.
 
-    Parameters
-    ----------
-    system : System
-        With x, u and p.
-    matrix : casadi.SX
-        The first result; `matrix` (rows, columns).
-    vector : casadi.SX
-        The second result; `vector` (rows,).
-
+    :param system: with x, u and p.
+    :param matrix: the first result; `matrix` (rows, columns).
+    :param vector: the second result; `vector` (rows,).
     """
 
     def __init__(self, system: System, matrix: ca.SX, vector: ca.SX) -> None:
@@ -128,28 +114,16 @@ class KalmanFilter:
 
     One thread at a time may use it.
 
-    Parameters
-    ----------
-    system : System
-        The plant, with its outputs y = h(x, u).
-    Qw : array_like, shape (n, n)
-        Intensity of the process noise, in squared units of the states per second; >= 0.
-    Rv : array_like, shape (q, q)
-        Covariance of a measurement of all outputs; > 0.
-    gate : float
-        Probability with which a regular measurement passes the chi-square test; 1: no test.
-
-    Attributes
-    ----------
-    largest : ndarray, shape (q,)
-        Largest absolute values of measurements: the rounding of larger ones exceeds their
-        standard deviation, so that they say nothing.
-
-    Raises
-    ------
-    StatementError, RefusedDesignError
-        If a matrix has a wrong size or is not definite, or the gate is no probability.
-
+    :param system: the plant, with its outputs y = h(x, u).
+    :param Qw: (n, n), intensity of the process noise, in squared units of the states per second;
+        >= 0.
+    :param Rv: (q, q), covariance of a measurement of all outputs; > 0.
+    :param gate: probability with which a regular measurement passes the chi-square test; 1: no
+        test.
+    :ivar largest: (q,), largest absolute values of measurements: the rounding of larger ones
+        exceeds their standard deviation, so that they say nothing.
+    :raises StatementError, RefusedDesignError: if a matrix has a wrong size or is not definite, or
+        the gate is no probability.
     """
 
     def __init__(self, system: System, Qw: Array, Rv: Array, gate: float = 1.0) -> None:
@@ -172,12 +146,8 @@ class KalmanFilter:
         """
         Return the estimate after a time [s] with the input u (m,).
 
-        Raises
-        ------
-        DynamicsError
-            If the estimate exceeds the range of double precision, or the time needs too many
-            steps.
-
+        :raises DynamicsError: if the estimate exceeds the range of double precision, or the time
+            needs too many steps.
         """
         x, P, left, n, count = belief.x, belief.P, time, self.system.n, 0
         while left > 0.0:
@@ -202,19 +172,10 @@ class KalmanFilter:
         """
         Return the first n rows of the exponential of h [[A, Qw, f], [0, -A', 0], [0, 0, 0]].
 
-        Parameters
-        ----------
-        h : float
-            Step [s].
-        size : float
-            |A| h, at most 1.
-
-        Returns
-        -------
-        ndarray, shape (n, 2 n + 1)
-            exp(A h); the integral of exp(A s) Qw exp(A's), times exp(-A'h); the integral of
-            exp(A s) f.
-
+        :param h: step [s].
+        :param size: |A| h, at most 1.
+        :return: (n, 2 n + 1), exp(A h); the integral of exp(A s) Qw exp(A's), times exp(-A'h); the
+            integral of exp(A s) f.
         """
         flow, n = self._flow, self.system.n
         flow[:n, :n], flow[:n, n:-1] = self._slope.matrix, self.Qw
@@ -242,22 +203,12 @@ class KalmanFilter:
         """
         Return the estimate after a measurement of some outputs.
 
-        Parameters
-        ----------
-        belief : Belief
-            At the instant of the measurement.
-        u : ndarray, shape (m,)
-            Input then.
-        at : sequence of int
-            Indices of the measured outputs, at least one.
-        y : ndarray
-            Their values.
-
-        Raises
-        ------
-        numpy.linalg.LinAlgError
-            If the covariance of the innovation is not positive definite: P has lost its digits.
-
+        :param belief: at the instant of the measurement.
+        :param u: (m,), input then.
+        :param at: indices of the measured outputs, at least one.
+        :param y: their values.
+        :raises numpy.linalg.LinAlgError: if the covariance of the innovation is not positive
+            definite: P has lost its digits.
         """
         chosen = self._select(tuple(at))
         self._output(belief.x, u)

@@ -33,16 +33,9 @@ class OutputFeedback:
     """
     A regulator with a steady Kalman filter in the loop.
 
-    Attributes
-    ----------
-    K : ndarray, shape (m, n)
-        Gain of the regulator.
-    estimator : KalmanDesign
-    figures : Figures
-        Margins at the plant's inputs of the loop with the estimator.
-    full_state : Figures
-        Those of the regulator with the whole state.
-
+    :ivar K: (m, n), gain of the regulator.
+    :ivar figures: margins at the plant's inputs of the loop with the estimator.
+    :ivar full_state: those of the regulator with the whole state.
     """
 
     K: Array
@@ -82,18 +75,10 @@ def combine(regulator: LqrDesign, estimator: KalmanDesign) -> OutputFeedback:
     """
     Return the margins of u = -K xe.
 
-    Parameters
-    ----------
-    regulator : LqrDesign
-        The gain K of the plant.
-    estimator : KalmanDesign
-        The filter of the same plant; in discrete time its predictor form, u_k = -K xe_k|k-1.
-
-    Raises
-    ------
-    StatementError
-        If the two are not of the same plant.
-
+    :param regulator: the gain K of the plant.
+    :param estimator: the filter of the same plant; in discrete time its predictor form, u_k = -K
+        xe_k|k-1.
+    :raises StatementError: if the two are not of the same plant.
     """
     if regulator.A.shape != estimator.A.shape or not np.allclose(
             regulator.A, estimator.A, rtol=1e-9, atol=1e-12):
@@ -117,17 +102,10 @@ class Recovery:
     """
     Process noise that recovers the margins of the whole state.
 
-    Attributes
-    ----------
-    Qw : ndarray, shape (n, n)
-        The suggested intensity Qw + q B B'.
-    q : float
-        The added noise.
-    before, loop : OutputFeedback
-        With the given noise, and with the suggested one.
-    recovered : bool
-        Whether the wanted share of the margins is reached.
-
+    :ivar Qw: (n, n), the suggested intensity Qw + q B B'.
+    :ivar q: the added noise.
+    :ivar before, loop: with the given noise, and with the suggested one.
+    :ivar recovered: whether the wanted share of the margins is reached.
     """
 
     Qw: Array
@@ -142,28 +120,14 @@ def recover_loop_transfer(regulator: LqrDesign, C: Array, Qw: Array, Rv: Array, 
     """
     Return the least added process noise for which margins of the full state are recovered.
 
-    Parameters
-    ----------
-    regulator : LqrDesign
-        In continuous time.
-    C, Qw, Rv : ndarray, shape (q, n), (n, n), (q, q)
-        Outputs and noise, as for `lqe`.
-    share : float
-        Wanted share of the disk margins of the full state.
-    outputs : sequence of str, optional
-        Names of the outputs.
-
-    Returns
-    -------
-    Recovery
-        If the share is not reached (a plant that is not of minimum phase), the best that was
+    :param regulator: in continuous time.
+    :param C, Qw, Rv: (q, n), (n, n), (q, q), outputs and noise, as for `lqe`.
+    :param share: wanted share of the disk margins of the full state.
+    :param outputs: names of the outputs.
+    :return: if the share is not reached (a plant that is not of minimum phase), the best that was
         found, with `recovered` False.
-
-    Raises
-    ------
-    StatementError, RefusedDesignError
-        As `lqe` for the given noise; StatementError also for a sampled regulator.
-
+    :raises StatementError, RefusedDesignError: as `lqe` for the given noise; StatementError also
+        for a sampled regulator.
     """
     if regulator.period:
         raise StatementError('loop transfer recovery: wanted a regulator in continuous time')
@@ -178,26 +142,14 @@ def recover_sampled_loop(A: Array, B: Array, K: Array, C: Array, Qw: Array, Rv: 
     """
     Return the least added process noise for which margins of u_k = -K xe_k are recovered.
 
-    Parameters
-    ----------
-    A, B, K : ndarray, shape (n, n), (n, m) and (m, n)
-        The plant in continuous time, and the gain of the regulator.
-    C, Qw, Rv, period : ndarray, shape (q, n), (n, n), (q, q), and float
-        Outputs, noise and sampling period [s], as for `sampled_lqe`.
-    share, outputs
-        As for `recover_loop_transfer`.
-
-    Returns
-    -------
-    Recovery
-        Of the loop in filter form.
-
-    Raises
-    ------
-    StatementError, RefusedDesignError
-        As `sampled_lqe` for the given noise; StatementError also if K has a wrong size or does
-        not stabilise the sampled plant.
-
+    :param A, B, K: (n, n), (n, m) and (m, n), the plant in continuous time, and the gain of the
+        regulator.
+    :param C, Qw, Rv, period: (q, n), (n, n), (q, q), and float, outputs, noise and sampling period
+        [s], as for `sampled_lqe`.
+    :param share, outputs: as for `recover_loop_transfer`.
+    :return: of the loop in filter form.
+    :raises StatementError, RefusedDesignError: as `sampled_lqe` for the given noise;
+        StatementError also if K has a wrong size or does not stabilise the sampled plant.
     """
     check_period(period)
     K = check_matrix('K', K, (B.shape[1], len(A)))

@@ -30,19 +30,11 @@ class Rival:
     """
     A rival, and the votes on it.
 
-    Attributes
-    ----------
-    origin : object
-        The event of the outlier at which it begins.
-    stamp : int
-        Of that event [ns].
-    sensor : tuple of int
-        The outputs of the outlier.
-    start : Belief
-        Before the outlier.
-    explained, refused : int
-        How many outliers of the filter since then pass its test, and do not.
-
+    :ivar origin: the event of the outlier at which it begins.
+    :ivar stamp: of that event [ns].
+    :ivar sensor: the outputs of the outlier.
+    :ivar start: before the outlier.
+    :ivar explained, refused: how many outliers of the filter since then pass its test, and do not.
     """
 
     origin: Any
@@ -66,25 +58,13 @@ def widen(kalman: KalmanFilter, mean: Array, u: Array, at: tuple[int, ...], inno
     """
     Return an estimate whose covariance explains an innovation.
 
-    Parameters
-    ----------
-    kalman : KalmanFilter
-        With the outputs.
-    mean, u : ndarray, shape (n,) and (m,)
-        Mean of the estimate, and the input.
-    at : tuple of int
-        Indices of the measured outputs.
-    innovation : ndarray
-        y - h(mean, u) of these.
-    P0 : ndarray, shape (n, n)
-        The least covariance.
-
-    Returns
-    -------
-    Belief or None
-        With P0, multiplied until no entry of the innovation is above its standard deviation.
+    :param kalman: with the outputs.
+    :param mean, u: (n,) and (m,), mean of the estimate, and the input.
+    :param at: indices of the measured outputs.
+    :param innovation: y - h(mean, u) of these.
+    :param P0: (n, n), the least covariance.
+    :return: with P0, multiplied until no entry of the innovation is above its standard deviation.
         None: that exceeds the range of double precision.
-
     """
     C = kalman.system.measure(mean, u)[1][list(at)]
     variances = np.einsum('ij,jk,ik->i', C, P0, C)

@@ -38,15 +38,9 @@ class Table:
     """
     Gains for a range of a variable, with stability verified on the whole range.
 
-    Attributes
-    ----------
-    values : ndarray, shape (N,)
-        Increasing values of the variable.
-    K : ndarray, shape (N, m, n)
-        The gain for each value; linear in between.
-    rate : float
-        The loop is stable while the variable changes by at most this much a second.
-
+    :ivar values: (N,), increasing values of the variable.
+    :ivar K: (N, m, n), the gain for each value; linear in between.
+    :ivar rate: the loop is stable while the variable changes by at most this much a second.
     """
 
     values: Array
@@ -70,26 +64,11 @@ def compute_schedule(plant: PlantAt, weights: Weights, lower: float, upper: floa
     A value is added where the interpolated gain differs from the designed one by more than 1 % of
     its largest entry, or where stability in between is not verified.
 
-    Parameters
-    ----------
-    plant : callable
-        (A, B) for a value of the variable.
-    weights : Weights
-        One cost for all values.
-    lower, upper : float
-        The range.
-
-    Returns
-    -------
-    Table
-
-    Raises
-    ------
-    StatementError
-        If the range is empty.
-    RefusedDesignError
-        If stability cannot be verified at some value, or between values.
-
+    :param plant: (A, B) for a value of the variable.
+    :param weights: one cost for all values.
+    :param lower, upper: the range.
+    :raises StatementError: if the range is empty.
+    :raises RefusedDesignError: if stability cannot be verified at some value, or between values.
     """
     if not (math.isfinite(lower) and math.isfinite(upper) and lower < upper):
         raise StatementError(f'a schedule from {lower:g} to {upper:g}: wanted finite values, the '

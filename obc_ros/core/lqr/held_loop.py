@@ -36,19 +36,11 @@ class HeldLoop:
     """
     A plant, its feedback, and the times of its commands.
 
-    Attributes
-    ----------
-    A, B : ndarray, shape (n, n) and (n, m)
-        The plant in continuous time.
-    C : ndarray, shape (p, n)
-        Outputs whose integrals are fed back.
-    K : ndarray, shape (m, n + p)
-        Gain of the state and of the integrals.
-    period, delay : float
-        Time for which a command is held, and from a command to its effect [s].
-    foreseen : float
-        Period for which the prediction over the delay was computed [s].
-
+    :ivar A, B: (n, n) and (n, m), the plant in continuous time.
+    :ivar C: (p, n), outputs whose integrals are fed back.
+    :ivar K: (m, n + p), gain of the state and of the integrals.
+    :ivar period, delay: time for which a command is held, and from a command to its effect [s].
+    :ivar foreseen: period for which the prediction over the delay was computed [s].
     """
 
     A: Array
@@ -67,16 +59,8 @@ class HeldLoop:
         """
         Return k, B_k, B_(k+1) with x_(i+1) = Ad x_i + B_k u_(i-k) + B_(k+1) u_(i-k-1).
 
-        Parameters
-        ----------
-        extra : float
-            Time that is added to the delay [s].
-
-        Returns
-        -------
-        tuple of int, ndarray, ndarray
-            The matrices have the shape (n, m).
-
+        :param extra: time that is added to the delay [s].
+        :return: the matrices have the shape (n, m).
         """
         k, rest = split_delay(self.period, self.delay + extra)
         newer = discretize_plant(self.A, self.B, self.period - rest)[1]
@@ -126,15 +110,8 @@ class HeldLoop:
         """
         Return the state of the plant at t_k + time over (x_k, z_k, u_(k-1), ..., u_(k-d)).
 
-        Parameters
-        ----------
-        time : float
-            From 0 to the period [s].
-
-        Returns
-        -------
-        ndarray, shape (n, n + p + d m)
-
+        :param time: from 0 to the period [s].
+        :return: (n, n + p + d m).
         """
         n, p, m = len(self.A), len(self.C), self.B.shape[1]
         k, rest = split_delay(self.period, self.delay)
@@ -168,16 +145,8 @@ class HeldLoop:
         """
         Return the matrix of the equations of (x, z, u) over their values at points z.
 
-        Parameters
-        ----------
-        z : ndarray, shape (N,), complex
-            Points of the z plane, such as exp(jw period).
-
-        Returns
-        -------
-        ndarray, shape (N, n + p + m, n + p + m)
-            Its determinant is 0 at the modes of the loop.
-
+        :param z: (N,), complex, points of the z plane, such as exp(jw period).
+        :return: (N, n + p + m, n + p + m), its determinant is 0 at the modes of the loop.
         """
         (n, m), p = self.B.shape, len(self.C)
         Phi, Gammas = self.prediction
@@ -216,15 +185,8 @@ class HeldLoop:
         """
         Return the loops of (x_k, z_k) of the same gain without a delay.
 
-        Parameters
-        ----------
-        periods : ndarray
-            Periods of the commands [s], of any shape.
-
-        Returns
-        -------
-        ndarray, shape (..., n + p, n + p)
-
+        :param periods: periods of the commands [s], of any shape.
+        :return: (..., n + p, n + p).
         """
         n, p = len(self.A), len(self.C)
         Ad, Bd = discretize_plant(self.A, self.B, periods)
@@ -255,17 +217,9 @@ def weigh_inputs(z: Complex, push: tuple[int, Array, Array]) -> Complex:
     """
     Return B(z) of x = (z - Ad)^-1 B(z) u.
 
-    Parameters
-    ----------
-    z : ndarray, shape (N,), complex
-        Points of the z plane.
-    push : tuple
-        From `HeldLoop.push`.
-
-    Returns
-    -------
-    ndarray, shape (N, n, m)
-
+    :param z: (N,), complex, points of the z plane.
+    :param push: from `HeldLoop.push`.
+    :return: (N, n, m).
     """
     k, newer, older = push
     ages = np.stack([z**-k, z**-(k + 1)], axis=1)
@@ -277,18 +231,10 @@ def find_longest_period(loop: HeldLoop) -> float:
     """
     Return the longest period of the commands [s] up to which a loop stays stable.
 
-    Parameters
-    ----------
-    loop : HeldLoop
-        The controller, at a period at which it is stable.
-
-    Returns
-    -------
-    float
-        Every period from that of the loop to this one is stable, as far as the modes of the
-        plant turn by less than half a radian between two periods that are tried. inf: there is
-        no longest one. The period of the loop: it is not stable there.
-
+    :param loop: the controller, at a period at which it is stable.
+    :return: every period from that of the loop to this one is stable, as far as the modes of the
+        plant turn by less than half a radian between two periods that are tried. inf: there is no
+        longest one. The period of the loop: it is not stable there.
     """
     at_once = 1 if loop.delay else _AT_ONCE
     stable, longer = loop.period, _longer_periods(loop)

@@ -38,16 +38,8 @@ def compute_held_margins(loop: HeldLoop) -> Figures:
     """
     Return the figures of a loop whose commands are held and delayed.
 
-    Parameters
-    ----------
-    loop : HeldLoop
-        The loop. If it is not stable, the figures besides its poles are nan.
-
-    Returns
-    -------
-    Figures
-        The poles are log(z) / period, without those at z = 0 that a delay adds.
-
+    :param loop: the loop. If it is not stable, the figures besides its poles are nan.
+    :return: the poles are log(z) / period, without those at z = 0 that a delay adds.
     """
     poles = np.sort_complex(to_s_plane(loop.modes, loop.period))
     steps, m = compute_held_steps(loop, poles), loop.B.shape[1]
@@ -66,11 +58,7 @@ class HeldTransfer:
     """
     T of a held loop over frequency, from the equations of (x, z, u) at z = exp(jw period).
 
-    Parameters
-    ----------
-    loop : HeldLoop
-        The loop, with its delay and prediction; it must be stable.
-
+    :param loop: the loop, with its delay and prediction; it must be stable.
     """
 
     def __init__(self, loop: HeldLoop) -> None:

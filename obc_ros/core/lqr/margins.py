@@ -27,32 +27,22 @@ class Figures:
     """
     Poles, margins and step figures of a closed loop.
 
-    Attributes
-    ----------
-    poles : ndarray, shape (n,), complex
-        [rad/s]; for a sampled loop the equivalent log(z) / period.
-    damping, frequency : ndarray, shape (n,)
-        Damping ratio and natural frequency [rad/s] of each pole.
-    gain_margin, gain_reduction_margin : ndarray, shape (m,)
-        Upper and lower limit of a factor of each loop gain; inf and 0: no limit.
-    phase_margin : ndarray, shape (m,)
-        [rad]; inf if the loop gain never crosses 1.
-    disk_margin : ndarray, shape (m,)
-        Largest alpha such that the loop is stable for every factor in the disk with the diameter
-        (2 - alpha) / (2 + alpha) to (2 + alpha) / (2 - alpha).
-    delay_margin : ndarray, shape (m,)
-        Delay of the input beyond that of the loop for which the loop is no longer stable [s]; inf:
-        none. Of a plant that is given in discrete time it is exact in whole periods.
-    bandwidth : ndarray, shape (m,)
-        [rad/s] highest frequency at which the loop gain crosses 1; 0: none.
-    sensitivity_peak : float
-        Largest singular value of S over frequency.
-    rise_time, overshoot, settling_time : ndarray, shape (n,)
-        Unit step of the set point of each state that can be held at any value: 10 % to 90 % [s],
-        a fraction, to within 2 % [s]. nan: the state cannot be held, or the loop is not stable.
-    peak_input : ndarray, shape (m,)
-        Largest |u| over these steps; nan if there is none.
-
+    :ivar poles: (n,), complex, [rad/s]; for a sampled loop the equivalent log(z) / period.
+    :ivar damping, frequency: (n,), damping ratio and natural frequency [rad/s] of each pole.
+    :ivar gain_margin, gain_reduction_margin: (m,), upper and lower limit of a factor of each loop
+        gain; inf and 0: no limit.
+    :ivar phase_margin: (m,), [rad]; inf if the loop gain never crosses 1.
+    :ivar disk_margin: (m,), largest alpha such that the loop is stable for every factor in the
+        disk with the diameter (2 - alpha) / (2 + alpha) to (2 + alpha) / (2 - alpha).
+    :ivar delay_margin: (m,), delay of the input beyond that of the loop for which the loop is no
+        longer stable [s]; inf: none. Of a plant that is given in discrete time it is exact in
+        whole periods.
+    :ivar bandwidth: (m,), [rad/s] highest frequency at which the loop gain crosses 1; 0: none.
+    :ivar sensitivity_peak: largest singular value of S over frequency.
+    :ivar rise_time, overshoot, settling_time: (n,), unit step of the set point of each state that
+        can be held at any value: 10 % to 90 % [s], a fraction, to within 2 % [s]. nan: the state
+        cannot be held, or the loop is not stable.
+    :ivar peak_input: (m,), largest |u| over these steps; nan if there is none.
     """
 
     poles: Complex
@@ -98,19 +88,10 @@ def compute_margins(A: Array, B: Array, K: Array, period: float = 0.0, states: i
     """
     Return the figures of the feedback u = -K x of dx/dt = A x + B u, or of x+ = A x + B u.
 
-    Parameters
-    ----------
-    A, B, K : ndarray, shape (n, n), (n, m), (m, n)
-        A stable closed loop.
-    period : float
-        Sampling period [s]; 0: continuous time.
-    states : int, optional
-        Number of states whose steps are evaluated: those before the states of the controller.
-
-    Returns
-    -------
-    Figures
-
+    :param A, B, K: (n, n), (n, m), (m, n), a stable closed loop.
+    :param period: sampling period [s]; 0: continuous time.
+    :param states: number of states whose steps are evaluated: those before the states of the
+        controller.
     """
     M = A - B @ K
     modes, V = (np.asarray(part, dtype=complex) for part in np.linalg.eig(M))
@@ -138,17 +119,8 @@ def to_s_plane(modes: Complex, period: float) -> Complex:
     """
     Return modes in the s plane; a mode at z = 0, a delay, becomes a very fast one.
 
-    Parameters
-    ----------
-    modes : ndarray, complex
-        Modes of a loop.
-    period : float
-        Its sampling period [s]; 0: the modes are in the s plane.
-
-    Returns
-    -------
-    ndarray, complex
-
+    :param modes: modes of a loop.
+    :param period: its sampling period [s]; 0: the modes are in the s plane.
     """
     if not period:
         return modes
@@ -204,18 +176,9 @@ def choose_frequencies(poles: Complex, plant: Complex, period: float, delay: flo
     """
     Return frequencies from below the slowest mode to above the fastest one.
 
-    Parameters
-    ----------
-    poles, plant : ndarray, complex
-        Modes of the closed loop and of the plant in the s plane.
-    period, delay : float
-        Sampling period, 0 in continuous time, and delay of the loop [s].
-
-    Returns
-    -------
-    ndarray
-        [rad/s], increasing.
-
+    :param poles, plant: modes of the closed loop and of the plant in the s plane.
+    :param period, delay: sampling period, 0 in continuous time, and delay of the loop [s].
+    :return: [rad/s], increasing.
     """
     sizes = np.abs(np.concatenate([poles, plant]))
     sizes = sizes[sizes > 1e-9 * sizes.max()]
@@ -231,21 +194,10 @@ def sweep_loops(transfer: Transfer, m: int, w: Array, period: float) -> Margins:
     """
     Return the margins of the loops of m inputs.
 
-    Parameters
-    ----------
-    transfer : Transfer
-        T of a stable loop.
-    m : int
-        Number of inputs.
-    w : ndarray
-        Frequencies, fine enough that T is smooth between two of them [rad/s].
-    period : float
-        Sampling period [s]; 0: continuous time.
-
-    Returns
-    -------
-    Margins
-
+    :param transfer: T of a stable loop.
+    :param m: number of inputs.
+    :param w: frequencies, fine enough that T is smooth between two of them [rad/s].
+    :param period: sampling period [s]; 0: continuous time.
     """
     def sensitivity(w: Array) -> Array:
         S = np.eye(m) - transfer.whole(w)

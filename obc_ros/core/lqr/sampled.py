@@ -31,21 +31,13 @@ class SampledDesign:
     """
     A feedback u_k = -K (Phi x_k + sum of Gamma_j u_(k-j)), verified for its period and delay.
 
-    Attributes
-    ----------
-    design : LqrDesign
-        The gain for the sampled plant, its weights and poles.
-    delay : float
-        Known time until a command acts [s].
-    Phi : ndarray, shape (n, n)
-        Transition matrix over the delay.
-    Gamma : tuple of ndarray, shape (n, m)
-        Input matrices over the delay for u_(k-1), u_(k-2), ...
-    loop : ndarray, shape (n + d m, n + d m)
-        The closed loop of (x_k, u_(k-1), ..., u_(k-d)).
-    robustness : float
-        Lower bound of the rounding units in each entry of `loop` under which it stays stable.
-
+    :ivar design: the gain for the sampled plant, its weights and poles.
+    :ivar delay: known time until a command acts [s].
+    :ivar Phi: (n, n), transition matrix over the delay.
+    :ivar Gamma: (n, m), input matrices over the delay for u_(k-1), u_(k-2), ...
+    :ivar loop: (n + d m, n + d m), the closed loop of (x_k, u_(k-1), ..., u_(k-d)).
+    :ivar robustness: lower bound of the rounding units in each entry of `loop` under which it
+        stays stable.
     """
 
     design: LqrDesign
@@ -62,32 +54,15 @@ def sampled_lqr(A: Array, B: Array, weights: Weights, period: float, delay: floa
     """
     Return the optimal regulator of dx/dt = A x + B u for a held and delayed input.
 
-    Parameters
-    ----------
-    A, B : ndarray, shape (n, n) and (n, m)
-        The plant in continuous time.
-    weights : Weights
-        Its cost in continuous time.
-    period, delay : float
-        [s]; the delay need not be a multiple of the period.
-
-    Returns
-    -------
-    SampledDesign
-
-    Raises
-    ------
-    StatementError
-        If the period or the delay cannot be used.
-    RefusedDesignError
-        If a weight is not definite, or the stability of the loop with its delay cannot be
-        verified.
-
-    References
-    ----------
     C. F. Van Loan, Computing integrals involving the matrix exponential, IEEE Trans. Automatic
     Control 23 (1978).
 
+    :param A, B: (n, n) and (n, m), the plant in continuous time.
+    :param weights: its cost in continuous time.
+    :param period, delay: [s]; the delay need not be a multiple of the period.
+    :raises StatementError: if the period or the delay cannot be used.
+    :raises RefusedDesignError: if a weight is not definite, or the stability of the loop with its
+        delay cannot be verified.
     """
     _check_times(period, delay)
     # Errors must name the entries of the given weights, not those of the sampled ones.
@@ -112,27 +87,12 @@ def discretize_cost(A: Array, B: Array, weights: Weights, period: float
     """
     Return the sampled plant and the sampled weights whose sum is the integral of the cost.
 
-    Parameters
-    ----------
-    A, B : ndarray, shape (n, n) and (n, m)
-        The plant in continuous time.
-    weights : Weights
-        Its cost in continuous time; the degree of stability is passed on unchanged.
-    period : float
-        Time for which an input is held [s].
-
-    Returns
-    -------
-    Ad, Bd : ndarray, shape (n, n) and (n, m)
-        The sampled plant.
-    weights : Weights
-        The sampled cost, with a cross term.
-
-    Raises
-    ------
-    StatementError
-        If a state within the period exceeds the range of double precision.
-
+    :param A, B: (n, n) and (n, m), the plant in continuous time.
+    :param weights: its cost in continuous time; the degree of stability is passed on unchanged.
+    :param period: time for which an input is held [s].
+    :return: Ad, Bd: (n, n) and (n, m), the sampled plant; weights: the sampled cost, with a cross
+        term.
+    :raises StatementError: if a state within the period exceeds the range of double precision.
     """
     n, m = B.shape
     motion = np.zeros((n + m, n + m))
@@ -165,17 +125,9 @@ def discretize_plant(A: Array, B: Array, time: float | Array) -> tuple[Array, Ar
     """
     Return Ad, Bd of x(t + time) = Ad x(t) + Bd u for dx/dt = A x + B u with a constant u.
 
-    Parameters
-    ----------
-    A, B : ndarray, shape (n, n) and (n, m)
-        The plant in continuous time.
-    time : float or ndarray
-        Time for which the input is held [s], or such times.
-
-    Returns
-    -------
-    Ad, Bd : ndarray, shape (..., n, n) and (..., n, m)
-
+    :param A, B: (n, n) and (n, m), the plant in continuous time.
+    :param time: time for which the input is held [s], or such times.
+    :return: Ad, Bd: (..., n, n) and (..., n, m).
     """
     n, m = B.shape
     M = np.zeros((n + m, n + m))
@@ -189,19 +141,9 @@ def predict_delayed_state(A: Array, B: Array, period: float,
     """
     Return Phi, Gamma with x(t_k + delay) = Phi x_k + Gamma_1 u_(k-1) + Gamma_2 u_(k-2) + ...
 
-    Parameters
-    ----------
-    A, B : ndarray, shape (n, n) and (n, m)
-        The plant in continuous time.
-    period, delay : float
-        [s]
-
-    Returns
-    -------
-    Phi : ndarray, shape (n, n)
-    Gamma : tuple of ndarray, shape (n, m)
-        The matrix of the last command first.
-
+    :param A, B: (n, n) and (n, m), the plant in continuous time.
+    :param period, delay: [s].
+    :return: Phi: (n, n); Gamma: (n, m), the matrix of the last command first.
     """
     whole, rest = split_delay(period, delay)
     carried = np.eye(len(A))
@@ -219,20 +161,11 @@ def build_delayed_loop(A: Array, B: Array, K: Array, period: float, delay: float
     """
     Return the closed loop of (x_k, u_(k-1), ..., u_(k-d)) for a gain and a delay.
 
-    Parameters
-    ----------
-    A, B, K : ndarray, shape (n, n), (n, m), (m, n)
-        The plant in continuous time and the gain; u = -K x.
-    period, delay : float
-        [s]
-    Phi, Gamma : ndarray and tuple of ndarray, optional
-        From `predict_delayed_state`: the gain acts on the predicted state. Without them it acts
-        on x_k.
-
-    Returns
-    -------
-    ndarray, shape (n + d m, n + d m)
-
+    :param A, B, K: (n, n), (n, m), (m, n), the plant in continuous time and the gain; u = -K x.
+    :param period, delay: [s].
+    :param Phi, Gamma: from `predict_delayed_state`: the gain acts on the predicted state. Without
+        them it acts on x_k.
+    :return: (n + d m, n + d m).
     """
     n, m = B.shape
     whole, rest = split_delay(period, delay)
@@ -256,15 +189,7 @@ def compute_spectral_radius(M: Array) -> float:
     """
     Return the largest modulus of the eigenvalues of M.
 
-    Parameters
-    ----------
-    M : ndarray, shape (n, n)
-        A loop in discrete time; it is stable if the result is below 1.
-
-    Returns
-    -------
-    float
-
+    :param M: (n, n), a loop in discrete time; it is stable if the result is below 1.
     """
     return float(np.abs(np.linalg.eigvals(M)).max())
 
@@ -273,16 +198,8 @@ def split_delay(period: float, delay: float) -> tuple[int, float]:
     """
     Return the number of whole periods in a delay, and the remainder.
 
-    Parameters
-    ----------
-    period, delay : float
-        [s]
-
-    Returns
-    -------
-    tuple of int, float
-        The remainder [s] is 0 or below the period.
-
+    :param period, delay: [s].
+    :return: the remainder [s] is 0 or below the period.
     """
     whole = math.floor(delay / period + _WHOLE)
     rest = delay - whole * period

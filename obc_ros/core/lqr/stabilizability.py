@@ -26,20 +26,12 @@ def explain_no_gain(A: Array, F: Array, Q: Array, *, stability: float = 0.0, per
     """
     Explain why no gain with verified stability was found.
 
-    Parameters
-    ----------
-    A, F, Q : ndarray, shape (n, n), (n, m), (n, n)
-        dx/dt = A x + F u (or x+ = A x + F u) with the cost x'Q x + u'u; A and F contain the shift
-        by `stability`.
-    stability : float
-        Prescribed degree of stability [1/s].
-    period : float
-        Sampling period [s]; 0: continuous time.
-    error : float
-        Relative error of the Riccati solution; nan: there is no solution.
-    has_cross : bool
-        Whether the cost has a cross term N, so that A is A - B Qu^-1 N'.
-
+    :param A, F, Q: (n, n), (n, m), (n, n), dx/dt = A x + F u (or x+ = A x + F u) with the cost x'Q
+        x + u'u; A and F contain the shift by `stability`.
+    :param stability: prescribed degree of stability [1/s].
+    :param period: sampling period [s]; 0: continuous time.
+    :param error: relative error of the Riccati solution; nan: there is no solution.
+    :param has_cross: whether the cost has a cross term N, so that A is A - B Qu^-1 N'.
     """
     unit = A, F / np.maximum(np.linalg.norm(F, axis=0), TINY), Q  # without the weights of inputs
     A, F, Q = _balanced(A, F, Q)
@@ -87,15 +79,10 @@ def explain_no_estimator(A: Array, C: Array, Qw: Array, outputs: tuple[str, ...]
     """
     Name the modes that no estimator follows; empty if there are none.
 
-    Parameters
-    ----------
-    A, C, Qw : ndarray, shape (n, n), (q, n), (n, n)
-        dx/dt = A x + w (or x+ = A x + w), y = C x + v; Qw is the covariance of w.
-    outputs : tuple of str
-        Names of y.
-    period : float
-        Sampling period [s]; 0: continuous time.
-
+    :param A, C, Qw: (n, n), (q, n), (n, n), dx/dt = A x + w (or x+ = A x + w), y = C x + v; Qw is
+        the covariance of w.
+    :param outputs: names of y.
+    :param period: sampling period [s]; 0: continuous time.
     """
     rows = C / np.maximum(np.linalg.norm(C, axis=1), TINY)[:, None]
     A, F, Q = _balanced(A.T, rows.T, Qw)   # the dual plant

@@ -43,21 +43,11 @@ def compute_step_figures(A: Array, B: Array, K: Array, poles: Complex, period: f
     """
     Return the step figures of the feedback u = -K x of dx/dt = A x + B u, or x+ = A x + B u.
 
-    Parameters
-    ----------
-    A, B, K : ndarray, shape (n, n), (n, m), (m, n)
-        The loop.
-    poles : ndarray, shape (n,), complex
-        Its poles in the s plane.
-    period : float
-        Sampling period [s]; 0: continuous time.
-    states : int, optional
-        Number of states whose steps are evaluated: those before the states of the controller.
-
-    Returns
-    -------
-    SetPointSteps
-
+    :param A, B, K: (n, n), (n, m), (m, n), the loop.
+    :param poles: (n,), complex, its poles in the s plane.
+    :param period: sampling period [s]; 0: continuous time.
+    :param states: number of states whose steps are evaluated: those before the states of the
+        controller.
     """
     n = len(A) if states is None else states
     M, rest = A - B @ K, (A - np.eye(len(A)) if period else A)[:n, :n]
@@ -76,17 +66,7 @@ def compute_held_steps(loop: HeldLoop, poles: Complex) -> SetPointSteps:
     """
     Return the step figures of a loop whose commands are held, also between the samples.
 
-    Parameters
-    ----------
-    loop : HeldLoop
-        The loop.
-    poles : ndarray, complex
-        Its poles in the s plane.
-
-    Returns
-    -------
-    SetPointSteps
-
+    :param poles: its poles in the s plane.
     """
     n, size = len(loop.A), len(loop.K[0])
 

@@ -34,15 +34,10 @@ class StepSpecifications:
     """
     Specifications of unit steps of the set point of the positions.
 
-    Attributes
-    ----------
-    rise_time : float
-        Maximum 10 % to 90 % rise time of the slowest position [s]; 0: not specified.
-    overshoot : float
-        Maximum overshoot, as a fraction; 0: not specified.
-    peak_input : tuple of float
-        (m,) maximum |u - ue|, in the units of the inputs; empty, or an entry of 0: not specified.
-
+    :ivar rise_time: maximum 10 % to 90 % rise time of the slowest position [s]; 0: not specified.
+    :ivar overshoot: maximum overshoot, as a fraction; 0: not specified.
+    :ivar peak_input: (m,) maximum |u - ue|, in the units of the inputs; empty, or an entry of 0:
+        not specified.
     """
 
     rise_time: float = 0.0
@@ -67,17 +62,10 @@ class Suggestion:
     """
     The weights nearest to the specifications.
 
-    Attributes
-    ----------
-    success : bool
-        Whether all specifications are met.
-    message : str
-        The figures reached, or the specifications that were not met together.
-    best : Trial
-        The suggested weights.
-    table : tuple of Trial
-        The trade-off over the scale of all inputs, from small inputs to large ones.
-
+    :ivar success: whether all specifications are met.
+    :ivar message: the figures reached, or the specifications that were not met together.
+    :ivar best: the suggested weights.
+    :ivar table: the trade-off over the scale of all inputs, from small inputs to large ones.
     """
 
     success: bool
@@ -102,29 +90,15 @@ def suggest(A: Array, B: Array, wanted: StepSpecifications, *, x_max: Sequence[f
     """
     Return weights whose regulator meets specifications of its step response.
 
-    Parameters
-    ----------
-    A, B : ndarray, shape (n, n) and (n, m)
-        The plant.
-    wanted : StepSpecifications
-        The specifications.
-    x_max, u_max : sequence of float
-        Initial scales (n,) and (m,) in the units of states and inputs; empty: 1 each.
-    inputs : sequence of str
-        Names of the inputs, for the message.
-
-    Returns
-    -------
-    Suggestion
-        The nearest weights, also if not all specifications are met.
-
-    Raises
-    ------
-    StatementError
-        If a specification or a scale cannot be used, or no state can be held at another value.
-    RefusedDesignError
-        If no gain is found for the first weights.
-
+    :param A, B: (n, n) and (n, m), the plant.
+    :param wanted: the specifications.
+    :param x_max, u_max: initial scales (n,) and (m,) in the units of states and inputs; empty: 1
+        each.
+    :param inputs: names of the inputs, for the message.
+    :return: the nearest weights, also if not all specifications are met.
+    :raises StatementError: if a specification or a scale cannot be used, or no state can be held
+        at another value.
+    :raises RefusedDesignError: if no gain is found for the first weights.
     """
     return _Search(A, B, _checked(wanted, B.shape[1]), x_max, u_max, inputs).run()
 

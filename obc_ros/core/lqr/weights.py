@@ -26,16 +26,10 @@ class Weights:
     """
     The cost of a linear quadratic regulator.
 
-    Attributes
-    ----------
-    Qx, Qu : ndarray, shape (n, n) and (m, m)
-        State and input weights.
-    cross : ndarray, shape (n, m), or None
-        N in 2 x'N u.
-    stability : float
-        Prescribed degree of stability [1/s]: the cost is weighted with exp(2 stability t), and so
-        the closed-loop poles lie left of -stability.
-
+    :ivar Qx, Qu: (n, n) and (m, m), state and input weights.
+    :ivar cross: (n, m), or None, N in 2 x'N u.
+    :ivar stability: prescribed degree of stability [1/s]: the cost is weighted with exp(2
+        stability t), and so the closed-loop poles lie left of -stability.
     """
 
     Qx: Array
@@ -50,36 +44,17 @@ def choose(n: int, m: int, *, weights: str = 'matrices', Qx: Numbers = (), Qu: N
     """
     Return the cost that is given by lists of numbers.
 
-    Parameters
-    ----------
-    n, m : int
-        Number of states and inputs.
-    weights : str
-        'matrices': from Qx and Qu; 'bryson': from x_max and u_max; 'output': from H and rho.
-        Arguments of the other kinds are ignored.
-    Qx, Qu : sequence of float
-        n or n*n, m or m*m numbers: a diagonal, or a full matrix row by row.
-    cross : sequence of float
-        n*m numbers row by row, or none.
-    x_max, u_max : sequence of float
-        n and m numbers, see `from_bryson`.
-    H : sequence of float
-        p*n numbers row by row, see `from_output`.
-    rho : float
-        Input weight of 'output'.
-    stability : float
-        Prescribed degree of stability [1/s].
-
-    Returns
-    -------
-    Weights
-
-    Raises
-    ------
-    StatementError
-        If a list has a wrong number of entries, or an entry is not a number or out of range. The
-        design checks the definiteness of Qx and Qu.
-
+    :param n, m: number of states and inputs.
+    :param weights: 'matrices': from Qx and Qu; 'bryson': from x_max and u_max; 'output': from H
+        and rho. Arguments of the other kinds are ignored.
+    :param Qx, Qu: n or n*n, m or m*m numbers: a diagonal, or a full matrix row by row.
+    :param cross: n*m numbers row by row, or none.
+    :param x_max, u_max: n and m numbers, see `from_bryson`.
+    :param H: p*n numbers row by row, see `from_output`.
+    :param rho: input weight of 'output'.
+    :param stability: prescribed degree of stability [1/s].
+    :raises StatementError: if a list has a wrong number of entries, or an entry is not a number or
+        out of range. The design checks the definiteness of Qx and Qu.
     """
     if weights == 'matrices':
         chosen = from_matrices(n, m, Qx, Qu)
@@ -108,19 +83,10 @@ def from_bryson(n: int, m: int, x_max: Numbers, u_max: Numbers) -> Weights:
     """
     Return diagonal weights by Bryson's rule: the inverse squares of acceptable deviations.
 
-    Parameters
-    ----------
-    n, m : int
-        Number of states and inputs.
-    x_max, u_max : sequence of float
-        Largest acceptable deviation of each state (n numbers; inf: weight 0) and each input (m
-        numbers), in their units.
-
-    Raises
-    ------
-    StatementError
-        If a list has a wrong length, or a number is not positive.
-
+    :param n, m: number of states and inputs.
+    :param x_max, u_max: largest acceptable deviation of each state (n numbers; inf: weight 0) and
+        each input (m numbers), in their units.
+    :raises StatementError: if a list has a wrong length, or a number is not positive.
     """
     return Weights(np.diag(_inverse_squares('x_max', x_max, n, may_be_infinite=True)),
                    np.diag(_inverse_squares('u_max', u_max, m, may_be_infinite=False)))
@@ -130,20 +96,10 @@ def from_output(n: int, m: int, H: Numbers, rho: float) -> Weights:
     """
     Return Qx = H'H and Qu = rho I, which keep the output z = H x small.
 
-    Parameters
-    ----------
-    n, m : int
-        Number of states and inputs.
-    H : sequence of float
-        p*n numbers, row by row, for p outputs.
-    rho : float
-        Input weight against the square of z; positive.
-
-    Raises
-    ------
-    StatementError
-        If the numbers of H are no rows of n, or rho is not positive.
-
+    :param n, m: number of states and inputs.
+    :param H: p*n numbers, row by row, for p outputs.
+    :param rho: input weight against the square of z; positive.
+    :raises StatementError: if the numbers of H are no rows of n, or rho is not positive.
     """
     rows = _list('H', H)
     if rows.size == 0 or rows.size % n:
@@ -162,29 +118,13 @@ def with_integrals(A: Array, B: Array, weights: Weights, C: Numbers, Qi: Numbers
 
     The state becomes (x, xi) with dxi/dt = C x.
 
-    Parameters
-    ----------
-    A, B : ndarray, shape (n, n) and (n, m)
-        The plant.
-    weights : Weights
-        Its cost.
-    C : sequence of float
-        p*n numbers row by row: the outputs to integrate.
-    Qi : sequence of float
-        p or p*p numbers: weights of the integrals.
-
-    Returns
-    -------
-    A, B : ndarray, shape (n+p, n+p) and (n+p, m)
-        The augmented plant.
-    weights : Weights
-        Its cost.
-
-    Raises
-    ------
-    StatementError, RefusedDesignError
-        If a list has a wrong length, or Qi is not positive semidefinite.
-
+    :param A, B: (n, n) and (n, m), the plant.
+    :param weights: its cost.
+    :param C: p*n numbers row by row: the outputs to integrate.
+    :param Qi: p or p*p numbers: weights of the integrals.
+    :return: A, B: (n+p, n+p) and (n+p, m), the augmented plant; weights: its cost.
+    :raises StatementError, RefusedDesignError: if a list has a wrong length, or Qi is not positive
+        semidefinite.
     """
     n, m = B.shape
     rows = _list('C', C)
@@ -211,24 +151,12 @@ def square(name: str, numbers: Numbers, n: int) -> Array:
     """
     Return the (n, n) matrix that is given by n (diagonal) or n*n (row by row) numbers.
 
-    Parameters
-    ----------
-    name : str
-        Name of the matrix, for the error.
-    numbers : sequence of float
-        The diagonal, or all entries row by row.
-    n : int
-        Size of the matrix.
-
-    Returns
-    -------
-    ndarray, shape (n, n)
-
-    Raises
-    ------
-    StatementError
-        If there are neither n nor n*n finite numbers; the message begins with `name`.
-
+    :param name: name of the matrix, for the error.
+    :param numbers: the diagonal, or all entries row by row.
+    :param n: size of the matrix.
+    :return: (n, n).
+    :raises StatementError: if there are neither n nor n*n finite numbers; the message begins with
+        `name`.
     """
     values = _list(name, numbers)
     if values.size == n:
@@ -258,16 +186,8 @@ def count(size: int) -> str:
     """
     Return the size of a list in words.
 
-    Parameters
-    ----------
-    size : int
-        Number of its entries.
-
-    Returns
-    -------
-    str
-        'no numbers', '1 number', '2 numbers', ...
-
+    :param size: number of its entries.
+    :return: 'no numbers', '1 number', '2 numbers', ...
     """
     return '1 number' if size == 1 else f'{size or "no"} numbers'
 

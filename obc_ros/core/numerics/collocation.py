@@ -14,16 +14,8 @@ def compute_gauss_points(stages: int) -> Array:
     """
     Return the Gauss points on the unit interval.
 
-    Parameters
-    ----------
-    stages : int
-        Number of points s, >= 0.
-
-    Returns
-    -------
-    ndarray, shape (s,)
-        Increasing, in (0, 1).
-
+    :param stages: number of points s, >= 0.
+    :return: (s,), increasing, in (0, 1).
     """
     if not stages:
         return np.zeros(0)
@@ -34,19 +26,10 @@ def evaluate_lagrange(points: Array, at: Array | float, order: int = 0) -> Array
     """
     Evaluate the Lagrange polynomials, each of which is 1 at its point and 0 at the others.
 
-    Parameters
-    ----------
-    points : ndarray, shape (s,)
-        Distinct.
-    at : ndarray of any shape, or float
-        Arguments.
-    order : int
-        Order of the derivative; 0: the values.
-
-    Returns
-    -------
-    ndarray, shape (..., s)
-
+    :param points: (s,), Distinct.
+    :param at: Arguments.
+    :param order: order of the derivative; 0: the values.
+    :return: (..., s).
     """
     return np.stack([np.polyder(each, order)(at) for each in _polynomials(points)], axis=-1)
 
@@ -62,22 +45,11 @@ def build_collocation(stages: int, kind: str = 'legendre') -> tuple[Array, Array
     """
     Return points, weights and differentiation matrix of a collocation method on [0, 1].
 
-    Parameters
-    ----------
-    stages : int
-        Number of collocation points s.
-    kind : str
-        'legendre': Gauss-Legendre points. 'radau': Radau points, the last of which is 1.
-
-    Returns
-    -------
-    c, b : ndarray, shape (s,)
-        Points and quadrature weights.
-    D : ndarray, shape (s, s + 1)
-        Derivatives at the points of the polynomial through the values at 0 and the points.
-    e : ndarray, shape (s + 1,)
-        Its value at 1 is e times these values.
-
+    :param stages: number of collocation points s.
+    :param kind: 'legendre': Gauss-Legendre points. 'radau': Radau points, the last of which is 1.
+    :return: c, b: (s,), points and quadrature weights; D: (s, s + 1), derivatives at the points of
+        the polynomial through the values at 0 and the points; e: (s + 1,), its value at 1 is e
+        times these values.
     """
     points = np.append(0.0, ca.collocation_points(stages, kind))
     weights = np.array([np.polyint(each)(1.0) for each in _polynomials(points[1:])])

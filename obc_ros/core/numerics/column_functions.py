@@ -56,13 +56,8 @@ class ByColumn:
     """
     A function from (rows, inputs) to (rows, outputs), for any number of rows.
 
-    Parameters
-    ----------
-    of : callable
-        Returns the function for a given number of rows.
-    inputs, outputs : int
-        Lengths of a row.
-
+    :param of: returns the function for a given number of rows.
+    :param inputs, outputs: lengths of a row.
     """
 
     def __init__(self, of: Callable[[int], ca.Function], inputs: int, outputs: int) -> None:
@@ -107,20 +102,10 @@ def bind_buffers(function: ca.Function, given: Array, found: Array
     """
     Bind the input and the output of a function to arrays.
 
-    Parameters
-    ----------
-    function : casadi.Function
-        With one input and one output.
-    given, found : ndarray
-        Contiguous. Copying some rows into them takes less time than passing their address.
-
-    Returns
-    -------
-    evaluate : callable
-        Evaluates the function.
-    buffer : object
-        To be kept as long as it is called.
-
+    :param function: with one input and one output.
+    :param given, found: Contiguous. Copying some rows into them takes less time than passing their
+        address.
+    :return: evaluate: evaluates the function; buffer: to be kept as long as it is called.
     """
     both: tuple[Any, Any] = function.buffer()
     buffer, evaluate = both

@@ -19,11 +19,7 @@ class Instructions:
     """
     The instructions of a function of SX.
 
-    Parameters
-    ----------
-    function : casadi.Function
-        A function of SX.
-
+    :param function: a function of SX.
     """
 
     def __init__(self, function: ca.Function) -> None:
@@ -38,20 +34,12 @@ class Instructions:
         """
         Evaluate the function in another arithmetic.
 
-        Parameters
-        ----------
-        read : callable
-            Returns the value of entry k of input i; called as read(i, k), where it is used.
-        constant : callable
-            Returns the value of a number.
-        apply : callable
-            Returns the result of an operation of CasADi; called as apply(operation, operands).
-
-        Returns
-        -------
-        list of list
-            The nonzero entries of each output.
-
+        :param read: returns the value of entry k of input i; called as read(i, k), where it is
+            used.
+        :param constant: returns the value of a number.
+        :param apply: returns the result of an operation of CasADi; called as apply(operation,
+            operands).
+        :return: the nonzero entries of each output.
         """
         work: dict[int, Number] = {}
         results: list[dict[int, Number]] = [{} for _ in self._lengths]
@@ -81,15 +69,8 @@ def find_dependence(expressions: ca.SX, symbols: ca.SX) -> Mask:
     """
     Return which symbols appear in which expressions.
 
-    Parameters
-    ----------
-    expressions, symbols : casadi.SX
-        Columns of lengths r and k.
-
-    Returns
-    -------
-    ndarray of bool, shape (r, k)
-
+    :param expressions, symbols: columns of lengths r and k.
+    :return: (r, k).
     """
     found: Mask = np.zeros((expressions.numel(), symbols.numel()), dtype=bool)
     found[ca.jacobian_sparsity(expressions, symbols).get_triplet()] = True
@@ -104,18 +85,9 @@ def separate_numbers(expressions: ca.SX, arguments: Sequence[ca.SX]
     While it differentiates, CasADi combines numbers in double precision, but no symbols. Powers of
     2 and 0 remain, since their products are exact.
 
-    Parameters
-    ----------
-    expressions : casadi.SX
-        A column of length r.
-    arguments : sequence of casadi.SX
-        Columns of all symbols that occur.
-
-    Returns
-    -------
-    tuple of casadi.SX, casadi.SX and ndarray
-        The expressions (r,), the symbols (k,) and their numbers (k,).
-
+    :param expressions: a column of length r.
+    :param arguments: columns of all symbols that occur.
+    :return: the expressions (r,), the symbols (k,) and their numbers (k,).
     """
     symbols: dict[float, ca.SX] = {}
 
@@ -139,20 +111,10 @@ def make_norms_differentiable(expressions: Sequence[ca.SX], arguments: Sequence[
     derivative of sqrt(a^2 + b^2) a, and one of Clarke's generalized gradients of the root. A
     root of anything else, as sqrt(a), remains.
 
-    Parameters
-    ----------
-    expressions : sequence of casadi.SX
-        Columns.
-    arguments : sequence of casadi.SX
-        Columns of all symbols that occur.
-    but : casadi.SX
-        Symbols whose roots remain as they are.
-
-    Returns
-    -------
-    list of casadi.SX
-        The same objects if no such root occurs.
-
+    :param expressions: Columns.
+    :param arguments: columns of all symbols that occur.
+    :param but: symbols whose roots remain as they are.
+    :return: the same objects if no such root occurs.
     """
     found = Instructions(ca.Function('expressions', list(arguments), [
         ca.densify(each) for each in expressions]))

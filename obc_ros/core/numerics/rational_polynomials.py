@@ -39,16 +39,8 @@ def convert_to_rational(value: float) -> Fraction:
     """
     Return the rational number of the shortest decimal of a double.
 
-    Parameters
-    ----------
-    value : float
-        0.1 is read as 1/10.
-
-    Raises
-    ------
-    TooHardError
-        If the value is not finite.
-
+    :param value: 0.1 is read as 1/10.
+    :raises TooHardError: if the value is not finite.
     """
     if not isfinite(value):
         raise TooHardError
@@ -193,11 +185,7 @@ def make_constant(value: int | Fraction) -> Polynomial:
     """
     Return a number as a polynomial.
 
-    Parameters
-    ----------
-    value : int or Fraction
-        The number; 0 is the empty polynomial.
-
+    :param value: the number; 0 is the empty polynomial.
     """
     return {_ONE: Fraction(value)} if value else {}
 
@@ -224,26 +212,12 @@ def read_polynomials(function: ca.Function, values: Sequence[Sequence[float | No
     """
     Return the entries of the output of a function of SX as polynomials.
 
-    Parameters
-    ----------
-    function : casadi.Function
-        A function of SX with columns as inputs and one output.
-    values : sequence of sequences
-        The entries of each input: a number, or None for a symbol. Symbols are numbered in this
-        order.
-
-    Returns
-    -------
-    algebra : Algebra
-        The generators of the polynomials.
-    polynomials : list of Polynomial
-        One for each nonzero of the output.
-
-    Raises
-    ------
-    TooHardError
-        If there are too many terms, or a number is not finite.
-
+    :param function: a function of SX with columns as inputs and one output.
+    :param values: the entries of each input: a number, or None for a symbol. Symbols are numbered
+        in this order.
+    :return: algebra: the generators of the polynomials; polynomials: one for each nonzero of the
+        output.
+    :raises TooHardError: if there are too many terms, or a number is not finite.
     """
     place = {(i, k): number for number, (i, k) in enumerate(
         (i, k) for i, column in enumerate(values) for k, value in enumerate(column)
@@ -263,18 +237,10 @@ def split_affine(a: Polynomial, symbols: int) -> tuple[list[Fraction], Fraction]
     """
     Split an affine polynomial into coefficients and constant.
 
-    Parameters
-    ----------
-    a : Polynomial
-        The polynomial.
-    symbols : int
-        Number of symbols, the first generators.
-
-    Returns
-    -------
-    (list of Fraction, Fraction) or None
-        Coefficients of the symbols, and the constant; None if `a` is not affine in the symbols.
-
+    :param a: the polynomial.
+    :param symbols: number of symbols, the first generators.
+    :return: coefficients of the symbols, and the constant; None if `a` is not affine in the
+        symbols.
     """
     row, rest = [Fraction(0)] * symbols, Fraction(0)
     for monomial, value in a.items():
@@ -291,16 +257,8 @@ def reduce_rows(rows: Sequence[RationalRow]) -> dict[int, RationalRow]:
     """
     Return the reduced row echelon form.
 
-    Parameters
-    ----------
-    rows : sequence of dict
-        Nonzero entries by column.
-
-    Returns
-    -------
-    dict
-        Rows by the column of their pivot, which is 1 and the only entry of that column.
-
+    :param rows: nonzero entries by column.
+    :return: rows by the column of their pivot, which is 1 and the only entry of that column.
     """
     found: dict[int, RationalRow] = {}
     for given in rows:
@@ -322,18 +280,9 @@ def find_null_space(rows: Sequence[RationalRow], columns: int) -> list[RationalR
     """
     Return a basis of the null space of a matrix.
 
-    Parameters
-    ----------
-    rows : sequence of dict
-        Nonzero entries of each row by column.
-    columns : int
-        Number of columns.
-
-    Returns
-    -------
-    list of dict
-        Nonzero entries of each vector by column.
-
+    :param rows: nonzero entries of each row by column.
+    :param columns: number of columns.
+    :return: nonzero entries of each vector by column.
     """
     found = reduce_rows(rows)
     return [{free: Fraction(1)} | {pivot: -row[free] for pivot, row in found.items()

@@ -18,11 +18,7 @@ def norm(M: Array) -> float:
     """
     Return the Frobenius norm.
 
-    Parameters
-    ----------
-    M : ndarray
-        Of any shape.
-
+    :param M: of any shape.
     """
     return math.sqrt(float(np.vdot(M, M)))
 
@@ -37,20 +33,11 @@ def compute_mode_tolerance(M: Array, gap: Callable[[NDArray[np.complex128]], Arr
     M + c E has no eigenvalue there if the spectral radius of this bound times c |E| is below 1.
     The result does not depend on the units of the states. Rounding of V is neglected.
 
-    Parameters
-    ----------
-    M : ndarray, shape (n, n)
-        The matrix.
-    gap : callable
-        Returns the distances of eigenvalues (n,) from the stability boundary, positive if stable.
-    rounding : ndarray, shape (n, n)
-        Bound of the absolute error of each entry of M.
-
-    Returns
-    -------
-    float
-        The factor c; 0 if M has an eigenvalue that is not stable, or V is singular.
-
+    :param M: (n, n), the matrix.
+    :param gap: returns the distances of eigenvalues (n,) from the stability boundary, positive if
+        stable.
+    :param rounding: (n, n), bound of the absolute error of each entry of M.
+    :return: the factor c; 0 if M has an eigenvalue that is not stable, or V is singular.
     """
     modes, V = np.linalg.eig(M)
     distance = gap(modes)

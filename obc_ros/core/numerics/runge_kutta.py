@@ -17,17 +17,11 @@ class Tableau:
     """
     The coefficients of an explicit method with s stages.
 
-    Attributes
-    ----------
-    A : tuple of tuple
-        Row i has the weights of the slopes before stage i.
-    b, c : tuple
-        StageWeights of the step, and nodes as parts of it, (s,).
-    error : tuple
-        StageWeights (s,) of the difference from a step of lower order; empty without one.
-    middle : tuple
-        StageWeights (s,) of the part of degree 4 of the values within a step; empty without them.
-
+    :ivar A: row i has the weights of the slopes before stage i.
+    :ivar b, c: StageWeights of the step, and nodes as parts of it, (s,).
+    :ivar error: StageWeights (s,) of the difference from a step of lower order; empty without one.
+    :ivar middle: StageWeights (s,) of the part of degree 4 of the values within a step; empty
+        without them.
     """
 
     A: tuple[StageWeights, ...]
@@ -74,20 +68,10 @@ def take_step(tableau: Tableau, f: Slope, x: ca.SX, s: ca.SX, h: ca.SX) -> tuple
     """
     Return x at s + h, and its difference from the step of lower order.
 
-    Parameters
-    ----------
-    tableau : Tableau
-        The method.
-    f : callable
-        f(x, s), shape (n, 1).
-    x, s, h : casadi.SX
-        State (n, 1), time and step.
-
-    Returns
-    -------
-    x, difference : casadi.SX, shape (n, 1)
-        The difference is 0 if the method has no step of lower order.
-
+    :param tableau: the method.
+    :param f: f(x, s), shape (n, 1).
+    :param x, s, h: state (n, 1), time and step.
+    :return: x, difference: (n, 1), the difference is 0 if the method has no step of lower order.
     """
     slopes: list[ca.SX] = []
     for row, c in zip(tableau.A, tableau.c, strict=True):

@@ -10,19 +10,10 @@ def interpolate_columns(at: Array | float, t: Array, values: Array) -> Array:
     """
     Interpolate each column linearly.
 
-    Parameters
-    ----------
-    at : ndarray of any shape, or float
-        Places; outside of the samples the nearest one is used.
-    t : ndarray, shape (N,)
-        Places of the samples, not decreasing.
-    values : ndarray, shape (N, n)
-        The samples.
-
-    Returns
-    -------
-    ndarray, shape (..., n)
-
+    :param at: places; outside of the samples the nearest one is used.
+    :param t: (N,), places of the samples, not decreasing.
+    :param values: (N, n), the samples.
+    :return: (..., n).
     """
     return np.stack([np.interp(at, t, column) for column in values.T], axis=-1)
 
@@ -31,18 +22,9 @@ def find_runs(of: Mask, gap: int = 1) -> list[tuple[int, int]]:
     """
     Find the runs of true entries.
 
-    Parameters
-    ----------
-    of : ndarray of bool, shape (N,)
-        The entries.
-    gap : int
-        Distance of two true entries up to which they belong to one run.
-
-    Returns
-    -------
-    list of (int, int)
-        First and last place of each run.
-
+    :param of: (N,), the entries.
+    :param gap: distance of two true entries up to which they belong to one run.
+    :return: first and last place of each run.
     """
     places = np.flatnonzero(of)
     return [(int(run[0]), int(run[-1])) for run in np.split(

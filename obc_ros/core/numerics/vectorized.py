@@ -24,15 +24,9 @@ class VectorizedFunction:
     are passed by address: the conversion of a thousand rows to `casadi.DM` takes longer than their
     evaluation. After `_MANY` rows they are evaluated by columns. Not thread-safe.
 
-    Parameters
-    ----------
-    inputs : sequence of casadi.SX
-        Columns of symbols.
-    outputs : sequence of casadi.SX
-        Expressions of the symbols; a matrix is taken column by column.
-    few : int, optional
-        Rows of a batch.
-
+    :param inputs: columns of symbols.
+    :param outputs: expressions of the symbols; a matrix is taken column by column.
+    :param few: rows of a batch.
     """
 
     def __init__(self, inputs: Sequence[ca.SX], outputs: Sequence[ca.SX],
@@ -49,16 +43,9 @@ class VectorizedFunction:
         """
         Return the outputs.
 
-        Parameters
-        ----------
-        *arguments : ndarray, shape (K, length) or (length,)
-            One for each input; a single row is used for all K.
-
-        Returns
-        -------
-        tuple of ndarray, shape (K, length)
-            One for each output.
-
+        :param *arguments: (K, length) or (length,), one for each input; a single row is used for
+            all K.
+        :return: (K, length), one for each output.
         """
         result = self.joined(*arguments)
         return tuple(result[:, start:end] for start, end in pairwise(self._outputs))
@@ -85,13 +72,9 @@ class VectorizedFunction:
         """
         Return the outputs side by side for inputs side by side.
 
-        Parameters
-        ----------
-        w : ndarray, shape (K, sum of the lengths of the inputs)
-            The inputs.
-        result : ndarray, shape (K, sum of the lengths of the outputs), optional
-            Array to write to and to return.
-
+        :param w: (K, sum of the lengths of the inputs), the inputs.
+        :param result: (K, sum of the lengths of the outputs), optional, array to write to and to
+            return.
         """
         count = len(w)
         if result is None:
@@ -125,15 +108,9 @@ class Chain:
     """
     A recursion z_(k+1) = F(z_k, w_k), evaluated for the rows w_k of arrays.
 
-    Parameters
-    ----------
-    z : casadi.SX
-        Column of symbols.
-    given : sequence of casadi.SX
-        Columns of symbols, together w.
-    after : casadi.SX
-        F, an expression of these symbols of the shape of z.
-
+    :param z: column of symbols.
+    :param given: columns of symbols, together w.
+    :param after: F, an expression of these symbols of the shape of z.
     """
 
     def __init__(self, z: ca.SX, given: Sequence[ca.SX], after: ca.SX) -> None:
@@ -145,13 +122,8 @@ class Chain:
         """
         Return z after each step, shape (K, length of z).
 
-        Parameters
-        ----------
-        first : ndarray, shape (length of z,)
-            z before the first step.
-        *given : ndarray, shape (K, length) or (length,)
-            A single row is used for all K steps.
-
+        :param first: (length of z,), z before the first step.
+        :param *given: (K, length) or (length,), a single row is used for all K steps.
         """
         return np.asarray(self.each(first, *given)[0])
 
@@ -159,13 +131,8 @@ class Chain:
         """
         Return z after each step of R sequences from the same z, shape (R, K, length of z).
 
-        Parameters
-        ----------
-        first : ndarray, shape (length of z,)
-            z before the first step.
-        *given : ndarray, shape (R, K, length) or broadcast to it
-            R and K are read from the first array.
-
+        :param first: (length of z,), z before the first step.
+        :param *given: (R, K, length) or broadcast to it, R and K are read from the first array.
         """
         courses, count = len(given[0]) if given[0].ndim == 3 else 1, given[0].shape[-2]
         rows = -(-count // _FEW) * _FEW

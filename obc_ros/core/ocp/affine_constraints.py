@@ -36,20 +36,12 @@ class End:
     """
     The states x + N y at which all affine terminal constraints hold.
 
-    Attributes
-    ----------
-    rows : dict of int to Row
-        The constraints A x + b = 0 by their numbers; b is in column n.
-    x : list of Fraction
-        A state that meets them, shape (n,), unless there is a clash.
-    directions : list of Row
-        A basis of the null space of A.
-    clash : Clash or None
-        A contradiction between the constraints.
-    is_clear : bool
-        Whether the rank of A is clear numerically. If rows are nearly dependent, states far away
-        nearly meet the constraints.
-
+    :ivar rows: the constraints A x + b = 0 by their numbers; b is in column n.
+    :ivar x: a state that meets them, shape (n,), unless there is a clash.
+    :ivar directions: a basis of the null space of A.
+    :ivar clash: a contradiction between the constraints.
+    :ivar is_clear: whether the rank of A is clear numerically. If rows are nearly dependent,
+        states far away nearly meet the constraints.
     """
 
     rows: dict[int, RationalRow]
@@ -69,16 +61,8 @@ def find_affine_end(problem: Problem) -> End | None:
     """
     Find the states that satisfy all affine terminal constraints.
 
-    Parameters
-    ----------
-    problem : Problem
-        Any problem.
-
-    Returns
-    -------
-    End or None
-        None if there are no affine constraints, or if they are too large for exact arithmetic.
-
+    :return: None if there are no affine constraints, or if they are too large for exact
+        arithmetic.
     """
     n = problem.n
     psi = ca.Function('psi', [problem.x, problem.p], [ca.densify(problem.psi)])
@@ -102,19 +86,10 @@ def read_affine_rows(function: ca.Function, values: Sequence[Sequence[float | No
     """
     Return the affine entries of the output of a function of SX.
 
-    Parameters
-    ----------
-    function : casadi.Function
-        Its first input has no values.
-    values : sequence of sequence
-        As for `read_polynomials`.
-
-    Returns
-    -------
-    dict
-        For the number of each affine entry its coefficients, the constant behind them; empty if
-        an entry is too large for exact arithmetic.
-
+    :param function: its first input has no values.
+    :param values: as for `read_polynomials`.
+    :return: for the number of each affine entry its coefficients, the constant behind them; empty
+        if an entry is too large for exact arithmetic.
     """
     try:
         found = read_polynomials(function, values)[1]
@@ -130,20 +105,10 @@ def eliminate_rows(rows: dict[int, RationalRow], n: int) -> tuple[dict[int, Rati
     """
     Bring linear equations into echelon form and find a contradiction between them.
 
-    Parameters
-    ----------
-    rows : dict of int to Row
-        The equations A x + b = 0 by their numbers; b is in column n.
-    n : int
-        Number of unknowns.
-
-    Returns
-    -------
-    echelon : dict of int to Row
-        Independent rows by the columns of their pivots; entries behind column n are weights.
-    clash : Clash or None
-        The first contradiction, if there is one.
-
+    :param rows: the equations A x + b = 0 by their numbers; b is in column n.
+    :param n: number of unknowns.
+    :return: echelon: independent rows by the columns of their pivots; entries behind column n are
+        weights; clash: the first contradiction, if there is one.
     """
     echelon: dict[int, RationalRow] = {}
     clash = None

@@ -31,13 +31,9 @@ class Augmentation:
     """
     The additional states of a statement, in the order in which they are added.
 
-    Attributes
-    ----------
-    x : dict of str to casadi.SX
-        Symbols of the states of the statement.
-    x0, lower, upper : list of float
-        x(0), or an initial guess of it, and its bounds; those of the additional states follow.
-
+    :ivar x: symbols of the states of the statement.
+    :ivar x0, lower, upper: x(0), or an initial guess of it, and its bounds; those of the
+        additional states follow.
     """
 
     x: dict[str, ca.SX]
@@ -52,15 +48,9 @@ class Augmentation:
         """
         Add a state with a constant rate.
 
-        Parameters
-        ----------
-        name, symbol : str, casadi.SX
-            Its name and its symbol.
-        start : tuple of float
-            Initial guess, lower and upper bound of its initial value.
-        rate : float
-            Its derivative.
-
+        :param name, symbol: its name and its symbol.
+        :param start: initial guess, lower and upper bound of its initial value.
+        :param rate: its derivative.
         """
         self.x[name] = symbol
         for values, value in zip((self.x0, self.lower, self.upper), start, strict=True):
@@ -71,11 +61,7 @@ class Augmentation:
         """
         Return expressions of x(0) as expressions of additional states, which are added.
 
-        Parameters
-        ----------
-        expressions : iterable of casadi.SX
-            Of the symbols of the states, which stand for x(0).
-
+        :param expressions: of the symbols of the states, which stand for x(0).
         """
         given = list(expressions)
         own = list(self.x.items())[:len(self.x) - len(self._rates)]
@@ -113,20 +99,9 @@ def hide_added_states(problem: Problem, solution: Solution) -> Solution:
     """
     Return a solution with the states of the statement only, and with its phases in order.
 
-    Parameters
-    ----------
-    problem : Problem
-        The problem.
-    solution : Solution
-        Its solution.
-
-    Returns
-    -------
-    Solution
-        Without the columns of additional states in x, lam and state_multipliers, and with
+    :return: without the columns of additional states in x, lam and state_multipliers, and with
         `free_parameters`. H is that of the statement, which is not constant if the time occurs.
         With phases, H and multipliers along the path are left out.
-
     """
     n, x = problem.stated, solution.x
     if problem.phases is not None:
@@ -149,13 +124,7 @@ def name_attempts(problem: Problem, attempts: Iterable[Attempt]) -> tuple[Attemp
     """
     Return the attempts of a search in the words of the statement.
 
-    Parameters
-    ----------
-    problem : Problem
-        The problem.
-    attempts : iterable of Attempt
-        What was tried to solve it.
-
+    :param attempts: what was tried to solve it.
     """
     if problem.phases is None:
         return tuple(attempts)
@@ -185,19 +154,9 @@ def restore_added_states(problem: Problem, solution: Solution) -> Solution:
     """
     Return a solution with the states of the problem, from one with those of the statement.
 
-    Parameters
-    ----------
-    problem : Problem
-        The problem.
-    solution : Solution
-        As `hide_added_states` returns it.
-
-    Returns
-    -------
-    Solution
-        The costates of additional states are 0. They act on no other costate and on no input.
+    :param solution: as `hide_added_states` returns it.
+    :return: the costates of additional states are 0. They act on no other costate and on no input.
         With phases, the solution as it is.
-
     """
     if not solution.t.size or solution.x.shape[1] == problem.n or problem.phases is not None:
         return solution

@@ -23,15 +23,9 @@ class Target:
     """
     Target to be reached in minimum time.
 
-    Attributes
-    ----------
-    rate : float
-        L, a constant > 0.
-    V : float
-        The terminal cost, a constant.
-    C, d : ndarray, shape (q, n) and (q,)
-        The terminal constraints are psi = C x(T) - d = 0, q >= 1.
-
+    :ivar rate: L, a constant > 0.
+    :ivar V: the terminal cost, a constant.
+    :ivar C, d: (q, n) and (q,), the terminal constraints are psi = C x(T) - d = 0, q >= 1.
     """
 
     rate: float
@@ -62,16 +56,7 @@ def find_target(problem: Problem) -> Target | None:
     """
     Return the target of a minimum-time problem.
 
-    Parameters
-    ----------
-    problem : Problem
-        Any problem.
-
-    Returns
-    -------
-    Target or None
-        None for a problem that is not of this form.
-
+    :return: None for a problem that is not of this form.
     """
     if not (problem.final_time.free and problem.boxed.all() and problem.q) or problem.constrained:
         return None
@@ -90,16 +75,7 @@ def find_affine_dynamics(problem: Problem) -> Affine | None:
     """
     Return the coefficients of affine dynamics.
 
-    Parameters
-    ----------
-    problem : Problem
-        Any problem.
-
-    Returns
-    -------
-    Affine or None
-        None if the dynamics are not affine in (x, u), or not finite at 0.
-
+    :return: None if the dynamics are not affine in (x, u), or not finite at 0.
     """
     form = _form(problem)
     if not form.is_affine:
@@ -143,17 +119,8 @@ def get_final_time(problem: Problem) -> float:
     """
     Return the given final time, or the initial guess of a free one.
 
-    Parameters
-    ----------
-    problem : Problem
-        Any problem.
-
-    Returns
-    -------
-    float
-        T [s]; if it is free, the guess of the problem, clipped to the bounds. Without a guess,
-        the geometric mean of the bounds.
-
+    :return: T [s]; if it is free, the guess of the problem, clipped to the bounds. Without a
+        guess, the geometric mean of the bounds.
     """
     final = problem.final_time
     if not final.free:

@@ -12,21 +12,9 @@ def get_method(value: object) -> str:
     """
     Return the name of a method.
 
-    Parameters
-    ----------
-    value : object
-        A name, as a user wrote it; None and '' mean 'auto'.
-
-    Returns
-    -------
-    str
-        One of `NAMES`.
-
-    Raises
-    ------
-    StatementError
-        If there is no such method.
-
+    :param value: a name, as a user wrote it; None and '' mean 'auto'.
+    :return: one of `NAMES`.
+    :raises StatementError: if there is no such method.
     """
     if value is None or value == '':
         return AUTO

@@ -25,17 +25,8 @@ def has_convex_paths(problem: Problem) -> bool:
     """
     Return whether the set of admissible paths is convex.
 
-    Parameters
-    ----------
-    problem : Problem
-        Any problem.
-
-    Returns
-    -------
-    bool
-        Whether dynamics and constraints are affine and T is given; costs are not examined. States
-        with constant rates are functions of time, on which these may depend.
-
+    :return: whether dynamics and constraints are affine and T is given; costs are not examined.
+        States with constant rates are functions of time, on which these may depend.
     """
     moving = np.flatnonzero(~find_clocks(problem)).tolist()
     z = ca.vertcat(problem.x[moving, 0], problem.u)

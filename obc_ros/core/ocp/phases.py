@@ -66,21 +66,10 @@ class PhaseLayout:
         """
         Return samples of all phases, one phase after the other.
 
-        Parameters
-        ----------
-        times : ndarray, shape (N,)
-            Normalised times, from 0 to 1.
-        durations : ndarray, shape (phases,)
-            Of the phases [s].
-        *columns : ndarray, shape (N, phases * m)
-            Values of the phases side by side.
-
-        Returns
-        -------
-        t : ndarray, shape (phases * N,)
-            Times [s].
-        *values : ndarray, shape (phases * N, m)
-
+        :param times: (N,), normalised times, from 0 to 1.
+        :param durations: (phases,), of the phases [s].
+        :param *columns: (N, phases * m), values of the phases side by side.
+        :return: t: (phases * N,), times [s]; *values: (phases * N, m).
         """
         starts = np.append(0.0, np.cumsum(durations))[:-1]
         count = len(self.names)
@@ -105,23 +94,9 @@ def state_as_one_phase(given: Mapping[Any, Any]) -> tuple[dict[str, Any], PhaseL
     """
     Return the statement with one phase that is equivalent to one with phases.
 
-    Parameters
-    ----------
-    given : mapping
-        With the key `phases`; see docs/problems.md.
-
-    Returns
-    -------
-    statement : dict
-        Without it.
-    layout : PhaseLayout
-        What its states and inputs are.
-
-    Raises
-    ------
-    StatementError
-        If the phases are invalid.
-
+    :param given: with the key `phases`; see docs/problems.md.
+    :return: statement: without it; layout: what its states and inputs are.
+    :raises StatementError: if the phases are invalid.
     """
     for key in _UNUSED:
         if given.get(key) is not None:
@@ -154,18 +129,9 @@ def state_each_phase(given: Mapping[Any, Any]) -> Iterator[tuple[dict[str, Any],
 
     An error in one of them is an error of the statement, in its own names and texts.
 
-    Parameters
-    ----------
-    given : mapping
-        With the key `phases`, which `state_as_one_phase` accepts.
-
-    Yields
-    ------
-    statement : dict
-        Without it: a phase, a link, or the end of the last phase.
-    rename : callable
-        Returns a message about this part as one about the whole statement.
-
+    :param given: with the key `phases`, which `state_as_one_phase` accepts.
+    :yield: statement: without it: a phase, a link, or the end of the last phase; rename: returns a
+        message about this part as one about the whole statement.
     """
     phases = given['phases']
     for k, phase in enumerate(phases):

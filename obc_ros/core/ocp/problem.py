@@ -47,15 +47,9 @@ class FinalTime:
         """
         Return times whose last one is a given T exactly, not the rounded sum of intervals.
 
-        Parameters
-        ----------
-        t : ndarray, shape (N,)
-            Times of a path [s], nondecreasing; those that equal the last one go with it.
-
-        Returns
-        -------
-        ndarray, shape (N,)
-
+        :param t: (N,), times of a path [s], nondecreasing; those that equal the last one go with
+            it.
+        :return: (N,).
         """
         return t if self.free else np.where(t < t[-1], np.minimum(t, self.value), self.value)
 
@@ -65,13 +59,9 @@ class FreeStart:
     """
     Where x(0) may be, if it is not given.
 
-    Attributes
-    ----------
-    lower, upper : ndarray, shape (n,)
-        Bounds of x(0); equal for a state whose x(0) is given, -inf and inf for none.
-    linked : tuple of (int, int)
-        Pairs (i, j) of states that are equal at t = 0. No j is in two of them.
-
+    :ivar lower, upper: (n,), bounds of x(0); equal for a state whose x(0) is given, -inf and inf
+        for none.
+    :ivar linked: pairs (i, j) of states that are equal at t = 0. No j is in two of them.
     """
 
     lower: Array
@@ -87,46 +77,28 @@ class Problem:
     Numbers that a user would vary (parameters, x0, bounds, T) do not appear in the expressions,
     so that two problems with the same `structure` can share compiled programs.
 
-    Attributes
-    ----------
-    states, inputs, parameters : tuple of str
-        Names, in the order of x (n,), u (m,) and p (k,).
-    x, u, p : casadi.SX
-        Symbols, columns.
-    f, L, V, psi : casadi.SX
-        dx/dt (n, 1), running cost, terminal cost (of x), terminal constraints (q, 1) (of x).
-    path : casadi.SX
-        Path constraints c(x, u), shape (l, 1), path_lower <= c <= path_upper.
-    p_value, x0 : ndarray
-        Values of p (k,) and of x(0) (n,); where x(0) is not given, an initial guess of it.
-    x_lower, x_upper, u_lower, u_upper, path_lower, path_upper : ndarray
-        Bounds; -inf and inf for none.
-    final_time : FinalTime
-        Final time [s].
-    guess : Guess
-        Initial guess.
-    angles : tuple of bool
-        For each state, whether it wraps; used for guesses only.
-    structure : str
-        Equal for two problems that differ only in numbers.
-    method : str
-        Method to solve it with, one of `method_names.NAMES`.
-    start : FreeStart or None
-        None if x(0) = x0.
-    added : int
-        Number of the states, the last ones, that the statement does not have: the time, free
-        parameters, initial values. See `augmentation`.
-    free_parameters : tuple of str
-        Names of those of the added states that are parameters to be found.
-    has_clock : bool
-        Whether the first of the added states is the time.
-    phases : PhaseLayout or None
-        What the states and the inputs are if the statement has phases; T is 1 then.
-    ends : tuple of str
-        The keys of the statement that the rows of psi are from.
-    units : mapping
-        Units by name, of states, inputs and parameters; for figures only.
-
+    :ivar states, inputs, parameters: names, in the order of x (n,), u (m,) and p (k,).
+    :ivar x, u, p: symbols, columns.
+    :ivar f, L, V, psi: dx/dt (n, 1), running cost, terminal cost (of x), terminal constraints (q,
+        1) (of x).
+    :ivar path: path constraints c(x, u), shape (l, 1), path_lower <= c <= path_upper.
+    :ivar p_value, x0: values of p (k,) and of x(0) (n,); where x(0) is not given, an initial guess
+        of it.
+    :ivar x_lower, x_upper, u_lower, u_upper, path_lower, path_upper: bounds; -inf and inf for
+        none.
+    :ivar final_time: final time [s].
+    :ivar guess: initial guess.
+    :ivar angles: for each state, whether it wraps; used for guesses only.
+    :ivar structure: equal for two problems that differ only in numbers.
+    :ivar method: method to solve it with, one of `method_names.NAMES`.
+    :ivar start: None if x(0) = x0.
+    :ivar added: number of the states, the last ones, that the statement does not have: the time,
+        free parameters, initial values. See `augmentation`.
+    :ivar free_parameters: names of those of the added states that are parameters to be found.
+    :ivar has_clock: whether the first of the added states is the time.
+    :ivar phases: what the states and the inputs are if the statement has phases; T is 1 then.
+    :ivar ends: the keys of the statement that the rows of psi are from.
+    :ivar units: units by name, of states, inputs and parameters; for figures only.
     """
 
     name: str
@@ -217,11 +189,7 @@ class Problem:
         """
         Return the problem whose x(0) is given: that of a path where it is free.
 
-        Parameters
-        ----------
-        x : ndarray, shape (n,)
-            Initial state of the path.
-
+        :param x: (n,), initial state of the path.
         """
         if self.start is None:
             return self

@@ -91,25 +91,13 @@ def build_problem(mapping: object) -> Problem:
     """
     Build a problem from a mapping with the keys of a problem file.
 
-    Parameters
-    ----------
-    mapping : object
-        A mapping of keys to values; see docs/problems.md. Keys that only a plant file has, such
-        as angles, are ignored, so that one file can be both. Dynamics, costs and constraints may
-        be Python functions (`stated_functions`), and `system` may be a System.
-
-    Returns
-    -------
-    Problem
-        Parameters are symbols, and so are the numbers in terminal constraints (except exponents),
-        which follow the named parameters in `p`. Hence problems that differ only in parameters,
-        initial state, goal, bounds or final time have the same `structure`.
-
-    Raises
-    ------
-    StatementError
-        If the statement is invalid; the message begins with the key at fault.
-
+    :param mapping: a mapping of keys to values; see docs/problems.md. Keys that only a plant file
+        has, such as angles, are ignored, so that one file can be both. Dynamics, costs and
+        constraints may be Python functions (`stated_functions`), and `system` may be a System.
+    :return: parameters are symbols, and so are the numbers in terminal constraints (except
+        exponents), which follow the named parameters in `p`. Hence problems that differ only in
+        parameters, initial state, goal, bounds or final time have the same `structure`.
+    :raises StatementError: if the statement is invalid; the message begins with the key at fault.
     """
     given = read_mapping(mapping, 'problem')
     check_keys(given, FOR_THE_SOLVER, OF_A_PLANT + FOR_PEOPLE)
@@ -190,22 +178,10 @@ def load_file(path: str | Path) -> list[dict[str, Any]]:
     """
     Read the mappings in a YAML file: one, or a list of them.
 
-    Parameters
-    ----------
-    path : str or Path
-        The file.
-
-    Returns
-    -------
-    list of dict
-        A mapping without `name` gets the name of the file (and its number in a list).
-
-    Raises
-    ------
-    StatementError
-        If the file cannot be read, is too long, is not YAML, or contains a key twice, or if an
-        entry is not a mapping.
-
+    :param path: the file.
+    :return: a mapping without `name` gets the name of the file (and its number in a list).
+    :raises StatementError: if the file cannot be read, is too long, is not YAML, or contains a key
+        twice, or if an entry is not a mapping.
     """
     mappings = []
     for _, entry in read_entries(path):

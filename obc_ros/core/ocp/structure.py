@@ -15,15 +15,7 @@ def find_switching_inputs(problem: Problem) -> tuple[bool, ...]:
     """
     Return for each input whether H is affine in it for constant other inputs.
 
-    Parameters
-    ----------
-    problem : Problem
-        Any problem.
-
-    Returns
-    -------
-    tuple of bool, length m
-
+    :return: length m.
     """
     lam = ca.SX.sym('lam', problem.n)
     H = problem.L + ca.dot(lam, problem.f)
@@ -36,16 +28,8 @@ def find_idle_inputs(problem: Problem) -> tuple[bool, ...]:
     """
     Return for each input whether it appears neither in L nor in a rate that matters at T.
 
-    Parameters
-    ----------
-    problem : Problem
-        Any problem.
-
-    Returns
-    -------
-    tuple of bool, length m
-        True if the input appears neither in L nor in dx_i/dt of a state x_i in V or psi.
-
+    :return: length m, True if the input appears neither in L nor in dx_i/dt of a state x_i in V or
+        psi.
     """
     x, u = problem.x, problem.u
     ends = find_dependence(ca.vertcat(problem.V, problem.psi), x).any(axis=0)
@@ -57,17 +41,8 @@ def find_deciding_inputs(problem: Problem) -> Mask:
     """
     Return which inputs appear in the derivatives of states and of path constraints.
 
-    Parameters
-    ----------
-    problem : Problem
-        Any problem.
-
-    Returns
-    -------
-    ndarray of bool, shape (n + l, m)
-        A row for each entry of (x, c). The rows of path constraints that depend on inputs
-        themselves are False.
-
+    :return: (n + l, m), a row for each entry of (x, c). The rows of path constraints that depend
+        on inputs themselves are False.
     """
     rows = ca.vertcat(problem.x, problem.path)
     rate = ca.mtimes(ca.jacobian(rows, problem.x), problem.f)
@@ -79,15 +54,7 @@ def find_shared_inputs(problem: Problem) -> Mask:
     """
     Return which inputs appear in path constraints.
 
-    Parameters
-    ----------
-    problem : Problem
-        Any problem.
-
-    Returns
-    -------
-    ndarray of bool, shape (m,)
-
+    :return: (m,).
     """
     return np.asarray(find_dependence(problem.path, problem.u).any(axis=0))
 
@@ -96,16 +63,7 @@ def find_mixed_equalities(problem: Problem) -> Mask:
     """
     Return the inputs of each path constraint that is an equality of states and inputs.
 
-    Parameters
-    ----------
-    problem : Problem
-        Any problem.
-
-    Returns
-    -------
-    ndarray of bool, shape (k, m)
-        A row for each of the k equalities.
-
+    :return: (k, m), a row for each of the k equalities.
     """
     inputs = np.asarray(find_dependence(problem.path, problem.u))
     mixed = inputs.any(axis=1) & find_dependence(problem.path, problem.x).any(axis=1)
@@ -116,16 +74,7 @@ def find_clocks(problem: Problem) -> Mask:
     """
     Return the states with a given x(0) whose rates are constant, for example a time.
 
-    Parameters
-    ----------
-    problem : Problem
-        Any problem.
-
-    Returns
-    -------
-    ndarray of bool, shape (n,)
-        With T given, such a state is a known function of time.
-
+    :return: (n,), with T given, such a state is a known function of time.
     """
     z = ca.vertcat(problem.x, problem.u)
     steady = [not ca.depends_on(rate, z) for rate in ca.vertsplit(problem.f)]
@@ -136,17 +85,8 @@ def find_branching_inputs(problem: Problem) -> Mask:
     """
     Return the bounded inputs in which H may have several minima.
 
-    Parameters
-    ----------
-    problem : Problem
-        Any problem.
-
-    Returns
-    -------
-    ndarray of bool, shape (m,)
-        True if both bounds exist, the curvature of H in the input depends on this input, and no
-        path constraint contains it.
-
+    :return: (m,), True if both bounds exist, the curvature of H in the input depends on this
+        input, and no path constraint contains it.
     """
     lam, u = ca.SX.sym('lam', problem.n), problem.u
     H = problem.L + ca.dot(lam, problem.f)
@@ -159,17 +99,9 @@ def make_differentiable(problem: Problem) -> Problem:
     """
     Return a problem in whose expressions norms of states have derivatives at 0.
 
-    Parameters
-    ----------
-    problem : Problem
-        Any problem, as one with the drag sqrt(vx^2 + vy^2) vx that begins at rest.
-
-    Returns
-    -------
-    Problem
-        To be differentiated, not for proofs: a norm that is 0 becomes 1e-150. `problem` itself if
-        no norm of states alone occurs.
-
+    :param problem: any problem, as one with the drag sqrt(vx^2 + vy^2) vx that begins at rest.
+    :return: to be differentiated, not for proofs: a norm that is 0 becomes 1e-150. `problem`
+        itself if no norm of states alone occurs.
     """
     stated = problem.f, problem.L, problem.V, problem.psi, problem.path
     f, L, V, psi, path = make_norms_differentiable(

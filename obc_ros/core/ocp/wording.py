@@ -17,16 +17,8 @@ def format_number(value: float) -> str:
     """
     Return a number as text.
 
-    Parameters
-    ----------
-    value : float
-        A number.
-
-    Returns
-    -------
-    str
-        Six significant digits; '0' if its magnitude is at most 1e-12.
-
+    :param value: a number.
+    :return: six significant digits; '0' if its magnitude is at most 1e-12.
     """
     return f'{value:.6g}' if abs(value) > 1e-12 else '0'
 
@@ -35,18 +27,8 @@ def describe_terminal(problem: Problem, row: int) -> str:
     """
     Return a terminal constraint as text.
 
-    Parameters
-    ----------
-    problem : Problem
-        Any problem.
-    row : int
-        Index of the constraint.
-
-    Returns
-    -------
-    str
-        An equation such as ``x = 2`` or ``x + 2*v = 9`` if it is affine, else its key.
-
+    :param row: index of the constraint.
+    :return: an equation such as ``x = 2`` or ``x + 2*v = 9`` if it is affine, else its key.
     """
     rows = find_affine_rows(problem)
     if rows is None or not rows.affine[row]:
@@ -61,20 +43,9 @@ def state_bound(problem: Problem, index: int, upper: bool) -> str:
     """
     Return a state bound as text.
 
-    Parameters
-    ----------
-    problem : Problem
-        Any problem.
-    index : int
-        Index of the state.
-    upper : bool
-        Whether the upper bound is meant.
-
-    Returns
-    -------
-    str
-        Such as ``v <= 1``.
-
+    :param index: index of the state.
+    :param upper: whether the upper bound is meant.
+    :return: such as ``v <= 1``.
     """
     bound = (problem.x_upper if upper else problem.x_lower)[index]
     return f'{problem.states[index]} {"<=" if upper else ">="} {format_number(bound)}'
@@ -93,18 +64,9 @@ def describe_sum(terms: Iterable[tuple[str, float]], times: str = '*') -> str:
     """
     Return a sum as text.
 
-    Parameters
-    ----------
-    terms : iterable of (str, float)
-        Names, and their factors; a factor of 1 is left out.
-    times : str
-        What stands between a factor and a name.
-
-    Returns
-    -------
-    str
-        Such as ``2*x - y``.
-
+    :param terms: names, and their factors; a factor of 1 is left out.
+    :param times: what stands between a factor and a name.
+    :return: such as ``2*x - y``.
     """
     text = ''
     for name, factor in terms:
@@ -117,16 +79,7 @@ def find_affine_rows(problem: Problem) -> AffineRows | None:
     """
     Return the coefficients of the affine terminal constraints.
 
-    Parameters
-    ----------
-    problem : Problem
-        Any problem.
-
-    Returns
-    -------
-    AffineRows or None
-        None if there are no terminal constraints. Rows of nonlinear ones have no meaning.
-
+    :return: None if there are no terminal constraints. Rows of nonlinear ones have no meaning.
     """
     if not problem.q:
         return None

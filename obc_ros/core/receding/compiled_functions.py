@@ -44,18 +44,9 @@ def compile_function(function: ca.Function, directory: Path | None = None) -> Co
     """
     Compile a function, or load it if it was compiled before.
 
-    Parameters
-    ----------
-    function : casadi.Function
-        Its operations must have C code.
-    directory : Path, optional
-        Where it is kept; default: `find_cache_directory`.
-
-    Returns
-    -------
-    CompiledFunction
-        The function as given if it cannot be compiled; the sentence says why.
-
+    :param function: its operations must have C code.
+    :param directory: where it is kept; default: `find_cache_directory`.
+    :return: the function as given if it cannot be compiled; the sentence says why.
     """
     compiler = shutil.which('cc')
     if compiler is None:

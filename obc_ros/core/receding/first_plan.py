@@ -26,18 +26,11 @@ class FirstPlanReport:
     """
     What was checked of a first plan.
 
-    Attributes
-    ----------
-    accepted : bool
-        Whether the controller may become active.
-    reasons : tuple of str
-        Why not; empty if it may.
-    words : str
-        The result in a sentence.
-    end : float or None
-        V(x_N) over the level of the terminal set: at most 1 if the plan ends in it; None without
-        a set.
-
+    :ivar accepted: whether the controller may become active.
+    :ivar reasons: why not; empty if it may.
+    :ivar words: the result in a sentence.
+    :ivar end: V(x_N) over the level of the terminal set: at most 1 if the plan ends in it; None
+        without a set.
     """
 
     accepted: bool
@@ -56,25 +49,12 @@ def check_first_plan(problem: RecedingProblem, result: StepResult,
     optimal to the tolerance, and ends in the terminal set if it must. From there the regulator is
     proved to keep all limits, so that the plan and the regulator keep them for all time.
 
-    Parameters
-    ----------
-    problem : RecedingProblem
-        The problem.
-    result : StepResult
-        The step that found the plan.
-    terminal : TerminalSet, optional
-        The set of `find_terminal_set`.
-    must_end_in_set : bool
-        Whether a plan that ends outside of the set is refused.
-    present : mapping of str to float, optional
-        By how much the plan that is followed exceeds limits, by their names. The new plan may
-        exceed them as much, or as the state at its beginning, which no plan changes. None: it may
-        not exceed any.
-
-    Returns
-    -------
-    FirstPlanReport
-
+    :param result: the step that found the plan.
+    :param terminal: the set of `find_terminal_set`.
+    :param must_end_in_set: whether a plan that ends outside of the set is refused.
+    :param present: by how much the plan that is followed exceeds limits, by their names. The new
+        plan may exceed them as much, or as the state at its beginning, which no plan changes.
+        None: it may not exceed any.
     """
     plan = result.plan
     if plan is None or not plan.is_finite:

@@ -42,15 +42,10 @@ class RecedingProblem:
     """
     A receding horizon about a set point.
 
-    Attributes
-    ----------
-    design : Design
-        The sampled regulator at the set point, whose weights, gain and cost-to-go are used.
-    limits : Problem
-        Bounds and path constraints, in its symbols and with its numbers.
-    horizon : int
-        Number N of periods.
-
+    :ivar design: the sampled regulator at the set point, whose weights, gain and cost-to-go are
+        used.
+    :ivar limits: bounds and path constraints, in its symbols and with its numbers.
+    :ivar horizon: number N of periods.
     """
 
     design: Design
@@ -180,15 +175,9 @@ class SoftLimits:
     """
     The softened limits lower <= rows(e, v, shift) <= upper, with x = xe + shift + e.
 
-    Attributes
-    ----------
-    names : tuple of str
-        Of the states with bounds and the path constraints.
-    rows, e, v, shift : casadi.SX
-        Expressions (r, 1) and their symbols.
-    lower, upper : ndarray, shape (r,)
-        -inf and inf for none.
-
+    :ivar names: of the states with bounds and the path constraints.
+    :ivar rows, e, v, shift: expressions (r, 1) and their symbols.
+    :ivar lower, upper: (r,), -inf and inf for none.
     """
 
     names: tuple[str, ...]
@@ -218,30 +207,14 @@ def state_receding_problem(system: System, *, horizon: int, period: float,
     """
     State a receding horizon for a system.
 
-    Parameters
-    ----------
-    system : System
-        The system.
-    horizon : int
-        Number of periods, 1 to 1000.
-    period : float
-        Time for which an input is held [s].
-    weights : mapping, optional
-        As for the regulator: Qx, Qu, cross, or others of `weights.choose`.
-    setpoint, setpoint_input : sequence of float
-        State (n,) and input (m,); empty: those of the system.
-    limits : mapping, optional
-        `state_bounds`, `input_bounds`, `path_constraints` as in a problem file.
-
-    Raises
-    ------
-    StatementError
-        If a number or a key is wrong.
-    DynamicsError
-        If there is no equilibrium at the set point.
-    RefusedDesignError
-        If there is no gain with verified stability.
-
+    :param horizon: number of periods, 1 to 1000.
+    :param period: time for which an input is held [s].
+    :param weights: as for the regulator: Qx, Qu, cross, or others of `weights.choose`.
+    :param setpoint, setpoint_input: state (n,) and input (m,); empty: those of the system.
+    :param limits: `state_bounds`, `input_bounds`, `path_constraints` as in a problem file.
+    :raises StatementError: if a number or a key is wrong.
+    :raises DynamicsError: if there is no equilibrium at the set point.
+    :raises RefusedDesignError: if there is no gain with verified stability.
     """
     given = dict(limits or {})
     for key in given:
@@ -261,20 +234,10 @@ def add_limits(found: Design, horizon: int, limits: Mapping[str, Any]) -> Recedi
     """
     Return the receding horizon of a sampled regulator within limits.
 
-    Parameters
-    ----------
-    found : Design
-        The regulator.
-    horizon : int
-        Number of periods.
-    limits : mapping
-        `state_bounds`, `input_bounds`, `path_constraints` as in a problem file.
-
-    Raises
-    ------
-    StatementError
-        If a limit cannot be read, or the set point violates it.
-
+    :param found: the regulator.
+    :param horizon: number of periods.
+    :param limits: `state_bounds`, `input_bounds`, `path_constraints` as in a problem file.
+    :raises StatementError: if a limit cannot be read, or the set point violates it.
     """
     system, xe = found.plant.system, found.plant.equilibrium.x.tolist()
     problem = build_problem({

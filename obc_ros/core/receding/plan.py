@@ -16,24 +16,16 @@ class Plan:
     """
     A motion of the model over the horizon, whose input is held over each period.
 
-    Attributes
-    ----------
-    stamp : float
-        Time of the first state [s].
-    period : float
-        Time between two samples [s].
-    x, u : ndarray, shape (N + 1, n) and (N, m)
-        States, which follow from x[0] and the inputs in the model; inputs, within their bounds.
-        An angle is continuous along the plan, within half a turn of the set point at its start.
-    cost : float
-        Cost of the horizon, without the penalty.
-    slack : mapping of str to float
-        The largest excess of each softened limit that is exceeded, in the unit of the limit.
-    residual : float
-        Relative residual of the optimality conditions; inf if it was not computed.
-    terminal_value : float
-        e'P e at the end.
-
+    :ivar stamp: time of the first state [s].
+    :ivar period: time between two samples [s].
+    :ivar x, u: (N + 1, n) and (N, m), states, which follow from x[0] and the inputs in the model;
+        inputs, within their bounds. An angle is continuous along the plan, within half a turn of
+        the set point at its start.
+    :ivar cost: cost of the horizon, without the penalty.
+    :ivar slack: the largest excess of each softened limit that is exceeded, in the unit of the
+        limit.
+    :ivar residual: relative residual of the optimality conditions; inf if it was not computed.
+    :ivar terminal_value: e'P e at the end.
     """
 
     stamp: float
@@ -54,15 +46,8 @@ class Plan:
         """
         Return the state, linear between the samples, and the held input at a time.
 
-        Parameters
-        ----------
-        t : float
-            Time [s]; before the plan its first sample is returned, after it the last one.
-
-        Returns
-        -------
-        x, u : ndarray, shape (n,) and (m,)
-
+        :param t: time [s]; before the plan its first sample is returned, after it the last one.
+        :return: x, u: (n,) and (m,).
         """
         # A sample that is reached up to rounding has the input that begins there.
         place = min(max((t - self.stamp) / self.period, 0.0), float(len(self.u)))
@@ -76,16 +61,8 @@ class Plan:
         """
         Return the rest of the plan from sample k on.
 
-        Parameters
-        ----------
-        k : int
-            At least 0 and below N.
-
-        Raises
-        ------
-        StatementError
-            If nothing is left.
-
+        :param k: at least 0 and below N.
+        :raises StatementError: if nothing is left.
         """
         if not 0 <= k < len(self.u):
             raise StatementError(f'shift of {k} periods: the plan has {len(self.u)}')

@@ -38,23 +38,15 @@ class Restatement:
     """
     A problem as the parameters of a receding horizon.
 
-    Attributes
-    ----------
-    setpoint, setpoint_input : tuple of float
-        State (n,) and input (m,) at the minimum of the running cost; no input if the state
-        determines it.
-    Qx, Qu, cross : tuple of float
-        Weights: a diagonal, or all entries row by row; an empty `cross` is 0.
-    x_bounds, u_limits : tuple of float
-        Lower and upper bound of each state (2 n) and input (2 m) in turn; empty: none, and those
-        of the system.
-    path_constraints : tuple of str
-        Expressions of states, inputs and parameters of the system that are at most 0.
-    horizon : float
-        The final time [s].
-    replaced : str
-        What of the problem is replaced, in words; empty: nothing.
-
+    :ivar setpoint, setpoint_input: state (n,) and input (m,) at the minimum of the running cost;
+        no input if the state determines it.
+    :ivar Qx, Qu, cross: weights: a diagonal, or all entries row by row; an empty `cross` is 0.
+    :ivar x_bounds, u_limits: lower and upper bound of each state (2 n) and input (2 m) in turn;
+        empty: none, and those of the system.
+    :ivar path_constraints: expressions of states, inputs and parameters of the system that are at
+        most 0.
+    :ivar horizon: the final time [s].
+    :ivar replaced: what of the problem is replaced, in words; empty: nothing.
     """
 
     setpoint: Vector
@@ -73,13 +65,7 @@ def check_restatable(problem: Problem, statement: Mapping[str, Any]) -> None:
     """
     Raise StatementError for what a receding horizon cannot take; the message begins with the key.
 
-    Parameters
-    ----------
-    problem : Problem
-        The problem.
-    statement : mapping
-        The keys and values from which it was built.
-
+    :param statement: the keys and values from which it was built.
     """
     if problem.phases is not None:
         raise StatementError('phases: a receding horizon has one phase; give one final_time')
@@ -106,21 +92,10 @@ def restate_problem(problem: Problem, statement: Mapping[str, Any], system: Syst
     """
     Return what a receding horizon takes of a problem that `check_restatable` accepts.
 
-    Parameters
-    ----------
-    problem : Problem
-        The problem.
-    statement : mapping
-        The keys and values from which it was built.
-    system : System
-        Its plant, with the parameters of the statement.
-
-    Raises
-    ------
-    StatementError
-        If the running cost is not quadratic about a set point that the plant holds, or an input
-        has no weight. The message begins with the key.
-
+    :param statement: the keys and values from which it was built.
+    :param system: its plant, with the parameters of the statement.
+    :raises StatementError: if the running cost is not quadratic about a set point that the plant
+        holds, or an input has no weight. The message begins with the key.
     """
     n = problem.n
     H, least = _find_minimum(problem, np.array([*system.setpoint, *system.setpoint_input]))

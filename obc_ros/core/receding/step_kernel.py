@@ -24,17 +24,11 @@ class HorizonMotion:
     """
     A motion of the model with admissible inputs.
 
-    Attributes
-    ----------
-    E, V : ndarray, shape (N + 1, n) and (N, m)
-        Errors about the set point, and inputs less those of the set point.
-    cost : float
-        Without the penalty.
-    excess : ndarray, shape (r,)
-        Sum of the excesses of each soft row.
-    worst : ndarray, shape (r,)
-        The largest excess of each soft row.
-
+    :ivar E, V: (N + 1, n) and (N, m), errors about the set point, and inputs less those of the set
+        point.
+    :ivar cost: without the penalty.
+    :ivar excess: (r,), sum of the excesses of each soft row.
+    :ivar worst: (r,), the largest excess of each soft row.
     """
 
     E: Array
@@ -54,19 +48,10 @@ class BufferedFunction:
 
     An output is the input of another function if both have the same name.
 
-    Parameters
-    ----------
-    function : casadi.Function
-        It must not raise an exception, which would end the process.
-    memory : dict of str to ndarray
-        The arrays by name, each of the nonzeros in the order of CasADi (by columns). The arrays
-        of further names are added, with zeros.
-
-    Raises
-    ------
-    ValueError
-        If an array has another size than the input or the output of its name.
-
+    :param function: it must not raise an exception, which would end the process.
+    :param memory: the arrays by name, each of the nonzeros in the order of CasADi (by columns).
+        The arrays of further names are added, with zeros.
+    :raises ValueError: if an array has another size than the input or the output of its name.
     """
 
     def __init__(self, function: ca.Function, memory: dict[str, Array]) -> None:
@@ -94,24 +79,11 @@ class StepKernel:
     """
     The functions of a problem and their memory.
 
-    Parameters
-    ----------
-    program : HorizonProgram
-        The program.
-    directory : Path or None
-        Directory of compiled functions; None: the default one.
-    compiled : bool
-        Whether functions are compiled if there is a compiler.
-
-    Attributes
-    ----------
-    words : str
-        A sentence on the compilation.
-    E, V : ndarray, shape (N + 1, n) and (N, m)
-        The iterate, to be written before `linearize` and `follow`.
-    lam, mu : ndarray, shape (N, n) and (N, r)
-        The multipliers in the Hessian.
-
+    :param directory: directory of compiled functions; None: the default one.
+    :param compiled: whether functions are compiled if there is a compiler.
+    :ivar words: a sentence on the compilation.
+    :ivar E, V: (N + 1, n) and (N, m), the iterate, to be written before `linearize` and `follow`.
+    :ivar lam, mu: (N, n) and (N, r), the multipliers in the Hessian.
     """
 
     def __init__(self, program: HorizonProgram, directory: Path | None, compiled: bool) -> None:

@@ -45,28 +45,17 @@ class StepResult:
     """
     What a step of the receding horizon came to.
 
-    Attributes
-    ----------
-    plan : Plan or None
-        A motion of the model with admissible inputs; None if none is finite.
-    status : str
-        'optimal', 'time', 'iterations', 'failed' or 'diverged'.
-    words : str
-        The status in words, with the limits that the plan exceeds.
-    iterations : int
-        Quadratic programs solved.
-    residual : float
-        Relative residual of the optimality conditions of the plan, computed from the problem and
-        the multipliers without the solver of the quadratic program; inf if unknown.
-    slack : dict of str to float
-        Largest excess of each softened limit that is exceeded.
-    penalty : dict of str to float
-        Weight sigma of the excess of each softened limit; exact if it is above its `multiplier`.
-    multiplier : dict of str to float
-        Largest multiplier of each softened limit.
-    seconds : float
-        Wall time.
-
+    :ivar plan: a motion of the model with admissible inputs; None if none is finite.
+    :ivar status: 'optimal', 'time', 'iterations', 'failed' or 'diverged'.
+    :ivar words: the status in words, with the limits that the plan exceeds.
+    :ivar iterations: quadratic programs solved.
+    :ivar residual: relative residual of the optimality conditions of the plan, computed from the
+        problem and the multipliers without the solver of the quadratic program; inf if unknown.
+    :ivar slack: largest excess of each softened limit that is exceeded.
+    :ivar penalty: weight sigma of the excess of each softened limit; exact if it is above its
+        `multiplier`.
+    :ivar multiplier: largest multiplier of each softened limit.
+    :ivar seconds: wall time.
     """
 
     plan: Plan | None
@@ -84,15 +73,8 @@ class StepSolver:
     """
     Solver of the steps of one problem.
 
-    Parameters
-    ----------
-    problem : RecedingProblem
-        The problem.
-    cache_dir : Path, optional
-        Directory of compiled functions; default: `find_cache_directory`.
-    compiled : bool
-        Whether functions are compiled if there is a compiler.
-
+    :param cache_dir: directory of compiled functions; default: `find_cache_directory`.
+    :param compiled: whether functions are compiled if there is a compiler.
     """
 
     def __init__(self, problem: RecedingProblem, cache_dir: Path | None = None, *,
@@ -113,11 +95,7 @@ class StepSolver:
         """
         Build, compile and run everything once; return a sentence on the compilation.
 
-        Returns
-        -------
-        str
-            Also in `words`.
-
+        :return: also in `words`.
         """
         if self._kernel is None:
             self._kernel = StepKernel(HorizonProgram(self.problem), self._directory,
@@ -131,24 +109,13 @@ class StepSolver:
         """
         Return the plan from a state.
 
-        Parameters
-        ----------
-        x0 : ndarray, shape (n,)
-            State at `stamp`.
-        start : Plan, optional
-            A plan to start from, such as the one before; it may begin earlier and end earlier
-            or later. Without it the regulator is the start.
-        deadline : float
-            Time of `time.monotonic` at which the result is returned [s]. A quadratic program that
-            was begun is ended; the duration of one is expected beforehand.
-        stamp : float
-            Time of the state [s], which places a moving set point.
-
-        Raises
-        ------
-        StatementError
-            If the state is not n finite numbers.
-
+        :param x0: (n,), state at `stamp`.
+        :param start: a plan to start from, such as the one before; it may begin earlier and end
+            earlier or later. Without it the regulator is the start.
+        :param deadline: time of `time.monotonic` at which the result is returned [s]. A quadratic
+            program that was begun is ended; the duration of one is expected beforehand.
+        :param stamp: time of the state [s], which places a moving set point.
+        :raises StatementError: if the state is not n finite numbers.
         """
         begun = time.monotonic()
         x0 = np.asarray(x0, dtype=float)

@@ -56,18 +56,12 @@ class TerminalProof:
     """
     The numbers of a proof.
 
-    Attributes
-    ----------
-    limit : str
-        What determines the level: a limit by its name, or 'decrease of V'.
-    linear_level : float
-        The largest level in which the linear limits hold.
-    decrease, offset : float
-        sqrt(V(e+)) <= decrease sqrt(V(e)) + offset for all e of the set, with decrease < 1. The
-        offset is 0 if f at the set point is proved to be exactly 0 (or its drift).
-    words : str
-        The result in a sentence.
-
+    :ivar limit: what determines the level: a limit by its name, or 'decrease of V'.
+    :ivar linear_level: the largest level in which the linear limits hold.
+    :ivar decrease, offset: sqrt(V(e+)) <= decrease sqrt(V(e)) + offset for all e of the set, with
+        decrease < 1. The offset is 0 if f at the set point is proved to be exactly 0 (or its
+        drift).
+    :ivar words: the result in a sentence.
     """
 
     limit: str
@@ -98,21 +92,11 @@ def find_terminal_set(problem: RecedingProblem) -> TerminalSet:
     In it the input bounds, the state bounds and the path constraints hold at every sample, and V
     decreases from sample to sample, down to the rounding of the set point.
 
-    Parameters
-    ----------
-    problem : RecedingProblem
-        The problem. If its set point moves, the errors are those about the moving set point.
-
-    Returns
-    -------
-    TerminalSet
-
-    Raises
-    ------
-    RefusedDesignError
-        If there is no such set: a limit is reached at the set point or by its motion, V does not
-        decrease in any ellipsoid that is not tiny, or P is too ill-conditioned for a proof.
-
+    :param problem: the problem. If its set point moves, the errors are those about the moving set
+        point.
+    :raises RefusedDesignError: if there is no such set: a limit is reached at the set point or by
+        its motion, V does not decrease in any ellipsoid that is not tiny, or P is too
+        ill-conditioned for a proof.
     """
     _check_motion(problem)
     bounds = _PeriodBounds(problem)
@@ -207,13 +191,8 @@ class _PeriodBounds:
     """
     Bounds of the loop over a period, for all errors of an ellipsoid.
 
-    Attributes
-    ----------
-    residual : ndarray, shape (n,)
-        Bound of the rate of the error at the set point.
-    above : float
-        1 + the part of a number that exceeds its rounding errors.
-
+    :ivar residual: (n,), bound of the rate of the error at the set point.
+    :ivar above: 1 + the part of a number that exceeds its rounding errors.
     """
 
     def __init__(self, problem: RecedingProblem) -> None:

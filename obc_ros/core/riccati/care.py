@@ -26,20 +26,12 @@ class RiccatiSolution:
     """
     The stabilising solution of a Riccati equation and its accuracy.
 
-    Attributes
-    ----------
-    P : ndarray, shape (n, n)
-        The solution, symmetric.
-    residual : float
-        Norm of the residual of the equation, relative to the size of its terms.
-    error : float
-        Estimated bound of the rounding error of P, relative to P, in scaled coordinates.
-    X : ndarray, shape (n, n)
-        Lyapunov matrix of the closed loop M in scaled coordinates: M'X + X M = -I
+    :ivar P: (n, n), the solution, symmetric.
+    :ivar residual: norm of the residual of the equation, relative to the size of its terms.
+    :ivar error: estimated bound of the rounding error of P, relative to P, in scaled coordinates.
+    :ivar X: (n, n), Lyapunov matrix of the closed loop M in scaled coordinates: M'X + X M = -I
         (discrete: M'X M - X = -I).
-    scale : ndarray, shape (n,)
-        Powers of 2; x = scale * z are the scaled coordinates.
-
+    :ivar scale: (n,), powers of 2; x = scale * z are the scaled coordinates.
     """
 
     P: Array
@@ -53,26 +45,15 @@ def solve_continuous(A: Array, F: Array, Q: Array) -> RiccatiSolution | None:
     """
     Return the stabilising solution of A'P + P A - P F F'P + Q = 0.
 
-    Parameters
-    ----------
-    A, Q : ndarray, shape (n, n)
-        Q symmetric.
-    F : ndarray, shape (n, m)
-        Any factor of G = F F', such as B L'^-1 with Qu = L L'.
-
-    Returns
-    -------
-    RiccatiSolution or None
-        None if there is no stabilising solution within rounding: (A, F) is not stabilisable, or
-        a mode on the imaginary axis is unobservable in Q. Otherwise `error` states the accuracy;
-        whether the gain stabilises is checked by `measure_robustness`.
-
-    References
-    ----------
     A. J. Laub, A Schur method for solving algebraic Riccati equations, IEEE TAC 24, 1979.
     D. L. Kleinman, On an iterative technique for Riccati equation computations, IEEE TAC 13,
     1968.
 
+    :param A, Q: (n, n), Q symmetric.
+    :param F: (n, m), any factor of G = F F', such as B L'^-1 with Qu = L L'.
+    :return: None if there is no stabilising solution within rounding: (A, F) is not stabilisable,
+        or a mode on the imaginary axis is unobservable in Q. Otherwise `error` states the
+        accuracy; whether the gain stabilises is checked by `measure_robustness`.
     """
     H = np.empty((2 * len(A), 2 * len(A)), order='F')
     scale = compute_balancing(A, F, Q, H)
@@ -95,20 +76,11 @@ def compute_balancing(A: Array, F: Array, Q: Array, H: Array | None = None) -> A
     """
     Return the scaling d for which x = diag(d) z balances the Hamiltonian matrix.
 
-    Parameters
-    ----------
-    A, Q : ndarray, shape (n, n)
-        Matrices of the equation; Q symmetric.
-    F : ndarray, shape (n, m)
-        Factor of G = F F'.
-    H : ndarray, shape (2 n, 2 n), optional
-        Workspace in column-major order; it is overwritten.
-
-    Returns
-    -------
-    ndarray, shape (n,)
-        Powers of 2, so that scaling is exact; ones if an entry of the matrix is not finite.
-
+    :param A, Q: (n, n), matrices of the equation; Q symmetric.
+    :param F: (n, m), factor of G = F F'.
+    :param H: (2 n, 2 n), optional, workspace in column-major order; it is overwritten.
+    :return: (n,), powers of 2, so that scaling is exact; ones if an entry of the matrix is not
+        finite.
     """
     n = len(A)
     if H is None:
@@ -278,18 +250,10 @@ def measure_robustness(M: Array, X: Array, rounding: Array) -> float:
     """
     Bound from below the factor c for which M + c E is stable for all |E| <= rounding.
 
-    Parameters
-    ----------
-    M, X : ndarray, shape (n, n)
-        X should solve M'X + X M = -I; the residual is checked.
-    rounding : ndarray, shape (n, n)
-        Bound of the absolute error of each entry of M.
-
-    Returns
-    -------
-    float
-        The lower bound of c, from X or `compute_mode_tolerance`; 0 if stability is not verified.
-
+    :param M, X: (n, n), X should solve M'X + X M = -I; the residual is checked.
+    :param rounding: (n, n), bound of the absolute error of each entry of M.
+    :return: the lower bound of c, from X or `compute_mode_tolerance`; 0 if stability is not
+        verified.
     """
     bound = _by_lyapunov(M, X, rounding)
     return bound if bound > COMFORTABLE else max(

@@ -18,26 +18,13 @@ def check_matrices(A: Any, B: Any, Qx: Any, Qu: Any, cross: Any
     """
     Check shapes, numbers and symmetry, and return float copies.
 
-    Parameters
-    ----------
-    A, B : array_like, shape (n, n) and (n, m)
-        System and input matrix.
-    Qx, Qu : array_like, shape (n, n) and (m, m)
-        Weights, symmetric; definiteness is checked by `remove_cross_term`.
-    cross : array_like, shape (n, m), or None
-        Weight N of the cross term 2 x'N u.
-
-    Returns
-    -------
-    tuple of ndarray
-        A, B, Qx, Qu and cross; cross is None if it was.
-
-    Raises
-    ------
-    StatementError
-        If an argument is not a matrix of finite numbers, has the wrong shape or is not symmetric
-        (Qx, Qu), or if there are more than `LARGEST` states or inputs.
-
+    :param A, B: (n, n) and (n, m), system and input matrix.
+    :param Qx, Qu: (n, n) and (m, m), weights, symmetric; definiteness is checked by
+        `remove_cross_term`.
+    :param cross: (n, m), or None, weight N of the cross term 2 x'N u.
+    :return: A, B, Qx, Qu and cross; cross is None if it was.
+    :raises StatementError: if an argument is not a matrix of finite numbers, has the wrong shape
+        or is not symmetric (Qx, Qu), or if there are more than `LARGEST` states or inputs.
     """
     A, B = _matrix('A', A), _matrix('B', B)
     n, m = len(A), B.shape[1]
@@ -97,25 +84,10 @@ def remove_cross_term(A: Array, B: Array, Qx: Array, Qu: Array, cross: Array | N
     """
     Check the definiteness of the weights and remove the cross term.
 
-    Parameters
-    ----------
-    A, B, Qx, Qu, cross : ndarray
-        As returned by `check_matrices`; cross is N.
-
-    Returns
-    -------
-    L : ndarray, shape (m, m)
-        Lower Cholesky factor, Qu = L L'.
-    A, Q : ndarray, shape (n, n)
-        A - B Qu^-1 N' and Qx - N Qu^-1 N'.
-    sees_all : bool
-        Whether Q is positive definite, so that (A, Q) is observable.
-
-    Raises
-    ------
-    RefusedDesignError
-        If Qu is not positive definite, or Q not positive semidefinite.
-
+    :param A, B, Qx, Qu, cross: as returned by `check_matrices`; cross is N.
+    :return: L: (m, m), lower Cholesky factor, Qu = L L'; A, Q: (n, n), A - B Qu^-1 N' and Qx - N
+        Qu^-1 N'; sees_all: whether Q is positive definite, so that (A, Q) is observable.
+    :raises RefusedDesignError: if Qu is not positive definite, or Q not positive semidefinite.
     """
     L = _definite('Qu', Qu)
     Q = Qx
@@ -181,26 +153,12 @@ def check_semidefinite(name: str, M: Any, n: int) -> Array:
     """
     Check that a weight is symmetric and positive semidefinite, and return a float copy.
 
-    Parameters
-    ----------
-    name : str
-        Name of the weight, for messages.
-    M : array_like, shape (n, n)
-        The weight.
-    n : int
-        Number of rows and columns.
-
-    Returns
-    -------
-    ndarray, shape (n, n)
-
-    Raises
-    ------
-    StatementError
-        If M is not a symmetric (n, n) matrix of finite numbers.
-    RefusedDesignError
-        If M is not positive semidefinite.
-
+    :param name: name of the weight, for messages.
+    :param M: (n, n), the weight.
+    :param n: number of rows and columns.
+    :return: (n, n).
+    :raises StatementError: if M is not a symmetric (n, n) matrix of finite numbers.
+    :raises RefusedDesignError: if M is not positive semidefinite.
     """
     matrix = _symmetric(name, M, n)
     if lapack.dpotrf(matrix)[1]:
@@ -223,24 +181,10 @@ def check_matrix(name: str, M: Any, shape: tuple[int | None, int | None]) -> Arr
     """
     Check the numbers and the shape of a matrix, and return a float copy.
 
-    Parameters
-    ----------
-    name : str
-        Name of the matrix, for messages.
-    M : array_like, shape (rows, columns)
-        The matrix.
-    shape : tuple of int or None
-        Wanted numbers of rows and columns; None: any from 1 to `LARGEST`.
-
-    Returns
-    -------
-    ndarray
-
-    Raises
-    ------
-    StatementError
-        If it is not a matrix of finite numbers, or has the wrong shape.
-
+    :param name: name of the matrix, for messages.
+    :param M: (rows, columns), the matrix.
+    :param shape: wanted numbers of rows and columns; None: any from 1 to `LARGEST`.
+    :raises StatementError: if it is not a matrix of finite numbers, or has the wrong shape.
     """
     matrix = _matrix(name, M)
     for size, wanted in zip(matrix.shape, shape, strict=True):

@@ -21,17 +21,11 @@ class AssessedSolution(NamedTuple):
     """
     The solution of a Riccati equation and its accuracy.
 
-    Attributes
-    ----------
-    P : ndarray, shape (n, n)
-        The solution, symmetric.
-    residual : float
-        Norm of the residual of the equation, relative to the size of its terms.
-    error : float
-        Estimated bound of the rounding error of P, relative to P.
-    X : ndarray, shape (n, n)
-        Lyapunov matrix of the closed loop M: M'X M - X = -I; of a continuous one M'X + X M = -I.
-
+    :ivar P: (n, n), the solution, symmetric.
+    :ivar residual: norm of the residual of the equation, relative to the size of its terms.
+    :ivar error: estimated bound of the rounding error of P, relative to P.
+    :ivar X: (n, n), Lyapunov matrix of the closed loop M: M'X M - X = -I; of a continuous one M'X
+        + X M = -I.
     """
 
     P: Array
@@ -46,23 +40,12 @@ def solve_discrete(A: Array, F: Array, Q: Array) -> AssessedSolution | None:
 
     Its gain stabilises if (A, F) is stabilisable and (A, Q) is detectable.
 
-    Parameters
-    ----------
-    A, Q : ndarray, shape (n, n)
-        Q symmetric, positive semidefinite.
-    F : ndarray, shape (n, m)
-        Any factor of G = B Qu^-1 B' = F F'.
-
-    Returns
-    -------
-    AssessedSolution or None
-        None if the cost grows without bound or the closed loop is not stable.
-
-    References
-    ----------
     E. K.-W. Chu, H.-Y. Fan, W.-W. Lin, C.-S. Wang, Structure-preserving algorithms for periodic
     discrete-time algebraic Riccati equations, International Journal of Control 77, 2004.
 
+    :param A, Q: (n, n), Q symmetric, positive semidefinite.
+    :param F: (n, m), any factor of G = B Qu^-1 B' = F F'.
+    :return: None if the cost grows without bound or the closed loop is not stable.
     """
     P = double_horizon(A, F @ F.T, Q)
     if P is None:
@@ -102,16 +85,8 @@ def solve_stein(M: Array, C: Array) -> Array | None:
     """
     Solve X - M'X M = C by doubling the sum of M'^k C M^k.
 
-    Parameters
-    ----------
-    M, C : ndarray, shape (n, n)
-        M with spectral radius below 1.
-
-    Returns
-    -------
-    ndarray, shape (n, n), or None
-        X; None if the sum does not converge.
-
+    :param M, C: (n, n), M with spectral radius below 1.
+    :return: (n, n), or None, X; None if the sum does not converge.
     """
     X = C
     for _ in range(_LONGEST):
@@ -132,18 +107,10 @@ def measure_discrete_robustness(M: Array, X: Array, rounding: Array) -> float:
 
     The bound follows from (M + c E)'X (M + c E) < X.
 
-    Parameters
-    ----------
-    M, X : ndarray, shape (n, n)
-        X should solve M'X M - X = -I; the residual is checked.
-    rounding : ndarray, shape (n, n)
-        Bound of the absolute error of each entry of M.
-
-    Returns
-    -------
-    float
-        The lower bound of c, from X or `compute_mode_tolerance`; 0 if stability is not verified.
-
+    :param M, X: (n, n), X should solve M'X M - X = -I; the residual is checked.
+    :param rounding: (n, n), bound of the absolute error of each entry of M.
+    :return: the lower bound of c, from X or `compute_mode_tolerance`; 0 if stability is not
+        verified.
     """
     bound = 0.0
     if not lapack.dpotrf(X)[1]:

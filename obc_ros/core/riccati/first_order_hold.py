@@ -239,21 +239,12 @@ def follow_feedback(feedback: Feedback, x0: Array, nu: Array) -> Held | None:
     A step over which the free response grows by more than `_MOST_GROWTH` is halved first: a
     piecewise linear input does not stabilise such a step.
 
-    Parameters
-    ----------
-    feedback : Feedback
-        Of the problem; its blocks are refined.
-    x0 : ndarray, shape (n,)
-        Initial state in units of `scale`.
-    nu : ndarray, shape (q,)
-        Multipliers of the optimal path.
-
-    Returns
-    -------
-    Held or None
-        None if steps of allowed growth would exceed the limits of steps and memory, or the path is
-        not finite. The sum of `errors` is above `_ALLOWED` if a limit has ended the refinement.
-
+    :param feedback: of the problem; its blocks are refined.
+    :param x0: (n,), initial state in units of `scale`.
+    :param nu: (q,), multipliers of the optimal path.
+    :return: None if steps of allowed growth would exceed the limits of steps and memory, or the
+        path is not finite. The sum of `errors` is above `_ALLOWED` if a limit has ended the
+        refinement.
     """
     with np.errstate(all='ignore'):
         for block in range(len(feedback.blocks)):

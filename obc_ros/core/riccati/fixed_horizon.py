@@ -29,31 +29,15 @@ def solve_finite_horizon(A: ArrayLike, B: ArrayLike, Qx: ArrayLike, Qu: ArrayLik
 
     The gain minimises the integral of x'Qx x + 2 x'N u + u'Qu u over [t, T] plus x(T)'P1 x(T).
 
-    Parameters
-    ----------
-    A, B, Qx, Qu, cross : array_like
-        As for `lqr.lqr`; Qx >= 0, Qu > 0. Stabilisability and detectability are not needed.
-    P1 : array_like, shape (n, n)
-        Terminal weight; symmetric, P1 >= 0.
-    t : sequence of float, shape (N,)
-        Times [s], increasing, at most T. Equally spaced times are much faster.
-    T : float
-        Final time [s].
-
-    Returns
-    -------
-    P : ndarray, shape (N, n, n)
-        P(t); the minimum cost from t on is x'P x.
-    K : ndarray, shape (N, m, n)
-        K(t).
-
-    Raises
-    ------
-    StatementError
-        If a matrix has the wrong shape or is not symmetric, or times do not increase.
-    RefusedDesignError
-        If a weight is not definite as required.
-
+    :param A, B, Qx, Qu, cross: as for `lqr.lqr`; Qx >= 0, Qu > 0. Stabilisability and
+        detectability are not needed.
+    :param P1: (n, n), terminal weight; symmetric, P1 >= 0.
+    :param t: (N,), times [s], increasing, at most T. Equally spaced times are much faster.
+    :param T: final time [s].
+    :return: P: (N, n, n), P(t); the minimum cost from t on is x'P x; K: (N, m, n), K(t).
+    :raises StatementError: if a matrix has the wrong shape or is not symmetric, or times do not
+        increase.
+    :raises RefusedDesignError: if a weight is not definite as required.
     """
     A, B, Qx, Qu, cross = checks.check_matrices(A, B, Qx, Qu, cross)
     P1 = checks.check_semidefinite('P1', P1, len(A))

@@ -43,17 +43,9 @@ def find_lq_form(problem: Problem) -> LqForm | None:
     """
     Return the matrices of a problem with affine f and psi and quadratic L and V.
 
-    Parameters
-    ----------
-    problem : Problem
-        Its bounds, path constraints and final time are ignored.
-
-    Returns
-    -------
-    LqForm or None
-        None if the problem is not linear quadratic, a matrix is not finite, or L is not strictly
-        convex in u.
-
+    :param problem: its bounds, path constraints and final time are ignored.
+    :return: None if the problem is not linear quadratic, a matrix is not finite, or L is not
+        strictly convex in u.
     """
     x, u = problem.x, problem.u
     z = ca.vertcat(x, u)

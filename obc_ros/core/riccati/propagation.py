@@ -29,18 +29,9 @@ def build_stretch(A: Array, G: Array, Q: Array, length: float) -> Stretch:
     The exponential of this Hamiltonian matrix is taken over a time so short that neither x nor y
     grows much; the result is doubled until the length is reached.
 
-    Parameters
-    ----------
-    A, G, Q : ndarray, shape (n, n)
-        G and Q symmetric.
-    length : float
-        Length of time [s], > 0.
-
-    Returns
-    -------
-    tuple of three ndarray, shape (n, n)
-        (A, G, H) of the stretch.
-
+    :param A, G, Q: (n, n), G and Q symmetric.
+    :param length: length of time [s], > 0.
+    :return: (n, n), (A, G, H) of the stretch.
     """
     n = len(A)
     H = np.empty((2 * n, 2 * n))
@@ -71,13 +62,8 @@ def propagate_back(stretch: Stretch, P: Array) -> Array:
     """
     Return the cost matrices at the start of a stretch for those at its end.
 
-    Parameters
-    ----------
-    stretch : tuple of ndarray, shape (n, n)
-        (A, G, H).
-    P : ndarray, shape (N, n, n)
-        Symmetric.
-
+    :param stretch: (n, n), (A, G, H).
+    :param P: (N, n, n), Symmetric.
     """
     A, G, H = stretch
     count, n, _ = P.shape
@@ -148,17 +134,10 @@ def solve_inside(levels: list[Stretch], x: Array, P: Array, steps: int) -> tuple
     at its end. In its middle, x' = A x - G y' and y' = H x' + A'y''. The matrices are the same for
     all stretches of one length.
 
-    Parameters
-    ----------
-    levels : list of tuple of ndarray, shape (n, n)
-        From `build_doublings`.
-    x : ndarray, shape (n,)
-        State at the start.
-    P : ndarray, shape (n, n)
-        Terminal weight; the costate at the end is P x.
-    steps : int
-        Number of steps, a multiple of those of the last level.
-
+    :param levels: (n, n), from `build_doublings`.
+    :param x: (n,), state at the start.
+    :param P: (n, n), terminal weight; the costate at the end is P x.
+    :param steps: number of steps, a multiple of those of the last level.
     """
     (A, G, H), identity = levels[-1], np.eye(len(x))
     reach = 1 << (len(levels) - 1)
@@ -209,18 +188,9 @@ def evaluate_before_end(A: Array, G: Array, Q: Array, P1: Array, to_go: Array) -
     """
     Return the solutions of the Riccati differential equation at given times before the end.
 
-    Parameters
-    ----------
-    A, G, Q, P1 : ndarray, shape (n, n)
-        -dP/dt = P A + A'P - P G P + Q, P = P1 at the end.
-    to_go : ndarray, shape (N,)
-        Times before the end [s], decreasing, not negative.
-
-    Returns
-    -------
-    ndarray, shape (N, n, n)
-        P at each time.
-
+    :param A, G, Q, P1: (n, n), -dP/dt = P A + A'P - P G P + Q, P = P1 at the end.
+    :param to_go: (N,), times before the end [s], decreasing, not negative.
+    :return: (N, n, n), P at each time.
     """
     P = P1 if to_go[-1] == 0.0 else propagate_back(build_stretch(A, G, Q, to_go[-1]), P1[None])[0]
     steps = len(to_go) - 1

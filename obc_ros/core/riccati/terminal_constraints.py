@@ -59,24 +59,13 @@ def solve_form(form: LqForm, x0: Array, T: float, names: tuple[str, ...]) -> Sol
     """
     Return the optimal path from x0 over T seconds, or the reason why there is none.
 
-    Parameters
-    ----------
-    form : LqForm
-        The problem.
-    x0 : ndarray, shape (n,)
-        Initial state.
-    T : float
-        Final time [s].
-    names : tuple of str
-        Names of the states, for messages.
-
-    Returns
-    -------
-    Solution
-        Its status is SOLVED; INFEASIBLE if the input does not affect a terminal constraint that
-        is not met; NOT_CONVERGED if the cost has no minimum or rounding hides the effect of the
-        input on the terminal constraints.
-
+    :param form: the problem.
+    :param x0: (n,), initial state.
+    :param T: final time [s].
+    :param names: names of the states, for messages.
+    :return: its status is SOLVED; INFEASIBLE if the input does not affect a terminal constraint
+        that is not met; NOT_CONVERGED if the cost has no minimum or rounding hides the effect of
+        the input on the terminal constraints.
     """
     try:
         with np.errstate(over='ignore', invalid='ignore'):

@@ -42,18 +42,9 @@ class PlantFlow:
     """
     A state, its input and its disturbance.
 
-    Parameters
-    ----------
-    system : System
-        The system with its parameter values.
-    conditions : Conditions
-        Fitted to the system.
-
-    Attributes
-    ----------
-    edges : tuple of float
-        Start and end of the gust [steps]; empty if there is none.
-
+    :param system: the system with its parameter values.
+    :param conditions: fitted to the system.
+    :ivar edges: start and end of the gust [steps]; empty if there is none.
     """
 
     def __init__(self, system: System, conditions: Conditions) -> None:
@@ -118,11 +109,7 @@ class PlantFlow:
         """
         Integrate from now to stop [steps]; inputs and gust must not jump in between.
 
-        Raises
-        ------
-        DynamicsError
-            If the adaptive integrator cannot keep to the tolerance.
-
+        :raises DynamicsError: if the adaptive integrator cannot keep to the tolerance.
         """
         gusty = bool(self.edges) and self.edges[0] <= now < self.edges[1]
         if gusty not in self._kernels:

@@ -38,23 +38,16 @@ class Pacing:
     """
     How a plant is advanced.
 
-    Attributes
-    ----------
-    steps : int
-        Steps of the simulator from one published state to the next.
-    speed : float
-        Simulated seconds per second; 0: as fast as possible.
-    lockstep : bool
-        Whether each published state waits for its command.
-    simulated_stamps : bool
-        Whether stamps are simulated time instead of the caller's.
-    command_timeout : float
-        Simulated time [s] without a command after which the input at rest acts; 0: never.
-    pause_at : float
-        Simulated time [s] at which the plant pauses, with the first state from then on; 0: never.
-    hold_until_command : bool
-        Whether the state stays as it is until the first command, also after a reset.
-
+    :ivar steps: steps of the simulator from one published state to the next.
+    :ivar speed: simulated seconds per second; 0: as fast as possible.
+    :ivar lockstep: whether each published state waits for its command.
+    :ivar simulated_stamps: whether stamps are simulated time instead of the caller's.
+    :ivar command_timeout: simulated time [s] without a command after which the input at rest acts;
+        0: never.
+    :ivar pause_at: simulated time [s] at which the plant pauses, with the first state from then
+        on; 0: never.
+    :ivar hold_until_command: whether the state stays as it is until the first command, also after
+        a reset.
     """
 
     steps: int
@@ -70,24 +63,10 @@ def choose_step(dt: float, publish_rate: float) -> tuple[float, int]:
     """
     Return the step, at most dt, and the number of steps in a publishing period.
 
-    Parameters
-    ----------
-    dt : float
-        Maximum step [s].
-    publish_rate : float
-        States per simulated second [Hz].
-
-    Returns
-    -------
-    step : float
-        [s]
-    steps : int
-
-    Raises
-    ------
-    StatementError
-        If there are more than `MOST_STEPS` steps.
-
+    :param dt: maximum step [s].
+    :param publish_rate: states per simulated second [Hz].
+    :return: step: [s]; steps.
+    :raises StatementError: if there are more than `MOST_STEPS` steps.
     """
     steps = max(1, math.ceil(1.0 / (publish_rate * dt) - 1e-9))
     if steps > MOST_STEPS:
@@ -100,37 +79,18 @@ class PacedPlant:
     """
     A simulator that a node polls; the first state must be published at once.
 
-    Parameters
-    ----------
-    simulator : Simulator
-    pacing : Pacing
-    now : float
-        Steady time [s].
-    wall : int
-        Time of the node's clock [ns].
-
-    Attributes
-    ----------
-    sample : ndarray, shape (n,)
-        The last published state, with noise.
-    stamp : int
-        Its stamp [ns].
-    answered : bool
-        Whether a command for it has arrived.
-    paused : bool
-    fault : str
-        Why the plant has stopped; empty: it has not.
-    behind : float
-        Delay of the published states after their stamps [s].
-    published, resent, unanswered : int
-        Numbers of states: published, published again, and replaced by the next one before their
-        command arrived (from the first command on).
-    accepted, repeated, rests, held_up : int
-        Numbers of accepted commands, of further commands for the same state, of time-outs of the
-        commands, and of delays of the plant.
-    dropped : Counter
-        Dropped commands by reason.
-
+    :param now: steady time [s].
+    :param wall: time of the node's clock [ns].
+    :ivar sample: (n,), the last published state, with noise.
+    :ivar stamp: its stamp [ns].
+    :ivar answered: whether a command for it has arrived.
+    :ivar fault: why the plant has stopped; empty: it has not.
+    :ivar behind: delay of the published states after their stamps [s].
+    :ivar published, resent, unanswered: numbers of states: published, published again, and
+        replaced by the next one before their command arrived (from the first command on).
+    :ivar accepted, repeated, rests, held_up: numbers of accepted commands, of further commands for
+        the same state, of time-outs of the commands, and of delays of the plant.
+    :ivar dropped: dropped commands by reason.
     """
 
     def __init__(self, simulator: Simulator, pacing: Pacing, now: float, wall: int) -> None:
@@ -229,20 +189,10 @@ class PacedPlant:
         """
         Receive a command.
 
-        Parameters
-        ----------
-        stamp : int
-            Stamp of the state that the command is for [ns]; 0: none.
-        u : array, shape (m,)
-            The command.
-        now : float
-            Steady time [s].
-
-        Returns
-        -------
-        str
-            Why it is dropped; empty: it is accepted.
-
+        :param stamp: stamp of the state that the command is for [ns]; 0: none.
+        :param u: (m,), the command.
+        :param now: steady time [s].
+        :return: why it is dropped; empty: it is accepted.
         """
         reason = self._stale(stamp)
         if reason:

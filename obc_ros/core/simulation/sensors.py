@@ -22,17 +22,10 @@ class OutputConditions:
     """
     How an output is measured.
 
-    Attributes
-    ----------
-    rate : float
-        Measurements per simulated second [Hz]; 0: the output is not measured.
-    noise, bias : float
-        Standard deviation and mean of the error, in the unit of the output.
-    dropout : float
-        Probability with which a measurement is lost.
-    delay : float
-        From the instant of the measurement to its publication [s].
-
+    :ivar rate: measurements per simulated second [Hz]; 0: the output is not measured.
+    :ivar noise, bias: standard deviation and mean of the error, in the unit of the output.
+    :ivar dropout: probability with which a measurement is lost.
+    :ivar delay: from the instant of the measurement to its publication [s].
     """
 
     rate: float = 0.0
@@ -68,26 +61,11 @@ class Sensors:
     """
     The sensors of a plant whose states come at a fixed rate.
 
-    Parameters
-    ----------
-    system : System
-    outputs : mapping of str to OutputConditions
-        By the name of the output; outputs without a rate are not measured.
-    state_rate : float
-        States per simulated second [Hz], a multiple of each rate.
-    seed : int
-        Seed of noise and drop-outs.
-
-    Raises
-    ------
-    StatementError
-        If a rate does not divide that of the states.
-
-    Attributes
-    ----------
-    settings : tuple
-        What the measurements depend on, to compare two objects.
-
+    :param outputs: by the name of the output; outputs without a rate are not measured.
+    :param state_rate: states per simulated second [Hz], a multiple of each rate.
+    :param seed: seed of noise and drop-outs.
+    :raises StatementError: if a rate does not divide that of the states.
+    :ivar settings: what the measurements depend on, to compare two objects.
     """
 
     def __init__(self, system: System, outputs: Mapping[str, OutputConditions],
@@ -121,15 +99,9 @@ class Sensors:
         """
         Measure a state, and return the measurements that are due for publication.
 
-        Parameters
-        ----------
-        count : int
-            Number of the state since the start; one that was taken before gives nothing.
-        stamp : int
-            Of the state [ns].
-        x, u : ndarray, shape (n,), (m,)
-            State and input, without noise.
-
+        :param count: number of the state since the start; one that was taken before gives nothing.
+        :param stamp: of the state [ns].
+        :param x, u: (n,), (m,), state and input, without noise.
         """
         if count == self._last or not self._sensors:
             return []

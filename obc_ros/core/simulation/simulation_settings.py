@@ -39,27 +39,15 @@ class Conditions:
 
     A list has one number for each state or input, one for all, or none, which means zeros.
 
-    Attributes
-    ----------
-    dt : float
-        Step [s].
-    integrator : str
-        'rk4' (fixed step) or 'adaptive' (Dormand and Prince, order 5).
-    tolerance : float
-        For 'adaptive': bound of the estimated error per second of simulated time, in each state
-        relative to max(1, |x|).
-    actuator_lag : tuple of float
-        (m,) time constant of each actuator [s]; 0: none.
-    input_delay : float
-        From a command to its effect [s].
-    noise : tuple of float
-        (n,) standard deviation of each published state.
-    disturbance : tuple of float
-        (n,) constant addition to each state's derivative.
-    gust : Gust
-    seed : int
-        Seed of the noise; not negative.
-
+    :ivar dt: step [s].
+    :ivar integrator: 'rk4' (fixed step) or 'adaptive' (Dormand and Prince, order 5).
+    :ivar tolerance: for 'adaptive': bound of the estimated error per second of simulated time, in
+        each state relative to max(1, |x|).
+    :ivar actuator_lag: (m,) time constant of each actuator [s]; 0: none.
+    :ivar input_delay: from a command to its effect [s].
+    :ivar noise: (n,) standard deviation of each published state.
+    :ivar disturbance: (n,) constant addition to each state's derivative.
+    :ivar seed: seed of the noise; not negative.
     """
 
     dt: float = 1e-3
@@ -76,11 +64,7 @@ class Conditions:
         """
         Return these conditions with every list at its full length.
 
-        Raises
-        ------
-        StatementError
-            If a list has a wrong length or a value is out of its range.
-
+        :raises StatementError: if a list has a wrong length or a value is out of its range.
         """
         if self.integrator not in INTEGRATORS:
             raise StatementError(f"integrator = '{self.integrator}': wanted "

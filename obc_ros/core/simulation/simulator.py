@@ -26,29 +26,13 @@ class Simulator:
     """
     A plant that is advanced by whole steps; equal calls give bitwise equal results.
 
-    Parameters
-    ----------
-    system : System
-    x0 : array, shape (n,), optional
-        Initial state; the system's set point if left out.
-    conditions : Conditions, optional
-    u0 : array, shape (m,), optional
-        Input until the first command; `compute_resting_input` of x0 if left out.
-
-    Raises
-    ------
-    ObcError
-        If an argument has a wrong length or value.
-
-    Attributes
-    ----------
-    system, conditions
-        Those in use; the lists of the conditions have their full length.
-    steps : int
-        Steps since the start.
-    target : tuple of float
-        (m,) the command in effect, within the limits.
-
+    :param x0: (n,), optional, initial state; the system's set point if left out.
+    :param u0: (m,), optional, input until the first command; `compute_resting_input` of x0 if left
+        out.
+    :raises ObcError: if an argument has a wrong length or value.
+    :ivar system, conditions: those in use; the lists of the conditions have their full length.
+    :ivar steps: steps since the start.
+    :ivar target: (m,) the command in effect, within the limits.
     """
 
     def __init__(self, system: System, x0: NumberList | None = None,
@@ -111,11 +95,7 @@ class Simulator:
         """
         Change parameters and conditions from now on; state and time stay as they are.
 
-        Raises
-        ------
-        ObcError
-            If a condition has a wrong length or value, or the signals or dt differ.
-
+        :raises ObcError: if a condition has a wrong length or value, or the signals or dt differ.
         """
         if (system.state_names, system.input_names, conditions.dt) != (
                 self.system.state_names, self.system.input_names, self.conditions.dt):
@@ -134,11 +114,7 @@ class Simulator:
         """
         Receive a command u (m,): clip it, and apply it after the input delay.
 
-        Raises
-        ------
-        StatementError
-            If it is not m finite numbers; the command is ignored.
-
+        :raises StatementError: if it is not m finite numbers; the command is ignored.
         """
         values = self._limited(u)
         delay = self.conditions.input_delay / self.conditions.dt
@@ -153,12 +129,8 @@ class Simulator:
         """
         Integrate a number of steps.
 
-        Raises
-        ------
-        DynamicsError
-            If the state exceeds the range of double precision or the tolerance cannot be kept;
-            state and time are unchanged.
-
+        :raises DynamicsError: if the state exceeds the range of double precision or the tolerance
+            cannot be kept; state and time are unchanged.
         """
         flow, before = self._flow, self._flow.x[:]
         now, end = float(self.steps), float(self.steps + steps)

@@ -50,19 +50,11 @@ class Task:
     """
     A problem to be solved.
 
-    Attributes
-    ----------
-    problem : Problem
-        As stated, in the symbols of `programs`.
-    programs : ProgramCache
-        Programs and functions built for the structure of the problem.
-    meter : Meter
-        Limits of iterations, work and time.
-    time_limit : float, optional
-        As the caller has given it [s], for messages.
-    best : BestPath, optional
-        Receives intermediate paths.
-
+    :ivar problem: as stated, in the symbols of `programs`.
+    :ivar programs: programs and functions built for the structure of the problem.
+    :ivar meter: limits of iterations, work and time.
+    :ivar time_limit: as the caller has given it [s], for messages.
+    :ivar best: receives intermediate paths.
     """
 
     problem: Problem
@@ -87,15 +79,9 @@ class Candidate:
     """
     A path with its certificate, and what its neighbours or the indirect method start from.
 
-    Attributes
-    ----------
-    solution : Solution
-        Without samples if there is no path.
-    record : Answered or None
-        None if the path did not come from a transcription.
-    nearby : bool
-        Whether its extremal was found from that of a neighbouring problem.
-
+    :ivar solution: without samples if there is no path.
+    :ivar record: None if the path did not come from a transcription.
+    :ivar nearby: whether its extremal was found from that of a neighbouring problem.
     """
 
     solution: Solution
@@ -152,31 +138,20 @@ class Bench:
     """
     A problem, its programs, the settings of a search, and the operations on a path.
 
-    Attributes
-    ----------
-    stated, problem : Problem
-        That of the task, and the one that is solved: its smooth reformulation if |.| occurs.
-    programs : ProgramCache
-        As in `Task`.
-    whole, meter : Meter
-        Of this search, a part of that of the task; and of what is tried now, a part of `whole`.
-    pinned : ndarray of bool, shape (n,)
-        Components of x(T) that psi fixes.
-    end : ndarray, shape (n,)
-        These, and a given time among the states; nan for the other components.
-    margin : ndarray, shape (n + l,)
-        Tightening of the bounds of x and of the path constraints.
-    quick : bool
-        Whether a feasible path is enough: one start and a few meshes.
-    may_hold : bool
-        Whether inputs may be held at bounds between switching times.
-    intervals, stages : int
-        Of the coarse mesh: intervals, collocation points in an interval (0: Runge-Kutta).
-    typical : int
-        Iterations of a solve on the coarse mesh that converged.
-    best : BestPath, optional
-        As in `Task`.
-
+    :ivar stated, problem: that of the task, and the one that is solved: its smooth reformulation
+        if |.| occurs.
+    :ivar programs: as in `Task`.
+    :ivar whole, meter: of this search, a part of that of the task; and of what is tried now, a
+        part of `whole`.
+    :ivar pinned: (n,), components of x(T) that psi fixes.
+    :ivar end: (n,), these, and a given time among the states; nan for the other components.
+    :ivar margin: (n + l,), tightening of the bounds of x and of the path constraints.
+    :ivar quick: whether a feasible path is enough: one start and a few meshes.
+    :ivar may_hold: whether inputs may be held at bounds between switching times.
+    :ivar intervals, stages: of the coarse mesh: intervals, collocation points in an interval (0:
+        Runge-Kutta).
+    :ivar typical: iterations of a solve on the coarse mesh that converged.
+    :ivar best: as in `Task`.
     """
 
     stated: Problem
@@ -225,22 +200,12 @@ class Bench:
         """
         Solve the transcription on a mesh from a path.
 
-        Parameters
-        ----------
-        mesh : Mesh
-            Phases, their intervals, and the scheme.
-        start : Path
-            Initial guess, with the initial lengths of the phases of the mesh.
-        near : Nearby, optional
-            If the guess is close to the solution; phases are kept from vanishing then.
-        effort : SolveEffort
-            How much is done.
-
-        Returns
-        -------
-        TranscriptionOutcome
-            The last iterate; `converged` tells whether it satisfies the optimality conditions.
-
+        :param mesh: phases, their intervals, and the scheme.
+        :param start: initial guess, with the initial lengths of the phases of the mesh.
+        :param near: if the guess is close to the solution; phases are kept from vanishing then.
+        :param effort: how much is done.
+        :return: the last iterate; `converged` tells whether it satisfies the optimality
+            conditions.
         """
         problem, final = self.problem, self.problem.final_time
         program = self.programs.transcription(problem, mesh.layout)
@@ -272,17 +237,9 @@ class Bench:
 
         An outcome is checked once, so that the trace shows the check once.
 
-        Parameters
-        ----------
-        outcome : TranscriptionOutcome
-            On a coarse mesh.
-
-        Returns
-        -------
-        bool
-            False if it did not converge, or if the local errors or the Hamiltonian loss are so
-            large that its cost cannot be compared with other costs.
-
+        :param outcome: on a coarse mesh.
+        :return: False if it did not converge, or if the local errors or the Hamiltonian loss are
+            so large that its cost cannot be compared with other costs.
         """
         if not outcome.converged:
             return False
@@ -306,18 +263,9 @@ class Bench:
         """
         Integrate states and costates under the input of an outcome.
 
-        Parameters
-        ----------
-        outcome : TranscriptionOutcome
-            On any mesh.
-        stated : bool
-            For the problem as stated, not for its smooth reformulation.
-
-        Returns
-        -------
-        Extremal
-            With multipliers of state bounds and path constraints, if there are any.
-
+        :param outcome: on any mesh.
+        :param stated: for the problem as stated, not for its smooth reformulation.
+        :return: with multipliers of state bounds and path constraints, if there are any.
         """
         problem = self.stated if stated else self.problem
         if (course := self._memo.course(problem, outcome)) is not None:
@@ -371,20 +319,10 @@ class Bench:
         """
         Tighten the bounds by the amounts by which a path exceeds them between nodes.
 
-        Parameters
-        ----------
-        course : Extremal
-            The path.
-        most : float
-            Relative violation above which a bound is not tightened.
-
-        Returns
-        -------
-        Bench
-            With the larger margin.
-        exceeded : ndarray, shape (intervals,)
-            Relative violation of the constraints in each interval; empty without any.
-
+        :param course: the path.
+        :param most: relative violation above which a bound is not tightened.
+        :return: with the larger margin; exceeded: (intervals,), relative violation of the
+            constraints in each interval; empty without any.
         """
         if not self.bounded:
             return self, np.zeros(0)
@@ -398,21 +336,11 @@ class Bench:
         """
         Refine the mesh of an outcome.
 
-        Parameters
-        ----------
-        outcome : TranscriptionOutcome
-            On the mesh to be refined.
-        course : Extremal
-            Its states and costates, from `course`.
-        exceeded : ndarray
-            From `tighten`.
-
-        Returns
-        -------
-        Mesh
-            Finer where the Hamiltonian loss, the local error of the states, the variation of H
-            or the violation of constraints exceeds its share; a point at every kink of u*.
-
+        :param outcome: on the mesh to be refined.
+        :param course: its states and costates, from `course`.
+        :param exceeded: from `tighten`.
+        :return: finer where the Hamiltonian loss, the local error of the states, the variation of
+            H or the violation of constraints exceeds its share; a point at every kink of u*.
         """
         options = self.options.refinement
         verdict, N = self.measure_loss(course), len(course.local)
@@ -434,13 +362,8 @@ class Bench:
         """
         Return an outcome as samples with its certificate; without one if work has stopped.
 
-        Parameters
-        ----------
-        outcome : TranscriptionOutcome
-            On any mesh.
-        extremal : BoundaryValues, optional
-            Solution of the boundary value problem whose kinks are its mesh points.
-
+        :param outcome: on any mesh.
+        :param extremal: solution of the boundary value problem whose kinks are its mesh points.
         """
         problem, record = self.stated, self.record(outcome, extremal)
         course = self.course(outcome)

@@ -17,13 +17,8 @@ class BestPath:
     A certified path is better than a feasible one, and this better than one that is not feasible.
     Among equals the lower cost decides, or the smaller largest residual if none is feasible.
 
-    Parameters
-    ----------
-    problem : Problem
-        Paths of other problems are ignored.
-    tell : callable
-        Called with each better path.
-
+    :param problem: paths of other problems are ignored.
+    :param tell: called with each better path.
     """
 
     def __init__(self, problem: Problem, tell: Callable[[Solution], None]) -> None:
@@ -41,13 +36,8 @@ class BestPath:
         """
         Pass a path on if it belongs to this problem and is the best so far.
 
-        Parameters
-        ----------
-        problem : Problem
-            Of the path.
-        found : Solution
-            With its certificate; without one it is ignored.
-
+        :param problem: of the path.
+        :param found: with its certificate; without one it is ignored.
         """
         certificate = found.certificate
         if problem is not self._problem or certificate is None or not found.t.size:

@@ -27,17 +27,8 @@ def conclude(task: Task, found: Solution) -> Solution:
     If the trace shows a search, the cost may fall without end as inputs grow, so that an extremal
     is no minimum; and the reason is looked for if the result is not certified.
 
-    Parameters
-    ----------
-    task : Task
-        The problem.
-    found : Solution
-        The result of a method.
-
-    Returns
-    -------
-    Solution
-
+    :param task: the problem.
+    :param found: the result of a method.
     """
     problem, meter = task.problem, task.meter
     late = meter.stopped and (meter.stopped == 'cancelled' or not np.isfinite(found.objective))
@@ -58,13 +49,8 @@ def certify_solution(problem: Problem, found: Solution) -> Solution:
     """
     Return a solution with its certificate and the status and message that follow from it.
 
-    Parameters
-    ----------
-    problem : Problem
-        As stated.
-    found : Solution
-        Returned as it is without a path.
-
+    :param problem: as stated.
+    :param found: returned as it is without a path.
     """
     if not found.t.size:
         return found

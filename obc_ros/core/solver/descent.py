@@ -25,13 +25,8 @@ class _Descent:
     """
     A descent from one outcome.
 
-    Parameters
-    ----------
-    bench : Bench
-        Of the search.
-    start : TranscriptionOutcome
-        On the coarse mesh.
-
+    :param bench: of the search.
+    :param start: on the coarse mesh.
     """
 
     def __init__(self, bench: Bench, start: TranscriptionOutcome) -> None:

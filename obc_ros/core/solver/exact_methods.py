@@ -24,19 +24,11 @@ class ExactMethod:
     """
     A method for special problems, which needs no initial guess.
 
-    Attributes
-    ----------
-    name : str
-        As users write it.
-    affine : bool
-        Whether the dynamics must be affine.
-    decides : bool
-        Whether a result without a path is final, not only a proof of infeasibility.
-    what : str
-        Which problems it solves, for the message.
-    solve : callable
-        Returns None for other problems.
-
+    :ivar name: as users write it.
+    :ivar affine: whether the dynamics must be affine.
+    :ivar decides: whether a result without a path is final, not only a proof of infeasibility.
+    :ivar what: which problems it solves, for the message.
+    :ivar solve: returns None for other problems.
     """
 
     name: str

@@ -16,23 +16,13 @@ def solve_lq(problem: Problem) -> Solution | None:
     """
     Solve a linear quadratic problem with a fixed horizon.
 
-    Parameters
-    ----------
-    problem : Problem
-        In any form; its matrices are found from the expressions.
-
-    Returns
-    -------
-    Solution or None
-        None if the problem is not linear quadratic (affine terms are allowed, the cost must be
-        strictly convex in u), has path constraints, or a bound may be active. Status 'infeasible'
-        if exact arithmetic proves that no input meets the terminal constraints; 'not_converged'
-        if that is not proved, or if the cost has no minimum (a conjugate point).
-
-    References
-    ----------
     Equation (2.7).
 
+    :param problem: in any form; its matrices are found from the expressions.
+    :return: None if the problem is not linear quadratic (affine terms are allowed, the cost must
+        be strictly convex in u), has path constraints, or a bound may be active. Status
+        'infeasible' if exact arithmetic proves that no input meets the terminal constraints;
+        'not_converged' if that is not proved, or if the cost has no minimum (a conjugate point).
     """
     if problem.final_time.free or problem.path.numel() or problem.start is not None:
         return None

@@ -48,25 +48,18 @@ class Motion:
     """
     A motion from one state to another.
 
-    Attributes
-    ----------
-    system : str or System
-        Name of a registered system, or a system with its parameters chosen.
-    start, goal : sequence of float, length n
-        x(0) and x(T).
-    objective : str
-        One of OBJECTIVES.
-    parameters : mapping
-        Number or expression by the name of a parameter, as in a problem file, for a name.
-    Qx, Qu : sequence of float
-        Diagonal, or full matrix row by row; empty: the identity.
-    final_time : float
-        T [s] unless the objective is 'time'; 0: from the poles of the regulator of Qx and Qu.
-    input_bounds, state_bounds : mapping
-        Pair of numbers or expressions by the name of an input or a state; None: no tighter bound.
-    path_constraints : sequence of str
-        Expressions of states, inputs and parameters that are at most 0 along the path.
-
+    :ivar system: name of a registered system, or a system with its parameters chosen.
+    :ivar start, goal: length n, x(0) and x(T).
+    :ivar objective: one of OBJECTIVES.
+    :ivar parameters: number or expression by the name of a parameter, as in a problem file, for a
+        name.
+    :ivar Qx, Qu: diagonal, or full matrix row by row; empty: the identity.
+    :ivar final_time: T [s] unless the objective is 'time'; 0: from the poles of the regulator of
+        Qx and Qu.
+    :ivar input_bounds, state_bounds: pair of numbers or expressions by the name of an input or a
+        state; None: no tighter bound.
+    :ivar path_constraints: expressions of states, inputs and parameters that are at most 0 along
+        the path.
     """
 
     system: str | System
@@ -86,23 +79,11 @@ def state_motion(motion: Motion) -> dict[str, Any]:
     """
     State a motion as an optimal control problem.
 
-    Parameters
-    ----------
-    motion : Motion
-        With names as users give them; all are checked here.
-
-    Returns
-    -------
-    dict
-        The keys of a problem file. All numbers are parameters, so that the next motion of the
+    :param motion: with names as users give them; all are checked here.
+    :return: the keys of a problem file. All numbers are parameters, so that the next motion of the
         system has the same structure. Angles of the goal differ by at most pi from the start.
-
-    Raises
-    ------
-    StatementError, DynamicsError
-        If the system, a parameter, the objective, a size or a number is not valid, or if the
-        minimum time is asked for and an input lacks a bound.
-
+    :raises StatementError, DynamicsError: if the system, a parameter, the objective, a size or a
+        number is not valid, or if the minimum time is asked for and an input lacks a bound.
     """
     if motion.objective not in OBJECTIVES:
         raise StatementError(f"objective = '{quote(motion.objective)}': wanted one of "
@@ -161,26 +142,11 @@ def solve_motion(motion: Motion, time_limit: float, *, report: Report | None = N
     """
     Solve a motion; without a final time, 'effort' and 'quadratic' take twice the minimum time.
 
-    Parameters
-    ----------
-    motion : Motion
-        With names as users give them.
-    time_limit : float
-        Limit of the wall-clock time [s].
-    report, cache, max_intervals
-        As for `solve.solve`.
-    keep : callable, optional
-        Called with the problem and each path that is better than those before.
-
-    Returns
-    -------
-    Problem, Solution
-
-    Raises
-    ------
-    StatementError, DynamicsError
-        As `state_motion`.
-
+    :param motion: with names as users give them.
+    :param time_limit: limit of the wall-clock time [s].
+    :param report, cache, max_intervals: as for `solve.solve`.
+    :param keep: called with the problem and each path that is better than those before.
+    :raises StatementError, DynamicsError: as `state_motion`.
     """
     begun = time.monotonic()
     if motion.objective != 'time' and not motion.final_time:
@@ -207,22 +173,11 @@ def find_registered(name: str, parameters: Mapping[str, Any]) -> System:
     """
     Build a registered system with parameters.
 
-    Parameters
-    ----------
-    name : str
-        Registered name, not that of a file.
-    parameters : mapping
-        By name: a number or an expression without names; for an option also a list of rows.
-
-    Returns
-    -------
-    System
-
-    Raises
-    ------
-    StatementError, DynamicsError
-        If the name is not registered, or a parameter is not valid.
-
+    :param name: registered name, not that of a file.
+    :param parameters: by name: a number or an expression without names; for an option also a list
+        of rows.
+    :raises StatementError, DynamicsError: if the name is not registered, or a parameter is not
+        valid.
     """
     return registry.get_registered(name, {
         key: int(value) if isinstance(value, float) and value.is_integer() else value
@@ -233,22 +188,9 @@ def build_plant(plant: Mapping[str, Any], parameters: Mapping[str, Any]) -> Syst
     """
     Build the system of a file with parameters.
 
-    Parameters
-    ----------
-    plant : mapping
-        As `systems.file.load_plant` returns it.
-    parameters : mapping
-        By name: a number or an expression without names.
-
-    Returns
-    -------
-    System
-
-    Raises
-    ------
-    StatementError, DynamicsError
-        If a parameter is not valid.
-
+    :param plant: as `systems.file.load_plant` returns it.
+    :param parameters: by name: a number or an expression without names.
+    :raises StatementError, DynamicsError: if a parameter is not valid.
     """
     return build_system(plant).with_parameters(_evaluate(parameters))
 

@@ -307,11 +307,7 @@ def list_options(options: Options = DEFAULTS) -> Iterator[Option]:
     """
     Yield all options in order.
 
-    Parameters
-    ----------
-    options : Options
-        Their values.
-
+    :param options: their values.
     """
     for group in fields(options):
         values = getattr(options, group.name)
@@ -324,20 +320,10 @@ def read_options(given: Iterable[str]) -> Options:
     """
     Return the options with the given changes.
 
-    Parameters
-    ----------
-    given : iterable of str
-        Each is NAME=VALUE, as 'multistart.most=20'. A list of numbers is separated by commas.
-
-    Returns
-    -------
-    Options
-
-    Raises
-    ------
-    StatementError
-        If a name is unknown, or a value is not of the kind of the default or out of its range.
-
+    :param given: each is NAME=VALUE, as 'multistart.most=20'. A list of numbers is separated by
+        commas.
+    :raises StatementError: if a name is unknown, or a value is not of the kind of the default or
+        out of its range.
     """
     options, known = DEFAULTS, {each.name: each for each in list_options()}
     for text in given:

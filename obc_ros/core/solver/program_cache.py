@@ -48,28 +48,16 @@ class Answered:
     """
     A solved problem, with what its neighbours start from.
 
-    Attributes
-    ----------
-    problem : Problem
-    outcome : TranscriptionOutcome
-        Of the last mesh.
-    sizes : ProblemScales
-    margin : ndarray, shape (n + l,)
-        Tightening of the bounds of x and of the path constraints.
-    extremal : BoundaryValues or None
-        Solution of the boundary value problem, if its kinks are mesh points of the outcome.
-    rivals : tuple of TranscriptionOutcome
-        Other local minima of about the same cost, on the coarse mesh.
-    refined : float
-        Cost of the best minimum over its cost on the coarse mesh.
-    looked : ndarray or None
-        Numbers of the problem for which multistart looked for the best minimum last. Far from
-        there another one may be the best.
-    optimality : Optimality or None
-        Result of that search.
-    options : NeighbourOptions
-        Give the reach.
-
+    :ivar outcome: of the last mesh.
+    :ivar margin: (n + l,), tightening of the bounds of x and of the path constraints.
+    :ivar extremal: solution of the boundary value problem, if its kinks are mesh points of the
+        outcome.
+    :ivar rivals: other local minima of about the same cost, on the coarse mesh.
+    :ivar refined: cost of the best minimum over its cost on the coarse mesh.
+    :ivar looked: numbers of the problem for which multistart looked for the best minimum last. Far
+        from there another one may be the best.
+    :ivar optimality: result of that search.
+    :ivar options: give the reach.
     """
 
     problem: Problem
@@ -114,12 +102,7 @@ class ProgramCache:
     All of it is built from the symbols of `problem`. Another problem of the structure must be
     restated in these symbols by `restated` first.
 
-    Parameters
-    ----------
-    problem : Problem
-    options : Options
-        Of the searches with these programs.
-
+    :param options: of the searches with these programs.
     """
 
     def __init__(self, problem: Problem, options: Options = DEFAULTS) -> None:
@@ -157,13 +140,8 @@ class ProgramCache:
         """
         Return the program of a layout, which is built once.
 
-        Parameters
-        ----------
-        problem : Problem
-            In the symbols of this cache.
-        layout : Layout
-            Phases, intervals and scheme.
-
+        :param problem: in the symbols of this cache.
+        :param layout: phases, intervals and scheme.
         """
         found = self._transcriptions.pop(layout, None)
         if found is None:
@@ -200,11 +178,7 @@ class ProgramCache:
         """
         Return the solved problem whose numbers are nearest, None if none is a neighbour.
 
-        Parameters
-        ----------
-        problem : Problem
-            In the symbols of this cache.
-
+        :param problem: in the symbols of this cache.
         """
         if not self.answers:
             return None
@@ -244,13 +218,8 @@ class ProgramCache:
         """
         Return whether L or V may have several local minima in the states.
 
-        Parameters
-        ----------
-        problem : Problem
-            In the symbols of this cache.
-        cost : float
-            Paths up to this cost are considered.
-
+        :param problem: in the symbols of this cache.
+        :param cost: paths up to this cost are considered.
         """
         return bool(self._uneven.curved) and self._uneven(
             problem, *self.guesser.room(problem, self.integrator, cost))
@@ -259,11 +228,7 @@ class ProgramCache:
         """
         Return whether Pontryagin's conditions are sufficient: a convex problem.
 
-        Parameters
-        ----------
-        problem : Problem
-            In the symbols of this cache. For the last one the result is kept.
-
+        :param problem: in the symbols of this cache. For the last one the result is kept.
         """
         if self._convex[0] is not problem:
             self._convex = problem, self._convex_paths and (
@@ -288,13 +253,8 @@ class ProgramCache:
         """
         Return the fitter of constraint multipliers.
 
-        Parameters
-        ----------
-        problem : Problem
-            In the symbols of this cache.
-        stated : bool
-            For the problem as stated, not for its smooth reformulation.
-
+        :param problem: in the symbols of this cache.
+        :param stated: for the problem as stated, not for its smooth reformulation.
         """
         if stated not in self._fitters:
             self._fitters[stated] = Fitter(self._differentiable(problem))
@@ -305,17 +265,9 @@ def collect_numbers(problem: Problem) -> Array:
     """
     Return all numbers of a problem.
 
-    Parameters
-    ----------
-    problem : Problem
-        With n states, m inputs and l path constraints.
-
-    Returns
-    -------
-    ndarray, shape (numbers,)
-        x(0), parameters, bounds, those of x(0) if it is free; value, lower and upper bound of the
-        final time (nan: 0).
-
+    :param problem: with n states, m inputs and l path constraints.
+    :return: (numbers,), x(0), parameters, bounds, those of x(0) if it is free; value, lower and
+        upper bound of the final time (nan: 0).
     """
     final = problem.final_time
     start = () if problem.start is None else problem.start_box
@@ -334,18 +286,9 @@ class Cache:
         """
         Return a problem in the symbols of the program cache of its structure, and this cache.
 
-        Parameters
-        ----------
-        problem : Problem
-            Without a `structure` its programs are not kept.
-        options : Options
-            Of the search; programs with other options are built anew.
-
-        Returns
-        -------
-        problem : Problem
-        programs : ProgramCache
-
+        :param problem: without a `structure` its programs are not kept.
+        :param options: of the search; programs with other options are built anew.
+        :return: problem, programs.
         """
         key = problem.structure
         programs = self._caches.pop(key, None) if key else None

@@ -32,26 +32,14 @@ def search(task: Task, *, with_arcs: bool = True, quick: bool = False,
     """
     Search for a solution.
 
-    Parameters
-    ----------
-    task : Task
-        The problem, its programs, and the limits of the work.
-    with_arcs : bool
-        Whether inputs may be held at bounds between switching times.
-    quick : bool
-        One start and a few meshes, for paths that need not be optimal.
-    why_not : callable
-        Called when the first starts led to no path. Returns a proof of infeasibility in words, or
-        ''.
-
-    Returns
-    -------
-    found : Candidate
-        The best one, with its certificate unless work was stopped; without samples if no path was
-        found. The status is that of the descent, see `solve.solve`.
-    bench : Bench
-        With the part of the work that the search was allowed.
-
+    :param task: the problem, its programs, and the limits of the work.
+    :param with_arcs: whether inputs may be held at bounds between switching times.
+    :param quick: one start and a few meshes, for paths that need not be optimal.
+    :param why_not: called when the first starts led to no path. Returns a proof of infeasibility
+        in words, or ''.
+    :return: found: the best one, with its certificate unless work was stopped; without samples if
+        no path was found. The status is that of the descent, see `solve.solve`; bench: with the
+        part of the work that the search was allowed.
     """
     bench = build_bench(task, with_arcs=with_arcs, quick=quick)
     if (known := solve_from_neighbour(bench)) is not None:

@@ -50,41 +50,21 @@ def solve(problem: Problem, *, method: str = '', time_limit: float = 60.0,
     """
     Solve a problem and certify the solution.
 
-    Parameters
-    ----------
-    problem : Problem
-        A checked statement.
-    method : str
-        One of METHODS; that of the problem if left out.
-    time_limit : float
-        Limit of the wall-clock time [s].
-    report : callable, optional
-        Called as report(phase, iteration, cost, infeasibility); True cancels.
-    cache : Cache, optional
-        Keeps what is built for the structure, for later problems that have it.
-    max_intervals : int, optional
-        Maximum number of intervals of a mesh.
-    keep : callable, optional
-        Called with each path that is better than those before, with status 'not_converged'. Its
-        message contains the cost and the condition that fails. For a caller that must return a
-        path if this process is killed.
-    note : callable, optional
-        Called with the attempts so far when another one begins, for the same caller.
-    options : Options
-        Numbers that steer the search.
-
-    Returns
-    -------
-    Solution
-        'solved' only if every residual of the certificate is within its tolerance; 'infeasible'
-        only if infeasibility is proved; otherwise 'not_converged', 'timed_out' or 'cancelled',
-        with the reason in `message`, and with the best path if there is one.
-
-    Raises
-    ------
-    StatementError
-        If the method is unknown.
-
+    :param problem: a checked statement.
+    :param method: one of METHODS; that of the problem if left out.
+    :param time_limit: limit of the wall-clock time [s].
+    :param report: called as report(phase, iteration, cost, infeasibility); True cancels.
+    :param cache: keeps what is built for the structure, for later problems that have it.
+    :param max_intervals: maximum number of intervals of a mesh.
+    :param keep: called with each path that is better than those before, with status
+        'not_converged'. Its message contains the cost and the condition that fails. For a caller
+        that must return a path if this process is killed.
+    :param note: called with the attempts so far when another one begins, for the same caller.
+    :param options: numbers that steer the search.
+    :return: 'solved' only if every residual of the certificate is within its tolerance;
+        'infeasible' only if infeasibility is proved; otherwise 'not_converged', 'timed_out' or
+        'cancelled', with the reason in `message`, and with the best path if there is one.
+    :raises StatementError: if the method is unknown.
     """
     name, begun = get_method(method or problem.method), time.monotonic()
     # Time for the certificate, and with state constraints for a path within them.

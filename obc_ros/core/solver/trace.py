@@ -42,22 +42,11 @@ class Entry:
     """
     An attempt under way.
 
-    Parameters
-    ----------
-    number, parent : int
-        As in `Attempt`.
-    method, what : str
-        As in `Attempt`.
-    begun : int
-        Work before it.
-    aside : bool
-        Whether it solves another problem, whose costs say nothing about this one.
-
-    Attributes
-    ----------
-    verdict : Verdict
-        The result so far.
-
+    :param number, parent: as in `Attempt`.
+    :param method, what: as in `Attempt`.
+    :param begun: work before it.
+    :param aside: whether it solves another problem, whose costs say nothing about this one.
+    :ivar verdict: the result so far.
     """
 
     def __init__(self, number: int, parent: int, method: str, what: str, begun: int,
@@ -91,13 +80,8 @@ class Trace:
     """
     The attempts of a solve, as a tree. Entries are added and never removed.
 
-    Attributes
-    ----------
-    work : int
-        Iterations times intervals so far.
-    mesh_refused : bool
-        Whether a mesh with more than the maximum number of intervals was needed.
-
+    :ivar work: iterations times intervals so far.
+    :ivar mesh_refused: whether a mesh with more than the maximum number of intervals was needed.
     """
 
     def __init__(self) -> None:
@@ -122,13 +106,8 @@ class Trace:
         """
         Add an attempt, make it the innermost one under way, and count its work.
 
-        Parameters
-        ----------
-        method, what : str
-            As in `Attempt`.
-        aside : bool
-            Whether another problem is solved, whose costs say nothing about this one.
-
+        :param method, what: as in `Attempt`.
+        :param aside: whether another problem is solved, whose costs say nothing about this one.
         """
         inner = self._open[-1].number if self._open else 0
         entry = Entry(len(self._entries) + 1, inner, method, what, self.work,
@@ -224,17 +203,9 @@ def judge_path(found: Solution) -> tuple[Verdict, str]:
     """
     Return the verdict on a solution, and the reason.
 
-    Parameters
-    ----------
-    found : Solution
-        With or without a path.
-
-    Returns
-    -------
-    verdict : Verdict
-    why : str
-        The condition with the largest residual, if the certificate does not pass.
-
+    :param found: with or without a path.
+    :return: verdict; why: the condition with the largest residual, if the certificate does not
+        pass.
     """
     if not found.t.size:
         return (Verdict.PROVED if found.status is Status.INFEASIBLE else Verdict.REJECTED,

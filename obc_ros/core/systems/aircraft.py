@@ -20,10 +20,7 @@ def system() -> System:
     centre of mass, f1 along the x axis of the body and f2 along its y axis. At theta = 0 a
     positive f1 accelerates to the right and counter-clockwise; f2 balances the weight.
 
-    References
-    ----------
     Book, figure 2.3 and Example 2.5; Astrom and Murray, Feedback Systems, Example 2.9.
-
     """
     return define(
         'aircraft',

@@ -23,25 +23,10 @@ def build_lateral_reference(y: Array, dy: Array, ddy: Array, speed: float, lengt
     """
     Return the states and the input of the vehicle that follow py = y(t) exactly.
 
-    Parameters
-    ----------
-    y, dy, ddy : ndarray, shape (N,)
-        Position across the road [m] and its derivatives.
-    speed, length : float
-        v [m/s] and wheelbase l [m].
-
-    Returns
-    -------
-    x : ndarray, shape (N, 2)
-        py [m], theta [rad].
-    u : ndarray, shape (N, 1)
-        phi [rad].
-
-    Raises
-    ------
-    StatementError
-        If |dy| reaches the speed of the vehicle.
-
+    :param y, dy, ddy: (N,), position across the road [m] and its derivatives.
+    :param speed, length: v [m/s] and wheelbase l [m].
+    :return: x: (N, 2), py [m], theta [rad]; u: (N, 1), phi [rad].
+    :raises StatementError: if |dy| reaches the speed of the vehicle.
     """
     if not np.abs(dy).max(initial=0.0) < speed:
         raise StatementError(f'the course requires a lateral speed of {np.abs(dy).max():.3g} '
@@ -58,20 +43,10 @@ def make_slalom(t: Array, amplitude: float = 1.0, frequency: float = 1.0, fade: 
 
     The fade has three continuous derivatives, so that the steering is continuous.
 
-    Parameters
-    ----------
-    t : ndarray, shape (N,)
-        Times [s]; the slalom lasts from 0 to `end`.
-    amplitude, frequency : float
-        [m], [Hz].
-    fade, end : float
-        Duration of fading in and of fading out [s]; end of the slalom [s].
-
-    Returns
-    -------
-    y, dy, ddy : ndarray, shape (N,)
-        [m], [m/s], [m/s^2].
-
+    :param t: (N,), times [s]; the slalom lasts from 0 to `end`.
+    :param amplitude, frequency: [m], [Hz].
+    :param fade, end: duration of fading in and of fading out [s]; end of the slalom [s].
+    :return: y, dy, ddy: (N,), [m], [m/s], [m/s^2].
     """
     w = 2.0 * math.pi * frequency
     s = np.clip(np.minimum(t, end - t) / fade, 0.0, 1.0)

@@ -30,14 +30,9 @@ class Equilibrium:
     """
     State and input with constant dx/dt: zero, or a drift of states that f does not depend on.
 
-    Attributes
-    ----------
-    x, u : ndarray, shape (n,) and (m,)
-        State xe and input ue.
-    drift : ndarray, shape (n,)
-        f(xe, ue); nonzero only for states that f does not depend on. Under ue the state is
-        xe + drift * t.
-
+    :ivar x, u: (n,) and (m,), state xe and input ue.
+    :ivar drift: (n,), f(xe, ue); nonzero only for states that f does not depend on. Under ue the
+        state is xe + drift * t.
     """
 
     x: Array
@@ -54,25 +49,12 @@ def find_equilibrium(
     """
     Find the equilibrium at a set point by Newton's method.
 
-    Parameters
-    ----------
-    system : System
-        With the parameter values in use.
-    x : array_like, shape (n,), optional
-        Set point; default: that of the system.
-    u : array_like, shape (m,), optional
-        Initial guess of the input; default: that of the system. Inputs that the set point does not
-        determine (the speed of a vehicle) keep these values.
-
-    Returns
-    -------
-    Equilibrium
-
-    Raises
-    ------
-    DynamicsError
-        If no equilibrium is found there, with the residual, or its input is outside the limits.
-
+    :param system: with the parameter values in use.
+    :param x: (n,), optional, set point; default: that of the system.
+    :param u: (m,), optional, initial guess of the input; default: that of the system. Inputs that
+        the set point does not determine (the speed of a vehicle) keep these values.
+    :raises DynamicsError: if no equilibrium is found there, with the residual, or its input is
+        outside the limits.
     """
     x = check_numbers(f'set point of {system.name}', system.setpoint if x is None else x,
                       system.state_names, DynamicsError)
@@ -95,22 +77,9 @@ def find_nearest_equilibrium(system: System, x: Array, u: Array) -> Equilibrium:
 
     Newton's method solves first for the inputs alone, then for states and inputs.
 
-    Parameters
-    ----------
-    system : System
-        With the parameter values in use.
-    x, u : ndarray, shape (n,) and (m,)
-        State and input to start from.
-
-    Returns
-    -------
-    Equilibrium
-
-    Raises
-    ------
-    DynamicsError
-        If no equilibrium is found.
-
+    :param system: with the parameter values in use.
+    :param x, u: (n,) and (m,), state and input to start from.
+    :raises DynamicsError: if no equilibrium is found.
     """
     inputs, held = np.arange(system.n + system.m) >= system.n, ~_may_move_on(system)
     best = _solve(system, np.concatenate([x, u]), inputs, held)
@@ -122,22 +91,10 @@ def linearize(system: System, x: Array, u: Array) -> tuple[Array, Array]:
     """
     Return A = df/dx and B = df/du.
 
-    Parameters
-    ----------
-    system : System
-        With the parameter values in use.
-    x, u : ndarray, shape (n,) and (m,)
-        State and input.
-
-    Returns
-    -------
-    A, B : ndarray, shape (n, n) and (n, m)
-
-    Raises
-    ------
-    DynamicsError
-        If a derivative is not finite there.
-
+    :param system: with the parameter values in use.
+    :param x, u: (n,) and (m,), state and input.
+    :return: A, B: (n, n) and (n, m).
+    :raises DynamicsError: if a derivative is not finite there.
     """
     A, B = system.jacobians(x, u)
     for matrix, by in ((A, system.states), (B, system.inputs)):
@@ -154,26 +111,12 @@ def check_numbers(what: str, given: Sequence[float] | Array, names: Sequence[str
     """
     Check that there is one finite number for each name, and return them as an array.
 
-    Parameters
-    ----------
-    what : str
-        Description of the numbers, with which a message begins.
-    given : sequence of float
-        The numbers.
-    names : sequence of str
-        Names of the N entries.
-    wrong : type
-        Class of the error.
-
-    Returns
-    -------
-    ndarray, shape (N,)
-
-    Raises
-    ------
-    ObcError
-        Of the class `wrong`, if the numbers are not N or not finite.
-
+    :param what: description of the numbers, with which a message begins.
+    :param given: the numbers.
+    :param names: names of the N entries.
+    :param wrong: class of the error.
+    :return: (N,).
+    :raises ObcError: of the class `wrong`, if the numbers are not N or not finite.
     """
     try:
         values = np.array(given, dtype=float)

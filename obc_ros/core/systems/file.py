@@ -54,21 +54,9 @@ def load_system(path: str | Path) -> System:
     Limits and the set point may be expressions of the parameters, and a parameter may be an
     expression of earlier ones. They are evaluated again when a parameter changes.
 
-    Parameters
-    ----------
-    path : str or Path
-        The file; it contains one mapping of keys.
-
-    Returns
-    -------
-    System
-
-    Raises
-    ------
-    StatementError
-        If the file cannot be read, a key is unknown, or a value is malformed. The message begins
-        with the file and the key.
-
+    :param path: the file; it contains one mapping of keys.
+    :raises StatementError: if the file cannot be read, a key is unknown, or a value is malformed.
+        The message begins with the file and the key.
     """
     return _load(path)[0]
 
@@ -77,21 +65,9 @@ def load_plant(path: str | Path) -> dict[str, Any]:
     """
     Read the keys of a system from a YAML file, for `build_system` in another process.
 
-    Parameters
-    ----------
-    path : str or Path
-        The file.
-
-    Returns
-    -------
-    dict
-        Keys of a system without those of a task; they are valid, and ``name`` is among them.
-
-    Raises
-    ------
-    StatementError
-        As `load_system`.
-
+    :param path: the file.
+    :return: keys of a system without those of a task; they are valid, and ``name`` is among them.
+    :raises StatementError: as `load_system`.
     """
     system, given = _load(path)
     return {key: given[key] for key in PLANT if key in given} | {'name': system.name}
@@ -114,17 +90,10 @@ def build_system(statement: object) -> System:
     """
     Return the system of a mapping with the keys of a system file.
 
-    Parameters
-    ----------
-    statement : object
-        The mapping. `dynamics` may be a Python function of named CasADi symbols
+    :param statement: the mapping. `dynamics` may be a Python function of named CasADi symbols
         (`stated_functions`).
-
-    Raises
-    ------
-    StatementError
-        If a key is unknown, or a value is malformed. The message begins with the key.
-
+    :raises StatementError: if a key is unknown, or a value is malformed. The message begins with
+        the key.
     """
     return _system(read_mapping(statement, 'system'), 'system', {})
 

@@ -21,18 +21,10 @@ def system(A: Matrix = (), B: Matrix = (), states: str = '', inputs: str = '') -
     """
     Return x' = A x + B u.
 
-    Parameters
-    ----------
-    A, B : array_like, shape (n, n) and (n, m)
-        Or n * n and n * m numbers, row by row.
-    states, inputs : str
-        Names with commas between them; empty: x1, x2, ... and u1, u2, ...
-
-    Raises
-    ------
-    DynamicsError
-        If the shapes or the number of names do not fit, or an entry is not finite.
-
+    :param A, B: (n, n) and (n, m), or n * n and n * m numbers, row by row.
+    :param states, inputs: names with commas between them; empty: x1, x2, ... and u1, u2, ...
+    :raises DynamicsError: if the shapes or the number of names do not fit, or an entry is not
+        finite.
     """
     given = _numbers('A', A), _numbers('B', B)
     n = math.isqrt(given[0].size)

@@ -51,27 +51,13 @@ def get_system(name: str, parameters: Mapping[str, Any] | None = None, **options
     """
     Return a system by its registered name or by the path of its YAML file.
 
-    Parameters
-    ----------
-    name : str
-        A name that ends in ``.yaml`` or ``.yml`` is a path; see `load_system`. Use
+    :param name: a name that ends in ``.yaml`` or ``.yml`` is a path; see `load_system`. Use
         `get_registered` for a name in a request: a client must not be able to read files.
-    parameters : mapping, optional
-        Values of parameters other than the defaults; it may contain options too.
-    options
-        Arguments that define the system: A and B of ``linear``, m of ``brockett``.
-
-    Returns
-    -------
-    System
-
-    Raises
-    ------
-    DynamicsError
-        If the system is unknown or cannot be loaded, or a parameter is unknown or out of range.
-    StatementError
-        If a file is malformed.
-
+    :param parameters: values of parameters other than the defaults; it may contain options too.
+    :param options: arguments that define the system: A and B of ``linear``, m of ``brockett``.
+    :raises DynamicsError: if the system is unknown or cannot be loaded, or a parameter is unknown
+        or out of range.
+    :raises StatementError: if a file is malformed.
     """
     if not is_file(name):
         return get_registered(name, parameters, **options)
@@ -85,24 +71,11 @@ def get_registered(name: str, parameters: Mapping[str, Any] | None = None,
     """
     Return a system by its registered name, as `get_system` but never from a file.
 
-    Parameters
-    ----------
-    name : str
-        The registered name.
-    parameters : mapping, optional
-        As in `get_system`.
-    options
-        As in `get_system`.
-
-    Returns
-    -------
-    System
-
-    Raises
-    ------
-    DynamicsError
-        If the system is unknown or cannot be loaded, or a parameter is unknown or out of range.
-
+    :param name: the registered name.
+    :param parameters: as in `get_system`.
+    :param options: as in `get_system`.
+    :raises DynamicsError: if the system is unknown or cannot be loaded, or a parameter is unknown
+        or out of range.
     """
     factory = _factory(name)
     known = inspect.signature(factory).parameters
@@ -127,21 +100,9 @@ def get_options(name: str) -> dict[str, Any]:
     """
     Return the arguments that define a system, with their defaults.
 
-    Parameters
-    ----------
-    name : str
-        Registered name or path of a file.
-
-    Returns
-    -------
-    dict
-        Default of each option by name; empty for a file.
-
-    Raises
-    ------
-    DynamicsError
-        If the system is unknown or cannot be loaded.
-
+    :param name: registered name or path of a file.
+    :return: default of each option by name; empty for a file.
+    :raises DynamicsError: if the system is unknown or cannot be loaded.
     """
     if is_file(name):
         return {}

@@ -49,15 +49,9 @@ class RobotFields:
     """
     Fields of messages.
 
-    Attributes
-    ----------
-    commands : mapping
-        Of each message in `COMMANDS` that carries the inputs: expression by field.
-    odometry : mapping
-        Index of the state and sign, by field.
-    plane : str
-        As in `System`.
-
+    :ivar commands: of each message in `COMMANDS` that carries the inputs: expression by field.
+    :ivar odometry: index of the state and sign, by field.
+    :ivar plane: as in `System`.
     """
 
     commands: Mapping[str, Mapping[str, ca.SX]] = field(default_factory=dict)
@@ -75,22 +69,13 @@ def read_robot_fields(given: Mapping[str, Any], plane: str, states: Symbols, inp
     """
     Return the fields of messages that a system states, or that its names and units tell.
 
-    Parameters
-    ----------
-    given : mapping
-        ``cmd_vel``, ``wrench`` and ``odom``, each a mapping of fields to texts or expressions.
-    plane : str
-        As in `System`; empty: the plane of the fields of ``odom``.
-    states, inputs, parameters : mapping of str to casadi.SX
-        Symbols by name, in the order of the system.
-    units : mapping
-        Units by name, as far as they are known.
-
-    Raises
-    ------
-    StatementError
-        If a message, a field or an expression is unknown; the message begins with ``ros``.
-
+    :param given: ``cmd_vel``, ``wrench`` and ``odom``, each a mapping of fields to texts or
+        expressions.
+    :param plane: as in `System`; empty: the plane of the fields of ``odom``.
+    :param states, inputs, parameters: symbols by name, in the order of the system.
+    :param units: units by name, as far as they are known.
+    :raises StatementError: if a message, a field or an expression is unknown; the message begins
+        with ``ros``.
     """
     check_keys(given, (*COMMANDS, 'odom'), where='ros')
     sections = {name: read_mapping(given[name], f'ros.{name}') for name in given}
@@ -114,13 +99,8 @@ def suggest_command_line(message: str, inputs: Sequence[tuple[str, str]]) -> str
     """
     Return the line by which a system file says which inputs a message carries.
 
-    Parameters
-    ----------
-    message : str
-        A key of `COMMANDS`.
-    inputs : sequence of (str, str)
-        Name and unit of each input.
-
+    :param message: a key of `COMMANDS`.
+    :param inputs: name and unit of each input.
     """
     wanted = {'linear.x': 'm/s', 'angular.z': 'rad/s'} if message == 'cmd_vel' else {
         'force.x': 'N', 'torque.z': 'N m'}

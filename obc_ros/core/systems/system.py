@@ -48,35 +48,22 @@ class System:
     """
     A system dx/dt = f(x, u; p).
 
-    Attributes
-    ----------
-    name : str
-        Name of the system.
-    states, inputs : tuple of Signal
-        In the order of x (n,) and u (m,). The limits of an input are those of the actuator.
-    parameters : tuple of Parameter
-        In the order of p, with the values in use.
-    x, u, p : casadi.SX
-        Symbols, columns of length n, m and number of parameters.
-    xdot : casadi.SX
-        f(x, u; p), shape (n, 1).
-    setpoint, setpoint_input : tuple of float
-        Default set point (n,) and initial guess of the input there (m,).
-    description : str
-        One line for lists of systems.
-    plane : str
-        Plane of px, py and theta: 'horizontal' (seen from above, py to the left of px) or
+    :ivar name: name of the system.
+    :ivar states, inputs: in the order of x (n,) and u (m,). The limits of an input are those of
+        the actuator.
+    :ivar parameters: in the order of p, with the values in use.
+    :ivar x, u, p: symbols, columns of length n, m and number of parameters.
+    :ivar xdot: f(x, u; p), shape (n, 1).
+    :ivar setpoint, setpoint_input: default set point (n,) and initial guess of the input there
+        (m,).
+    :ivar description: one line for lists of systems.
+    :ivar plane: plane of px, py and theta: 'horizontal' (seen from above, py to the left of px) or
         'vertical' (py up); theta counter-clockwise from px to py. Empty: not a rigid body.
-    rebuild : callable, optional
-        Returns this system with other parameter values. It is needed if limits or the set point
-        depend on parameters; None: only `p_value` changes.
-    outputs : tuple of Signal
-        What sensors measure, in the order of y (q,). Empty: all states.
-    y : casadi.SX
-        h(x, u; p), shape (q, 1). Without `outputs` it is x.
-    robot : RobotFields
-        Which fields of the messages of robots the states and inputs are.
-
+    :ivar rebuild: returns this system with other parameter values. It is needed if limits or the
+        set point depend on parameters; None: only `p_value` changes.
+    :ivar outputs: what sensors measure, in the order of y (q,). Empty: all states.
+    :ivar y: h(x, u; p), shape (q, 1). Without `outputs` it is x.
+    :ivar robot: which fields of the messages of robots the states and inputs are.
     """
 
     name: str
@@ -198,16 +185,8 @@ class System:
         """
         Return this system with other parameter values.
 
-        Parameters
-        ----------
-        values : mapping of str to float
-            New values by name; the other parameters keep theirs.
-
-        Raises
-        ------
-        DynamicsError
-            If a name is unknown or a value is not finite or out of its range.
-
+        :param values: new values by name; the other parameters keep theirs.
+        :raises DynamicsError: if a name is unknown or a value is not finite or out of its range.
         """
         known = {parameter.name: parameter for parameter in self.parameters}
         for name in values:
@@ -242,35 +221,20 @@ def define(
     """
     Return the system dx/dt = f(x, u; p) whose f is `dynamics`.
 
-    Parameters
-    ----------
-    name, description, plane, rebuild
-        As in `System`.
-    states, inputs : sequence of Signal
-        In the order of x (n,) and u (m,).
-    parameters : sequence of Parameter
-        In the order of p.
-    dynamics : callable
-        Called with the symbols of states, inputs and parameters; returns the n expressions dx/dt.
-    setpoint, setpoint_input : sequence of float, optional
-        Default: zeros.
-    outputs : sequence of Signal
-        In the order of y (q,); empty: all states.
-    output_map : callable, optional
-        Called as `dynamics`; returns the q expressions y. An output that is a state with an angle
-        is an angle.
-    ros : mapping, optional
-        Which fields of messages the states and inputs are, as for `read_robot_fields`. The state
-        that is the heading of a body in a plane is an angle.
-
-    Raises
-    ------
-    DynamicsError
-        If `dynamics` or `output_map` does not return as many expressions as needed, or a
-        parameter is out of its range.
-    StatementError
-        If `ros` is malformed.
-
+    :param name, description, plane, rebuild: as in `System`.
+    :param states, inputs: in the order of x (n,) and u (m,).
+    :param parameters: in the order of p.
+    :param dynamics: called with the symbols of states, inputs and parameters; returns the n
+        expressions dx/dt.
+    :param setpoint, setpoint_input: default: zeros.
+    :param outputs: in the order of y (q,); empty: all states.
+    :param output_map: called as `dynamics`; returns the q expressions y. An output that is a state
+        with an angle is an angle.
+    :param ros: which fields of messages the states and inputs are, as for `read_robot_fields`. The
+        state that is the heading of a body in a plane is an angle.
+    :raises DynamicsError: if `dynamics` or `output_map` does not return as many expressions as
+        needed, or a parameter is out of its range.
+    :raises StatementError: if `ros` is malformed.
     """
     x, u, p = (ca.vertcat(*(ca.SX.sym(each.name) for each in signals)) if signals else ca.SX(0, 1)
                for signals in (states, inputs, parameters))

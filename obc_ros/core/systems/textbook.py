@@ -16,10 +16,7 @@ def define_scalar() -> System:
     """
     Return x' = a x + b u.
 
-    References
-    ----------
     Book, Example 2.2; Exercise 2.9; with -a for a, Exercise 2.4.
-
     """
     return define(
         'scalar',
@@ -34,10 +31,7 @@ def define_cubic() -> System:
     """
     Return x' = -a x^3 + b u.
 
-    References
-    ----------
     Book, Exercise 2.5.
-
     """
     return define(
         'cubic',
@@ -52,10 +46,7 @@ def define_double_integrator() -> System:
     """
     Return the double integrator x1' = x2, x2' = u.
 
-    References
-    ----------
     Book, Examples 2.3 and 2.4.
-
     """
     return define(
         'double_integrator',
@@ -71,10 +62,7 @@ def build_nonholonomic_integrator() -> System:
     """
     Return the nonholonomic integrator x1' = u1, x2' = u2, x3' = x2 u1 with |ui| <= 1.
 
-    References
-    ----------
     Book, Example 2.6.
-
     """
     return define(
         'nonholonomic_integrator',
@@ -91,20 +79,10 @@ def define_brockett(m: int = 3) -> System:
 
     The states are q1 .. qm and the entries of Y above its diagonal, row by row: y1_2, y1_3, ...
 
-    Parameters
-    ----------
-    m : int
-        Number of inputs, 2 to `MAX_M`.
-
-    Raises
-    ------
-    DynamicsError
-        If m is not a whole number in this range.
-
-    References
-    ----------
     Book, Exercise 2.2, with Y' = -Y.
 
+    :param m: number of inputs, 2 to `MAX_M`.
+    :raises DynamicsError: if m is not a whole number in this range.
     """
     if isinstance(m, bool) or not isinstance(m, int) or not 2 <= m <= MAX_M:
         raise DynamicsError(f'brockett.m = {m}: wanted a whole number from 2 to {MAX_M}')

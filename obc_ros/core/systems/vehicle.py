@@ -35,10 +35,7 @@ def system() -> System:
 
     (px, py) is the middle of the rear axle. The default set point moves on along px at 10 m/s.
 
-    References
-    ----------
     Book, Example 1.1 and Exercise 2.10.
-
     """
     return define(
         'vehicle',
@@ -63,10 +60,7 @@ def lateral() -> System:
 
     py' = v sin(theta), theta' = (v / l) tan(phi)
 
-    References
-    ----------
     Book, Exercise 2.10.
-
     """
     return define(
         'vehicle_lateral',
@@ -89,10 +83,7 @@ def define_two_wheeled() -> System:
     (px, py) is the middle of the axle. The default set point moves on along px at L / 2: at rest
     no linear feedback can hold the position.
 
-    References
-    ----------
     Book, Exercise 2.6.
-
     """
     return _two_wheeled({'L': 1.0, 'M': 1.0})
 

@@ -9,20 +9,10 @@ def format_distinct(*values: float, digits: int = 4, unit: str = '') -> list[str
     """
     Return numbers as text, so that those that differ are printed differently.
 
-    Parameters
-    ----------
-    *values : float
-        The numbers that a sentence compares, such as a value and its limit.
-    digits : int
-        Significant digits, if they are enough; otherwise the fewest that are.
-    unit : str
-        Unit of all; empty: none.
-
-    Returns
-    -------
-    list of str
-        One text for each number.
-
+    :param *values: the numbers that a sentence compares, such as a value and its limit.
+    :param digits: significant digits, if they are enough; otherwise the fewest that are.
+    :param unit: unit of all; empty: none.
+    :return: one text for each number.
     """
     while True:
         texts = [f'{value:.{digits}g}' for value in values]

@@ -40,18 +40,9 @@ def quote(text: str, longest: int | None = 60) -> str:
     """
     Return a text from outside in a form that is safe in a message.
 
-    Parameters
-    ----------
-    text : str
-        Any text, such as part of a request.
-    longest : int, optional
-        Largest number of characters kept; None: all.
-
-    Returns
-    -------
-    str
-        The text on one line; characters that are not printable are escaped.
-
+    :param text: any text, such as part of a request.
+    :param longest: largest number of characters kept; None: all.
+    :return: the text on one line; characters that are not printable are escaped.
     """
     if longest is not None and len(text) > longest:
         text = text[:longest - 3] + '...'
@@ -64,18 +55,9 @@ def suggest_name(name: str, known: Collection[str]) -> str:
     """
     Return a suggestion for a misspelt name, to be appended to a message.
 
-    Parameters
-    ----------
-    name : str
-        The name that was given.
-    known : collection of str
-        The names that exist.
-
-    Returns
-    -------
-    str
-        `` (did you mean 'x'?)`` for the most similar known name; empty if none is similar.
-
+    :param name: the name that was given.
+    :param known: the names that exist.
+    :return: `` (did you mean 'x'?)`` for the most similar known name; empty if none is similar.
     """
     matches = difflib.get_close_matches(name[:64], known, n=1)
     return f" (did you mean '{matches[0]}'?)" if matches else ''
@@ -85,16 +67,8 @@ def describe_type(value: object) -> str:
     """
     Return a description of a value for a message about its type.
 
-    Parameters
-    ----------
-    value : object
-        The value, of any type.
-
-    Returns
-    -------
-    str
-        Such as ``a mapping``, ``a list of 3`` or ``str 'abc'``.
-
+    :param value: the value, of any type.
+    :return: such as ``a mapping``, ``a list of 3`` or ``str 'abc'``.
     """
     if value is None:
         return 'nothing'

@@ -81,25 +81,12 @@ def parse_expression(text: object, symbols: Mapping[str, ca.SX], where: str) -> 
     """
     Return the scalar CasADi expression of a text or number.
 
-    Parameters
-    ----------
-    text : str, int, float or casadi.SX
-        Python arithmetic over the names of `symbols`, ``pi`` and ``FUNCTIONS``; or an expression
-        in `symbols`, which a Python function returned.
-    symbols : mapping of str to casadi.SX
-        The symbol of each name.
-    where : str
-        The key of the text, e.g. ``dynamics.v``; every message begins with it.
-
-    Returns
-    -------
-    casadi.SX
-
-    Raises
-    ------
-    StatementError
-        If the text is not such an expression, or a constant part of it is not finite.
-
+    :param text: Python arithmetic over the names of `symbols`, ``pi`` and ``FUNCTIONS``; or an
+        expression in `symbols`, which a Python function returned.
+    :param symbols: the symbol of each name.
+    :param where: the key of the text, e.g. ``dynamics.v``; every message begins with it.
+    :raises StatementError: if the text is not such an expression, or a constant part of it is not
+        finite.
     """
     if isinstance(text, ca.SX):
         return check_symbolic(text, symbols, where, MAX_NUMBER)
@@ -116,23 +103,10 @@ def parse_lifted(text: object, symbols: Mapping[str, ca.SX],
     Two texts that differ only in these numbers give the same expression. Numbers in exponents, and
     those of an expression of CasADi, are not replaced.
 
-    Parameters
-    ----------
-    text, symbols, where
-        As in `parse_expression`.
-
-    Returns
-    -------
-    expression : casadi.SX
-        In `symbols` and the symbols of the numbers.
-    literals : list of (casadi.SX, float)
-        Symbol and value of each number.
-
-    Raises
-    ------
-    StatementError
-        As in `parse_expression`.
-
+    :param text, symbols, where: as in `parse_expression`.
+    :return: expression: in `symbols` and the symbols of the numbers; literals: symbol and value of
+        each number.
+    :raises StatementError: as in `parse_expression`.
     """
     algebra = _Lifting(symbols, where)
     if isinstance(text, ca.SX):
@@ -148,25 +122,11 @@ def parse_number(text: object, values: Mapping[str, float], where: str) -> float
 
     ``1e-3``, which YAML reads as text, is a number here.
 
-    Parameters
-    ----------
-    text : str, int or float
-        As in `parse_expression`.
-    values : mapping of str to float
-        The number of each name.
-    where : str
-        As in `parse_expression`.
-
-    Returns
-    -------
-    float
-
-    Raises
-    ------
-    StatementError
-        If the text is not an expression of the names of `values`, or its value is not finite or
-        beyond ``MAX_NUMBER``.
-
+    :param text: as in `parse_expression`.
+    :param values: the number of each name.
+    :param where: as in `parse_expression`.
+    :raises StatementError: if the text is not an expression of the names of `values`, or its value
+        is not finite or beyond ``MAX_NUMBER``.
     """
     if not isinstance(text, str):
         return _plain_number(text, where)
@@ -177,18 +137,9 @@ def insert_numbers(text: object, values: Mapping[str, float]) -> str:
     """
     Return an expression in which numbers stand in place of some names.
 
-    Parameters
-    ----------
-    text : str, int or float
-        A valid expression, as in `parse_expression`.
-    values : mapping of str to float
-        The number of each of these names.
-
-    Returns
-    -------
-    str
-        On one line.
-
+    :param text: a valid expression, as in `parse_expression`.
+    :param values: the number of each of these names.
+    :return: on one line.
     """
     def write(token: re.Match[str]) -> str:
         name = token['name']
@@ -201,23 +152,10 @@ def check_name(name: object, where: str) -> str:
     """
     Return `name` if it is a valid name of a state, input or parameter.
 
-    Parameters
-    ----------
-    name : object
-        The name that was given.
-    where : str
-        Its key, with which every message begins.
-
-    Returns
-    -------
-    str
-
-    Raises
-    ------
-    StatementError
-        If it is not an ASCII identifier of at most 64 characters, or is a keyword of Python, a
-        function or a constant.
-
+    :param name: the name that was given.
+    :param where: its key, with which every message begins.
+    :raises StatementError: if it is not an ASCII identifier of at most 64 characters, or is a
+        keyword of Python, a function or a constant.
     """
     if not isinstance(name, str):
         raise StatementError(f'{where}: a name is text, not {describe_type(name)}')

@@ -36,22 +36,10 @@ def read_mapping(value: object, where: str, wanted: str = 'a mapping of keys to 
     """
     Check that a value is a mapping of limited size, and return it.
 
-    Parameters
-    ----------
-    value : object
-        The value.
-    where : str
-        The key, with which a message begins.
-    wanted : str
-        Description of a valid value, for the message.
-    most : int
-        Largest number of entries.
-
-    Raises
-    ------
-    StatementError
-        If it is not a mapping, or larger.
-
+    :param where: the key, with which a message begins.
+    :param wanted: description of a valid value, for the message.
+    :param most: largest number of entries.
+    :raises StatementError: if it is not a mapping, or larger.
     """
     if not isinstance(value, Mapping):
         raise StatementError(f'{where}: wanted {wanted}, found {describe_type(value)}')
@@ -65,22 +53,10 @@ def list_of(value: object, where: str, wanted: str = 'a list', most: int = MAX_C
     """
     Check that a value is a list or tuple of limited size, and return it as a list.
 
-    Parameters
-    ----------
-    value : object
-        The value.
-    where : str
-        The key, with which a message begins.
-    wanted : str
-        Description of a valid value, for the message.
-    most : int
-        Largest number of entries.
-
-    Raises
-    ------
-    StatementError
-        If it is not a list or tuple, or larger.
-
+    :param where: the key, with which a message begins.
+    :param wanted: description of a valid value, for the message.
+    :param most: largest number of entries.
+    :raises StatementError: if it is not a list or tuple, or larger.
     """
     if not isinstance(value, (list, tuple)):
         raise StatementError(f'{where}: wanted {wanted}, found {describe_type(value)}')
@@ -93,25 +69,10 @@ def read_section(given: Given, key: str, most: int = MAX_COUNT) -> Given:
     """
     Return the mapping at a key, which may be absent.
 
-    Parameters
-    ----------
-    given : mapping
-        The mapping that contains it.
-    key : str
-        Its key.
-    most : int
-        Largest number of entries.
-
-    Returns
-    -------
-    mapping
-        Empty if the key is absent or its value is None.
-
-    Raises
-    ------
-    StatementError
-        If the value is not a mapping, or larger.
-
+    :param given: the mapping that contains it.
+    :param most: largest number of entries.
+    :return: empty if the key is absent or its value is None.
+    :raises StatementError: if the value is not a mapping, or larger.
     """
     value = given.get(key)
     return {} if value is None else read_mapping(value, key, most=most)
@@ -122,22 +83,11 @@ def check_keys(given: Given, known: Sequence[str], others: Sequence[str] = (), w
     """
     Check that a mapping has no unknown key.
 
-    Parameters
-    ----------
-    given : mapping
-        The mapping.
-    known : sequence of str
-        Keys that the message lists.
-    others : sequence of str
-        Further keys that are accepted.
-    where : str
-        Key of the mapping itself; empty at the top level.
-
-    Raises
-    ------
-    StatementError
-        If a key is neither known nor one of the others.
-
+    :param given: the mapping.
+    :param known: keys that the message lists.
+    :param others: further keys that are accepted.
+    :param where: key of the mapping itself; empty at the top level.
+    :raises StatementError: if a key is neither known nor one of the others.
     """
     for key in given:
         if key not in known and key not in others:
@@ -152,24 +102,10 @@ def read_names(given: Given, key: str, most: int = MAX_COUNT) -> tuple[str, ...]
     """
     Return the list of names at a key: one or more, all different.
 
-    Parameters
-    ----------
-    given : mapping
-        The mapping that contains it.
-    key : str
-        Its key.
-    most : int
-        Largest number of names.
-
-    Returns
-    -------
-    tuple of str
-
-    Raises
-    ------
-    StatementError
-        If the list is absent, empty or larger, or a name is invalid or occurs twice.
-
+    :param given: the mapping that contains it.
+    :param most: largest number of names.
+    :raises StatementError: if the list is absent, empty or larger, or a name is invalid or occurs
+        twice.
     """
     if given.get(key) is None:
         raise StatementError(f'{key}: missing; wanted a list of names')
@@ -184,18 +120,8 @@ def check_unique(names: Sequence[str], where: str) -> None:
     """
     Check that no name occurs twice.
 
-    Parameters
-    ----------
-    names : sequence of str
-        The names.
-    where : str
-        The key, with which a message begins.
-
-    Raises
-    ------
-    StatementError
-        If a name occurs twice.
-
+    :param where: the key, with which a message begins.
+    :raises StatementError: if a name occurs twice.
     """
     for index, name in enumerate(names):
         if name in names[:index]:
@@ -206,25 +132,11 @@ def read_bounds(value: object, values: Mapping[str, float], where: str) -> tuple
     """
     Return the bounds of a list [lower, upper].
 
-    Parameters
-    ----------
-    value : object
-        The list; its entries are numbers, expressions of `values`, or None for no bound.
-    values : mapping of str to float
-        The number of each name.
-    where : str
-        The key, with which a message begins.
-
-    Returns
-    -------
-    lower, upper : float
-        -inf and inf for no bound.
-
-    Raises
-    ------
-    StatementError
-        If it is not such a list, or lower > upper.
-
+    :param value: the list; its entries are numbers, expressions of `values`, or None for no bound.
+    :param values: the number of each name.
+    :param where: the key, with which a message begins.
+    :return: lower, upper: -inf and inf for no bound.
+    :raises StatementError: if it is not such a list, or lower > upper.
     """
     pair = list_of(value, where, '[lower, upper]')
     if len(pair) != 2:
@@ -237,25 +149,11 @@ def evaluate_limits(lower: object, upper: object, values: Mapping[str, float], w
     """
     Return the values of two bounds.
 
-    Parameters
-    ----------
-    lower, upper : object
-        Numbers, expressions of `values`, or None for no bound.
-    values : mapping of str to float
-        The number of each name.
-    where : str
-        The key, with which a message begins.
-
-    Returns
-    -------
-    lower, upper : float
-        -inf and inf for no bound.
-
-    Raises
-    ------
-    StatementError
-        If a bound is malformed or infinite, or lower > upper.
-
+    :param lower, upper: numbers, expressions of `values`, or None for no bound.
+    :param values: the number of each name.
+    :param where: the key, with which a message begins.
+    :return: lower, upper: -inf and inf for no bound.
+    :raises StatementError: if a bound is malformed or infinite, or lower > upper.
     """
     for bound, side in ((lower, 'lower'), (upper, 'upper')):
         if isinstance(bound, float) and math.isinf(bound):

@@ -36,13 +36,8 @@ class NamedSymbols:
     """
     Symbols by name: ``x.p`` or ``x['p']``; iteration yields them in order.
 
-    Parameters
-    ----------
-    what : str
-        What they are, in the singular: 'state'.
-    symbols : mapping of str to casadi.SX
-        In order.
-
+    :param what: what they are, in the singular: 'state'.
+    :param symbols: in order.
     """
 
     __slots__ = ('_symbols', '_what')
@@ -77,28 +72,13 @@ def call_functions(given: Mapping[Any, Any], keys: Collection[str], x: _Symbols,
     """
     Return a statement in which functions are replaced by what they return.
 
-    Parameters
-    ----------
-    given : mapping
-        The statement.
-    keys : collection of str
-        The keys that may be functions: 'dynamics' or `STATED_FUNCTIONS`.
-    x, u, p : mapping of str to casadi.SX
-        The symbols of states, inputs and parameters, in order.
-    t : casadi.SX or None
-        The time; None if its name has another meaning.
-
-    Returns
-    -------
-    dict
-        With expressions and numbers in place of functions.
-
-    Raises
-    ------
-    StatementError
-        If a function has other arguments, raises an error, or returns something else. The message
-        begins with the key.
-
+    :param given: the statement.
+    :param keys: the keys that may be functions: 'dynamics' or `STATED_FUNCTIONS`.
+    :param x, u, p: the symbols of states, inputs and parameters, in order.
+    :param t: the time; None if its name has another meaning.
+    :return: with expressions and numbers in place of functions.
+    :raises StatementError: if a function has other arguments, raises an error, or returns
+        something else. The message begins with the key.
     """
     symbols = {'x': NamedSymbols('a state', x), 'u': NamedSymbols('an input', u),
                'p': NamedSymbols('a parameter', p), 't': t}
@@ -116,13 +96,8 @@ def call_with_symbols(function: Callable[..., Any], *symbols: Any) -> Any:
     CasADi warns if the function calls one of NumPy, such as numpy.sin. The expression is the same
     as with the function of CasADi.
 
-    Parameters
-    ----------
-    function : callable
-        The function; its errors are those of this function.
-    *symbols : object
-        Its arguments.
-
+    :param function: the function; its errors are those of this function.
+    :param *symbols: its arguments.
     """
     with warnings.catch_warnings():
         warnings.filterwarnings('ignore', r'\s*casadi: a numpy function', FutureWarning)

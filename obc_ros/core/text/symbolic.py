@@ -26,28 +26,13 @@ def check_symbolic(value: ca.SX, symbols: Mapping[str, ca.SX], where: str, large
     """
     Return an expression if it is one that a text over the same symbols could state.
 
-    Parameters
-    ----------
-    value : casadi.SX
-        The expression.
-    symbols : mapping of str to casadi.SX
-        The symbols that it may contain.
-    where : str
-        Its key, with which every message begins.
-    largest : float
-        Largest magnitude of a number in it.
-
-    Returns
-    -------
-    casadi.SX
-        The expression, dense.
-
-    Raises
-    ------
-    StatementError
-        If it is not one expression, contains another symbol, an operation that a text cannot
-        contain, or a number that is not finite or too large.
-
+    :param value: the expression.
+    :param symbols: the symbols that it may contain.
+    :param where: its key, with which every message begins.
+    :param largest: largest magnitude of a number in it.
+    :return: the expression, dense.
+    :raises StatementError: if it is not one expression, contains another symbol, an operation that
+        a text cannot contain, or a number that is not finite or too large.
     """
     if value.shape != (1, 1):
         rows, columns = value.shape

@@ -16,18 +16,9 @@ def format_table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     """
     Return a table as lines of text.
 
-    Parameters
-    ----------
-    header : sequence of str
-        Names of the columns.
-    rows : iterable of sequence of str
-        Cells; their characters that are not printable are escaped.
-
-    Returns
-    -------
-    str
-        Aligned columns, without a newline at the end.
-
+    :param header: names of the columns.
+    :param rows: cells; their characters that are not printable are escaped.
+    :return: aligned columns, without a newline at the end.
     """
     cells = [[quote(cell, None) for cell in row] for row in (header, *rows)]
     widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
@@ -41,20 +32,10 @@ def format_html_table(header: Sequence[str], rows: Iterable[Sequence[str]],
     """
     Return a table as HTML; all texts are escaped.
 
-    Parameters
-    ----------
-    header : sequence of str
-        Names of the columns.
-    rows : iterable of sequence of str
-        Cells.
-    caption : str, optional
-        A sentence above the table.
-
-    Returns
-    -------
-    str
-        A ``<table>`` element.
-
+    :param header: names of the columns.
+    :param rows: Cells.
+    :param caption: a sentence above the table.
+    :return: A ``<table>`` element.
     """
     head = ''.join(f'<th>{_clean(name)}</th>' for name in header)
     body = ''.join('<tr>' + ''.join(f'<td>{_clean(cell)}</td>' for cell in row) + '</tr>'
@@ -67,15 +48,9 @@ def format_value(value: float, digits: int = 10, scale: float = 1.0) -> str:
     """
     Return a number for a table.
 
-    Parameters
-    ----------
-    value : float
-        The number.
-    digits : int
-        Significant digits.
-    scale : float
-        Magnitude to which the number is compared: below `ZERO` times this it is 0.
-
+    :param value: the number.
+    :param digits: significant digits.
+    :param scale: magnitude to which the number is compared: below `ZERO` times this it is 0.
     """
     return '0' if abs(value) < ZERO * scale else f'{value:.{digits}g}'
 

@@ -63,24 +63,12 @@ def read_yaml(path: str | Path, *, exponents: bool = False) -> Any:
     """
     Return the contents of a YAML file.
 
-    Parameters
-    ----------
-    path : str or Path
-        The file.
-    exponents : bool
-        Whether ``1e-9`` is a number, as in YAML 1.2; in YAML 1.1, only ``1.0e-9`` is one.
-
-    Returns
-    -------
-    object
-        Mappings, lists and scalars; None for an empty file.
-
-    Raises
-    ------
-    StatementError
-        If the file cannot be read, is longer than ``MAX_BYTES`` (also with its aliases
-        expanded), is not YAML, or has a key twice.
-
+    :param path: the file.
+    :param exponents: whether ``1e-9`` is a number, as in YAML 1.2; in YAML 1.1, only ``1.0e-9`` is
+        one.
+    :return: mappings, lists and scalars; None for an empty file.
+    :raises StatementError: if the file cannot be read, is longer than ``MAX_BYTES`` (also with its
+        aliases expanded), is not YAML, or has a key twice.
     """
     try:
         with open(path, 'rb') as file:
@@ -145,18 +133,8 @@ def read_text(text: str, where: str) -> Any:
     """
     Return the contents of a YAML text, as `read_yaml` those of a file.
 
-    Parameters
-    ----------
-    text : str
-        The text.
-    where : str
-        What an error begins with.
-
-    Raises
-    ------
-    StatementError
-        If it is too long, is not YAML, or has a key twice.
-
+    :param where: what an error begins with.
+    :raises StatementError: if it is too long, is not YAML, or has a key twice.
     """
     return _load(text.encode('utf-8', 'surrogatepass'), where)
 
@@ -165,23 +143,12 @@ def read_entries(path: str | Path) -> list[tuple[str, FileEntry]]:
     """
     Return the mappings of a YAML file, each with its place.
 
-    Parameters
-    ----------
-    path : str or Path
-        The file; it contains one mapping or a list of mappings.
-
-    Returns
-    -------
-    list of (str, dict or StatementError)
-        The place is the file, with the number of the entry in a list: ``several.yaml, entry 2``. A
-        mapping without `name` gets that of the file, with its number in a list. An entry that is
-        not a mapping is returned as an error.
-
-    Raises
-    ------
-    StatementError
-        If the file cannot be read, is too long, is not YAML, or has a key twice.
-
+    :param path: the file; it contains one mapping or a list of mappings.
+    :return: the place is the file, with the number of the entry in a list: ``several.yaml, entry
+        2``. A mapping without `name` gets that of the file, with its number in a list. An entry
+        that is not a mapping is returned as an error.
+    :raises StatementError: if the file cannot be read, is too long, is not YAML, or has a key
+        twice.
     """
     return _list_entries(read_yaml(path), str(path), Path(path).stem)
 
@@ -190,16 +157,8 @@ def read_text_entries(text: str) -> list[tuple[str, FileEntry]]:
     """
     Return the mappings of a YAML text, as `read_entries` those of a file.
 
-    Parameters
-    ----------
-    text : str
-        One mapping or a list of mappings.
-
-    Raises
-    ------
-    StatementError
-        If it is too long, is not YAML, or has a key twice.
-
+    :param text: one mapping or a list of mappings.
+    :raises StatementError: if it is too long, is not YAML, or has a key twice.
     """
     if not isinstance(text, str):
         raise StatementError(f'text: wanted YAML, found {describe_type(text)}')

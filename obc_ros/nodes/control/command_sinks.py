@@ -39,25 +39,11 @@ class Sink:
     """
     Converter from inputs to messages.
 
-    Parameters
-    ----------
-    topic : str
-        A key of `SINKS`.
-    system : System
-        The system of the inputs.
-    is_stamped : bool
-        Whether cmd_vel has a header.
-
-    Attributes
-    ----------
-    type : type
-        Type of the messages.
-
-    Raises
-    ------
-    StatementError
-        If the system does not say how the message carries all of its inputs.
-
+    :param topic: a key of `SINKS`.
+    :param system: the system of the inputs.
+    :param is_stamped: whether cmd_vel has a header.
+    :ivar type: type of the messages.
+    :raises StatementError: if the system does not say how the message carries all of its inputs.
     """
 
     def __init__(self, topic: str, system: System, is_stamped: bool = True) -> None:

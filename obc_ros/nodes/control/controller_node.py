@@ -71,13 +71,8 @@ class ControllerNode(LifecycleNode):  # type: ignore[misc] # rclpy's classes are
     """
     A controller; see the module's text.
 
-    Parameters
-    ----------
-    name : str
-        Name of the node.
-    table : type
-        Dataclass of its parameters.
-
+    :param name: name of the node.
+    :param table: dataclass of its parameters.
     """
 
     def __init__(self, name: str, table: type[ControllerSettings], **options: Any) -> None:

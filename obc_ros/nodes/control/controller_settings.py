@@ -159,14 +159,9 @@ def fill_weights(given: dict[str, Any], held: LinearizedPlant) -> None:
     """
     Set what is missing for a kind of weights, so that `weights` can be set before it.
 
-    Parameters
-    ----------
-    given : dict
-        Parameters by name; changed are x_max (n,) and u_max (m,) of Bryson's rule to 1 each, in
-        their units, and H (n*n,) to the identity.
-    held : LinearizedPlant
-        The plant.
-
+    :param given: parameters by name; changed are x_max (n,) and u_max (m,) of Bryson's rule to 1
+        each, in their units, and H (n*n,) to the identity.
+    :param held: the plant.
     """
     if given['weights'] == 'bryson':
         given['x_max'] = given['x_max'] or (1.0,) * held.system.n
@@ -180,22 +175,9 @@ def make_input_limits(settings: ControllerSettings, held: LinearizedPlant) -> In
     """
     Return the limits of the inputs of a plant.
 
-    Parameters
-    ----------
-    settings : ControllerSettings
-        The parameters.
-    held : LinearizedPlant
-        The plant at its set point.
-
-    Returns
-    -------
-    InputLimits
-
-    Raises
-    ------
-    StatementError
-        If the limits are of wrong size, or missing without `unlimited`.
-
+    :param settings: the parameters.
+    :param held: the plant at its set point.
+    :raises StatementError: if the limits are of wrong size, or missing without `unlimited`.
     """
     angles = tuple(i for i, is_angle in enumerate(held.system.angles) if is_angle)
     lower, upper = resolve_input_limits(held, settings.u_limits)
@@ -208,19 +190,10 @@ def check_messages(settings: ControllerSettings, held: LinearizedPlant) -> None:
     """
     Check that the messages of states and commands are those of a plant, by converting some.
 
-    Parameters
-    ----------
-    settings : ControllerSettings
-        The parameters.
-    held : LinearizedPlant
-        The plant at its set point.
-
-    Raises
-    ------
-    StatementError
-        If a message does not determine the state, does not carry an input, or is not finite at
-        the set point or at rest.
-
+    :param settings: the parameters.
+    :param held: the plant at its set point.
+    :raises StatementError: if a message does not determine the state, does not carry an input, or
+        is not finite at the set point or at rest.
     """
     make_state_reader(settings.state_source, held.system)
     sink = Sink(settings.command_sink, held.system, settings.cmd_vel_stamped)
@@ -232,24 +205,10 @@ def make_rules(settings: ControllerSettings, rate: float, names: tuple[str, ...]
     """
     Return the rules of a control loop.
 
-    Parameters
-    ----------
-    settings : ControllerSettings
-        The parameters.
-    rate : float
-        Maximum rate of the commands [Hz]; 0: a command for every state.
-    names : tuple of str
-        (n,) names of the states.
-
-    Returns
-    -------
-    Rules
-
-    Raises
-    ------
-    StatementError
-        If x_limits are of wrong size or sign, or state_timeout is too short.
-
+    :param settings: the parameters.
+    :param rate: maximum rate of the commands [Hz]; 0: a command for every state.
+    :param names: (n,) names of the states.
+    :raises StatementError: if x_limits are of wrong size or sign, or state_timeout is too short.
     """
     if 0.0 < settings.state_timeout < LEAST_TIMEOUT:
         raise StatementError(f'state_timeout = {settings.state_timeout:g}: wanted 0 (never) or at '
@@ -277,18 +236,9 @@ def explain_former_limits(given: Mapping[str, Any], values: Mapping[str, Value])
     """
     Return an error message if u_min or u_max is given as a limit, as in former versions.
 
-    Parameters
-    ----------
-    given : mapping
-        Given values by name, of any type.
-    values : mapping
-        All parameters by name.
-
-    Returns
-    -------
-    str
-        Empty: neither is given as a limit.
-
+    :param given: given values by name, of any type.
+    :param values: all parameters by name.
+    :return: empty: neither is given as a limit.
     """
     names = [name for name in ('u_min', 'u_max') if name in given
              and not (name == 'u_max' and (values['weights'] == 'bryson' or not values['u_max']))]
@@ -302,15 +252,7 @@ def describe_opening(candidate: ControllerCandidate) -> str:
     """
     Describe what a node is about to do: plant, set point, limits, topics and frame.
 
-    Parameters
-    ----------
-    candidate : ControllerCandidate
-        The adopted settings.
-
-    Returns
-    -------
-    str
-
+    :param candidate: the adopted settings.
     """
     settings, held = candidate.settings, candidate.design.plant
     limits = candidate.control.limits

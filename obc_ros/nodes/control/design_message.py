@@ -15,23 +15,10 @@ def design_message(design: Design, made: Change, error: Sequence[float] | None, 
     """
     Return the message of a design, without stamp and revision.
 
-    Parameters
-    ----------
-    design : Design
-        The design.
-    made : Change
-        The change from the previous design.
-    error : sequence of float or None
-        Current x - xe (n,).
-    note : str
-        Text to append to the sentence.
-    period : float
-        Measured period of the commands [s]; 0: not known.
-
-    Returns
-    -------
-    LqrDesign
-
+    :param made: the change from the previous design.
+    :param error: current x - xe (n,).
+    :param note: text to append to the sentence.
+    :param period: measured period of the commands [s]; 0: not known.
     """
     message = build_lqr_design(report_fields(design, made, error, period))
     if note:

@@ -85,23 +85,13 @@ class LoopMonitor:
         """
         Return the statuses of states, commands and design.
 
-        Parameters
-        ----------
-        name : str
-            Name of the node.
-        loop : ControlLoop
-            The loop; it may run at the same time.
-        revision : int
-            Revision of the design in use.
-        is_active : bool
-            Whether the node is active.
-        cost : float, optional
-            Cost-to-go at the last error; None: there was no error.
-        idle : str
-            Why the node is not active although it should be; empty: it need not be.
-        missed : mapping, optional
-            By how much the model has missed the last state, by name.
-
+        :param name: name of the node.
+        :param loop: the loop; it may run at the same time.
+        :param revision: revision of the design in use.
+        :param is_active: whether the node is active.
+        :param cost: cost-to-go at the last error; None: there was no error.
+        :param idle: why the node is not active although it should be; empty: it need not be.
+        :param missed: by how much the model has missed the last state, by name.
         """
         now, counts = monotonic(), Counter(loop.counts)
         elapsed, self._looked = now - self._looked, now

@@ -40,15 +40,9 @@ class SourceWatch:
         """
         Return whose message this is.
 
-        Parameters
-        ----------
-        number : int or None
-            Number of the message by its publisher; None: the middleware gives none.
-        now : float
-            Steady clock [s].
-        patience : float
-            Silence [s] after which another publisher is used.
-
+        :param number: number of the message by its publisher; None: the middleware gives none.
+        :param now: steady clock [s].
+        :param patience: silence [s] after which another publisher is used.
         """
         if number is None or self.is_next(number, now):
             return Source.SAME

@@ -13,18 +13,8 @@ def find_faults(node: Node, topics: Iterable[str], shared: Iterable[str] = ()) -
     """
     Return a message for each fault on the topics of a node.
 
-    Parameters
-    ----------
-    node : rclpy.node.Node
-        The node.
-    topics, shared : iterable of str
-        Its resolved topics: those with at most one publisher, and the others.
-
-    Returns
-    -------
-    dict
-        Messages by kind of fault.
-
+    :param topics, shared: its resolved topics: those with at most one publisher, and the others.
+    :return: messages by kind of fault.
     """
     own, topics, found = node.get_fully_qualified_name(), tuple(topics), {}
     for topic in (*topics, *shared):

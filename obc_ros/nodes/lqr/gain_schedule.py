@@ -24,25 +24,11 @@ def make_schedule(found: Design, settings: Any) -> tuple[Schedule | None, str]:
     """
     Return the schedule of a design, and the verified properties as a clause.
 
-    Parameters
-    ----------
-    found : Design
-        The design at the set point.
-    settings : Settings
-        The parameters of lqr_node.
-
-    Returns
-    -------
-    schedule : Schedule or None
-        The gains; None: the gain is constant, for want of a variable or its range.
-    clause : str
-        For the sentence of the design; empty without a variable.
-
-    Raises
-    ------
-    ObcError
-        If there is no such schedule.
-
+    :param found: the design at the set point.
+    :param settings: the parameters of lqr_node.
+    :return: schedule: the gains; None: the gain is constant, for want of a variable or its range;
+        clause: for the sentence of the design; empty without a variable.
+    :raises ObcError: if there is no such schedule.
     """
     if not settings.schedule:
         return None, ''

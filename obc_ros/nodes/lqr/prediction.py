@@ -23,17 +23,10 @@ class Foresight:
     """
     A predicted state.
 
-    Attributes
-    ----------
-    stamp : int
-        [ns]
-    x, u : list of float
-        The state (n,), and the command (m,) that acts then.
-    at_rest : bool
-        Whether the plant stays there.
-    sentence : str
-        What is followed then.
-
+    :ivar stamp: [ns].
+    :ivar x, u: the state (n,), and the command (m,) that acts then.
+    :ivar at_rest: whether the plant stays there.
+    :ivar sentence: what is followed then.
     """
 
     stamp: int
@@ -53,20 +46,10 @@ class Oracle:
         """
         Return the state at a stamp, by the loop and the model.
 
-        Parameters
-        ----------
-        loop : ControlLoop
-            It is not changed.
-        candidate : LqrCandidate
-            The design and the control in use.
-        stamp : int
-            [ns]; not after the last state: that one.
-
-        Raises
-        ------
-        ObcError
-            If there is no recent state, or the model diverges.
-
+        :param loop: it is not changed.
+        :param candidate: the design and the control in use.
+        :param stamp: [ns]; not after the last state: that one.
+        :raises ObcError: if there is no recent state, or the model diverges.
         """
         if reason := explain_absence(loop):
             raise StatementError(reason)

@@ -14,26 +14,11 @@ def read_courses(message: Trajectory, system: System, frame: str, followed: tupl
     """
     Return the references to follow after a message, in the order of their beginnings.
 
-    Parameters
-    ----------
-    message : Trajectory
-        The new reference; without samples: no reference.
-    system : System
-        The system that follows.
-    frame : str
-        Frame of its states; empty: not known.
-    followed : tuple of Course
-        The one that is followed, if any: it goes on until the new one begins.
-
-    Returns
-    -------
-    tuple of Course
-
-    Raises
-    ------
-    StatementError
-        If the message is not a reference for the system.
-
+    :param message: the new reference; without samples: no reference.
+    :param system: the system that follows.
+    :param frame: frame of its states; empty: not known.
+    :param followed: the one that is followed, if any: it goes on until the new one begins.
+    :raises StatementError: if the message is not a reference for the system.
     """
     if not message.t and not message.x and not message.u:
         return ()

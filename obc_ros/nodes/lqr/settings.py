@@ -112,22 +112,9 @@ def judge_lqr_settings(settings: Settings, courses: tuple[Course, ...] = ()) -> 
     """
     Return the design and the control for a set of parameters.
 
-    Parameters
-    ----------
-    settings : Settings
-        The parameters.
-    courses : tuple of Course
-        The references to follow, in the order of their beginnings.
-
-    Returns
-    -------
-    LqrCandidate
-
-    Raises
-    ------
-    ObcError
-        If a parameter or a reference is rejected; the message names the parameter.
-
+    :param settings: the parameters.
+    :param courses: the references to follow, in the order of their beginnings.
+    :raises ObcError: if a parameter or a reference is rejected; the message names the parameter.
     """
     found = _design(*(make_key(getattr(settings, name)) for name in _DESIGN))
     check_messages(settings, found.plant)
@@ -158,18 +145,9 @@ def describe_ending(course: Course, candidate: LqrCandidate) -> str:
     """
     Describe what happens at the end of a reference.
 
-    Parameters
-    ----------
-    course : Course
-        The reference.
-    candidate : LqrCandidate
-        The settings that follow it.
-
-    Returns
-    -------
-    str
-        A clause.
-
+    :param course: the reference.
+    :param candidate: the settings that follow it.
+    :return: a clause.
     """
     return _leg(course, candidate.design, candidate.settings.P1)[1]
 
@@ -178,23 +156,10 @@ def apply_request(weights: LqrWeights, now: Settings) -> dict[str, Any]:
     """
     Return the settings that a message specifies; its empty fields change nothing.
 
-    Parameters
-    ----------
-    weights : LqrWeights
-        The message.
-    now : Settings
-        The present settings.
-
-    Returns
-    -------
-    dict
-        Changed settings by name.
-
-    Raises
-    ------
-    StatementError
-        If a given field is not used with the kind of the weights.
-
+    :param weights: the message.
+    :param now: the present settings.
+    :return: changed settings by name.
+    :raises StatementError: if a given field is not used with the kind of the weights.
     """
     given: dict[str, Any] = {
         'weights': weights.weights, 'rho': weights.rho, 'stability': weights.stability,

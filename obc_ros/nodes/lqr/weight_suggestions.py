@@ -12,22 +12,9 @@ def suggest_weights(request: SuggestWeights.Request, plant: LinearizedPlant) -> 
     """
     Return the weights nearest to the specifications of a request.
 
-    Parameters
-    ----------
-    request : SuggestWeights.Request
-        The specifications.
-    plant : LinearizedPlant
-        The plant of the node.
-
-    Returns
-    -------
-    Suggestion
-
-    Raises
-    ------
-    ObcError
-        If a specification cannot be used, or no weights stabilise the plant.
-
+    :param request: the specifications.
+    :param plant: the plant of the node.
+    :raises ObcError: if a specification cannot be used, or no weights stabilise the plant.
     """
     return suggest(
         plant.A, plant.B,
@@ -39,13 +26,8 @@ def fill_suggestion(response: SuggestWeights.Response, found: Suggestion) -> Non
     """
     Write weights, message and trade-off table into a response, without the design.
 
-    Parameters
-    ----------
-    response : SuggestWeights.Response
-        Changed in place.
-    found : Suggestion
-        What the search found.
-
+    :param response: changed in place.
+    :param found: what the search found.
     """
     response.success, response.message = found.success, found.message
     response.qx = flatten_doubles(found.best.weights.Qx)

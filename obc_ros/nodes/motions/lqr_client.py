@@ -26,13 +26,9 @@ class LqrClient:
     """
     The services of the lqr_node in the namespace of a node.
 
-    Parameters
-    ----------
-    node : rclpy.node.Node
-        The node that asks.
-    group : rclpy.callback_groups.CallbackGroup
-        Of the answers; it must not contain the callback that waits, unless it is reentrant.
-
+    :param node: the node that asks.
+    :param group: of the answers; it must not contain the callback that waits, unless it is
+        reentrant.
     """
 
     def __init__(self, node: Node, group: CallbackGroup) -> None:

@@ -52,17 +52,10 @@ class PlannedMotion:
     """
     A plan that has been asked for.
 
-    Attributes
-    ----------
-    packet : Packet
-        The answer of a worker.
-    begin : int or None
-        Stamp of its t = 0 [ns]; None: any.
-    frame : str
-        Frame of its positions; empty: not known.
-    notes : list of str
-        Clauses that the message of the answer ends with.
-
+    :ivar packet: the answer of a worker.
+    :ivar begin: stamp of its t = 0 [ns]; None: any.
+    :ivar frame: frame of its positions; empty: not known.
+    :ivar notes: clauses that the message of the answer ends with.
     """
 
     packet: Packet
@@ -78,19 +71,10 @@ class MotionRequests:
     """
     The requests of a node to plan a motion.
 
-    Parameters
-    ----------
-    node : rclpy.node.Node
-        Its clock is used for states without a valid stamp.
-    state : PresentState
-    lqr : LqrClient
-    reference : rclpy.publisher.Publisher
-        For the plans that are to be followed.
-    log : ThrottledLog
-    ask : callable
-        Returns the answer of a worker to a request within a time [s]; a mapping has what the
-        message does not contain.
-
+    :param node: its clock is used for states without a valid stamp.
+    :param reference: for the plans that are to be followed.
+    :param ask: returns the answer of a worker to a request within a time [s]; a mapping has what
+        the message does not contain.
     """
 
     def __init__(self, node: Node, state: PresentState, lqr: LqrClient, reference: Publisher,
@@ -104,22 +88,12 @@ class MotionRequests:
         """
         Plan a motion, and have it followed if that is asked for.
 
-        Parameters
-        ----------
-        request : PlanMotion.Request
-            Changed in place.
-        response : PlanMotion.Response
-            Filled in place.
-        settings : PlanSettings
-            The parameters in use.
-        limit : float
-            Time for everything [s].
-
-        Raises
-        ------
-        ObcError
-            If there is no state to begin at, or a plant of a file has a wrong parameter.
-
+        :param request: changed in place.
+        :param response: filled in place.
+        :param settings: the parameters in use.
+        :param limit: time for everything [s].
+        :raises ObcError: if there is no state to begin at, or a plant of a file has a wrong
+            parameter.
         """
         until, key = monotonic() + limit, (request.system, request.objective)
         has_start = bool(request.start)
@@ -245,13 +219,8 @@ def state_plan(request: Any, systems: tuple[str, ...]) -> dict[str, Any]:
     """
     Return the problem of a request that was answered, as in a file.
 
-    Parameters
-    ----------
-    request : PlanMotion.Request
-        With its start.
-    systems : tuple of str
-        The parameter of the server.
-
+    :param request: with its start.
+    :param systems: the parameter of the server.
     """
     from obc_ros.core.solver.motion_planning import state_motion  # CasADi: 0.3 s
     from obc_ros.workers.motions import read_motion

@@ -16,21 +16,9 @@ def load_plants(paths: Sequence[str]) -> Plants:
     """
     Return the plants of files by name.
 
-    Parameters
-    ----------
-    paths : tuple of str
-        YAML files.
-
-    Returns
-    -------
-    dict
-        What a worker builds each plant of, see `systems.file.load_plant`.
-
-    Raises
-    ------
-    StatementError
-        If a file is malformed, or its plant has the name of another one.
-
+    :param paths: YAML files.
+    :return: what a worker builds each plant of, see `systems.file.load_plant`.
+    :raises StatementError: if a file is malformed, or its plant has the name of another one.
     """
     if not paths:
         return {}

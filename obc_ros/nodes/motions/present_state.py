@@ -31,15 +31,9 @@ class PresentState:
     """
     The last state that a node has received; it is converted on request.
 
-    Parameters
-    ----------
-    node : rclpy.node.Node
-        The node that subscribes.
-    topic : str
-        A key of `SOURCES`.
-    log : ThrottledLog
-        Log for dropped states.
-
+    :param node: the node that subscribes.
+    :param topic: a key of `SOURCES`.
+    :param log: log for dropped states.
     """
 
     def __init__(self, node: Node, topic: str, log: ThrottledLog) -> None:
@@ -53,21 +47,11 @@ class PresentState:
         """
         Return the state.
 
-        Parameters
-        ----------
-        request : PlanMotion.Request
-            Its system is the one whose state is wanted.
-        timeout : float
-            Maximum age [s].
-        plants : dict
-            The plants of files.
-
-        Raises
-        ------
-        ObcError
-            If no state has arrived within `timeout`, it is not that of the system, or there is no
-            such system.
-
+        :param request: its system is the one whose state is wanted.
+        :param timeout: maximum age [s].
+        :param plants: the plants of files.
+        :raises ObcError: if no state has arrived within `timeout`, it is not that of the system,
+            or there is no such system.
         """
         self.check(timeout)
         header = self._message.header

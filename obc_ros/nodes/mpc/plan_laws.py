@@ -12,19 +12,9 @@ def make_plan(reply: Packet, period: int, control: Control) -> PlanLaw:
     """
     Return a plan as a law, with the feedback of the set point along it.
 
-    Parameters
-    ----------
-    reply : Packet
-        A plan: ``stamp`` of its first sample [ns], arrays x (N + 1, n) and u (N, m).
-    period : int
-        Time between two samples [ns].
-    control : Control
-        The control that follows it.
-
-    Returns
-    -------
-    PlanLaw
-
+    :param reply: a plan: ``stamp`` of its first sample [ns], arrays x (N + 1, n) and u (N, m).
+    :param period: time between two samples [ns].
+    :param control: the control that follows it.
     """
     along = make_sampled_plan(period, reply.arrays['x'], reply.arrays['u'], control.regulator.K)
     # It begins half a period before its first sample, see `SampledPlan`.

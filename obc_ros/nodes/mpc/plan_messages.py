@@ -13,22 +13,11 @@ def make_plan_message(reply: Packet, period: int, system: System, frame: str) ->
     """
     Return the message of a plan.
 
-    Parameters
-    ----------
-    reply : Packet
-        As in `make_leg`.
-    period : int
-        Time between two samples [ns].
-    system : System
-        The system of the plan.
-    frame : str
-        Frame of its states.
-
-    Returns
-    -------
-    Trajectory
-        N + 1 samples; the last input is repeated.
-
+    :param reply: as in `make_leg`.
+    :param period: time between two samples [ns].
+    :param system: the system of the plan.
+    :param frame: frame of its states.
+    :return: N + 1 samples; the last input is repeated.
     """
     x, u = reply.arrays['x'], reply.arrays['u']
     message = Trajectory(

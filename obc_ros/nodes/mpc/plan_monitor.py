@@ -22,20 +22,12 @@ class PlanMonitor:
     """
     What is known of the plans.
 
-    Attributes
-    ----------
-    counts : collections.Counter
-        wanted: states at which a new plan was due; missed: those at which it had not arrived;
-        failed: replies without a plan.
-    last : Packet or None
-        The last plan.
-    reason : str
-        Why the last step has failed.
-    first : str
-        What was checked of the plan with which the node became active.
-    period : float
-        Time between two plans [s].
-
+    :ivar counts: wanted: states at which a new plan was due; missed: those at which it had not
+        arrived; failed: replies without a plan.
+    :ivar last: the last plan.
+    :ivar reason: why the last step has failed.
+    :ivar first: what was checked of the plan with which the node became active.
+    :ivar period: time between two plans [s].
     """
 
     counts: Counter[str] = field(default_factory=Counter)
@@ -69,17 +61,10 @@ class PlanMonitor:
         """
         Return the status of the plans since the last call.
 
-        Parameters
-        ----------
-        name : str
-            Name of the node.
-        loop : ControlLoop
-            The loop; it may run at the same time.
-        processes : mapping
-            Numbers of lost solver processes by cause.
-        why : str
-            Why the node cannot plan at all; empty: it can.
-
+        :param name: name of the node.
+        :param loop: the loop; it may run at the same time.
+        :param processes: numbers of lost solver processes by cause.
+        :param why: why the node cannot plan at all; empty: it can.
         """
         new, interval = Counter(self.counts) - self._before, loop.interval
         self._before = Counter(self.counts)

@@ -86,20 +86,12 @@ class MpcCandidate:
     """
     The problem and the control of a valid set of parameters.
 
-    Attributes
-    ----------
-    settings : Settings
-    design : Design
-        The sampled regulator behind the plan.
-    control : Control
-        The control without a plan.
-    problem : Packet
-        What the solver process solves.
-    link : StepLink or None
-        The process that was started for this problem; None before that.
-    ready : Packet or None
-        The terminal set: array P (n, n), ``level`` and ``sentence``; None before it is known.
-
+    :ivar design: the sampled regulator behind the plan.
+    :ivar control: the control without a plan.
+    :ivar problem: what the solver process solves.
+    :ivar link: the process that was started for this problem; None before that.
+    :ivar ready: the terminal set: array P (n, n), ``level`` and ``sentence``; None before it is
+        known.
     """
 
     settings: Settings
@@ -137,21 +129,9 @@ def judge_mpc_settings(settings: Settings) -> MpcCandidate:
     """
     Return the regulator, the control and the problem for a set of parameters.
 
-    Parameters
-    ----------
-    settings : Settings
-        The parameters.
-
-    Returns
-    -------
-    MpcCandidate
-        Without a process and a terminal set: its feedback acts nowhere.
-
-    Raises
-    ------
-    ObcError
-        If a parameter is rejected; the message names it.
-
+    :param settings: the parameters.
+    :return: without a process and a terminal set: its feedback acts nowhere.
+    :raises ObcError: if a parameter is rejected; the message names it.
     """
     if not settings.rate:
         raise StatementError('rate = 0: wanted the rate of the plans')

@@ -32,21 +32,12 @@ class Part:
     """
     A part of a body, in its own frame.
 
-    Attributes
-    ----------
-    kind : int
-        `Marker.CUBE`, `SPHERE` or `CYLINDER` (its axis is normal to a horizontal plane).
-    at : tuple of float
-        Centre along and across the body in the plane [m].
-    size : tuple of float
-        Along, across, and normal to the plane [m].
-    colour : tuple of float
-        Red, green, blue.
-    aside : float
-        Distance of the centre from the plane [m].
-    turn : float
-        Angle in the plane [rad].
-
+    :ivar kind: `Marker.CUBE`, `SPHERE` or `CYLINDER` (its axis is normal to a horizontal plane).
+    :ivar at: centre along and across the body in the plane [m].
+    :ivar size: along, across, and normal to the plane [m].
+    :ivar colour: red, green, blue.
+    :ivar aside: distance of the centre from the plane [m].
+    :ivar turn: angle in the plane [rad].
     """
 
     kind: int
@@ -105,17 +96,10 @@ class BodyMarkers:
     """
     Markers of the body of one plant, which are filled again and again.
 
-    Parameters
-    ----------
-    system : System
-        The plant.
-    plane : PlaneMap
-        Of its states.
-    name : str
-        Namespace of the markers.
-    opacity : float
-        From 0 to 1.
-
+    :param system: the plant.
+    :param plane: of its states.
+    :param name: namespace of the markers.
+    :param opacity: from 0 to 1.
     """
 
     def __init__(self, system: System, plane: PlaneMap, name: str, opacity: float = 1.0) -> None:
@@ -149,13 +133,8 @@ class InputMarkers:
     """
     Markers of the input of a plant: the exhaust of the aircraft, the limits of the steering angle.
 
-    Parameters
-    ----------
-    system : System
-        The plant.
-    plane : PlaneMap
-        Of its states.
-
+    :param system: the plant.
+    :param plane: of its states.
     """
 
     def __init__(self, system: System, plane: PlaneMap) -> None:

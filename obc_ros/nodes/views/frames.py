@@ -25,11 +25,7 @@ class FrameBroadcaster:
     """
     Publisher of the frame of the body in odom, on the topic tf.
 
-    Parameters
-    ----------
-    node : rclpy.node.Node
-        The node that publishes.
-
+    :param node: the node that publishes.
     """
 
     def __init__(self, node: Node) -> None:

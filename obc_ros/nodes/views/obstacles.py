@@ -38,18 +38,10 @@ def find_boundaries(statement: Mapping[str, Any], box: Rectangle) -> list[Array]
     """
     Return the curves that bound where px and py may be.
 
-    Parameters
-    ----------
-    statement : mapping
-        A valid problem, as in a file.
-    box : tuple of float
-        (px, px, py, py) [m]: what is outside is not drawn.
-
-    Returns
-    -------
-    list of ndarray, shape (K, 2)
-        Points (px, py) [m], joined by lines. At most `MOST_POINTS`; further curves are left out.
-
+    :param statement: a valid problem, as in a file.
+    :param box: (px, px, py, py) [m]: what is outside is not drawn.
+    :return: (K, 2), points (px, py) [m], joined by lines. At most `MOST_POINTS`; further curves
+        are left out.
     """
     problem = build_problem(statement)
     if not {'px', 'py'} <= set(problem.states):

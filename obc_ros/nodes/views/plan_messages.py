@@ -37,16 +37,8 @@ def make_path(plan: Trajectory) -> Path | None:
     """
     Return the path of a plan; None if its states have no place in a plane.
 
-    Parameters
-    ----------
-    plan : Trajectory
-        A stamp of a pose is that of the plan and its time.
-
-    Returns
-    -------
-    Path
-        At most `MOST_POSES` samples of the plan, the first and the last one included.
-
+    :param plan: a stamp of a pose is that of the plan and its time.
+    :return: at most `MOST_POSES` samples of the plan, the first and the last one included.
     """
     places, plane = _list_places(plan)
     if not plane.has_places:
@@ -66,18 +58,9 @@ def make_markers(plan: Trajectory, statement: Mapping[str, Any] | None) -> list[
     """
     Return the markers of a plan; none if its states have no place in a plane.
 
-    Parameters
-    ----------
-    plan : Trajectory
-        The plan.
-    statement : mapping, optional
-        Its problem, as in a file, for the obstacles.
-
-    Returns
-    -------
-    list of Marker
-        Start, goal, switching times, and boundaries of path constraints and bounds on px and py.
-
+    :param statement: its problem, as in a file, for the obstacles.
+    :return: start, goal, switching times, and boundaries of path constraints and bounds on px and
+        py.
     """
     places, plane = _list_places(plan)
     if not plane.has_places:

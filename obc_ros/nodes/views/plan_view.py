@@ -30,11 +30,7 @@ class PlanView:
     """
     The view of the plans of a node.
 
-    Parameters
-    ----------
-    node : rclpy.node.Node
-        The node that publishes.
-
+    :param node: the node that publishes.
     """
 
     def __init__(self, node: Node) -> None:
@@ -51,13 +47,8 @@ class PlanView:
         """
         Show a plan in place of the last one; one without px and py among its states is ignored.
 
-        Parameters
-        ----------
-        plan : Trajectory
-            Certified; its stamp is that of t = 0, or 0.
-        state : callable, optional
-            Returns the problem that it solves, as in a file, for the obstacles.
-
+        :param plan: certified; its stamp is that of t = 0, or 0.
+        :param state: returns the problem that it solves, as in a file, for the obstacles.
         """
         if PLACES & set(plan.state_names) and plan.t:
             self._plan, self._todo = (plan, state), {'path', 'markers'}

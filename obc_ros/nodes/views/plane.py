@@ -15,18 +15,10 @@ class PlaneMap:
     """
     Map from states to places in a plane.
 
-    Parameters
-    ----------
-    names : sequence of str
-        Names of the states. Without px, py or theta that coordinate is 0.
-    plane : str
-        As in `System`; empty: horizontal, and then px and py have to be among the states.
-
-    Attributes
-    ----------
-    has_places : bool
-        Whether a state has a place.
-
+    :param names: names of the states. Without px, py or theta that coordinate is 0.
+    :param plane: as in `System`; empty: horizontal, and then px and py have to be among the
+        states.
+    :ivar has_places: whether a state has a place.
     """
 
     def __init__(self, names: Sequence[str], plane: str) -> None:

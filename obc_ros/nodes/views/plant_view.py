@@ -65,11 +65,8 @@ def check_view(system: System, settings: ViewSettings) -> None:
     """
     Check that a view can show what is wanted.
 
-    Raises
-    ------
-    StatementError
-        If the frame of the plant is wanted, and it has none or there is no message for it.
-
+    :raises StatementError: if the frame of the plant is wanted, and it has none or there is no
+        message for it.
     """
     if not settings.publish_tf:
         return
@@ -83,17 +80,10 @@ class PlantView:
     """
     The view of the plant of a node.
 
-    Parameters
-    ----------
-    node : rclpy.node.Node
-        The node that publishes.
-    system : System
-        The plant.
-    settings : ViewSettings
-        What is shown.
-    observe : callable
-        Returns the last published state.
-
+    :param node: the node that publishes.
+    :param system: the plant.
+    :param settings: what is shown.
+    :param observe: returns the last published state.
     """
 
     def __init__(self, node: Node, system: System, settings: ViewSettings,

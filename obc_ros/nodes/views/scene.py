@@ -13,15 +13,9 @@ class Scene:
     """
     A topic of markers.
 
-    Parameters
-    ----------
-    node : rclpy.node.Node
-        The node that publishes.
-    topic : str
-        Name of the topic.
-    qos : QoSProfile
-        Its quality of service.
-
+    :param node: the node that publishes.
+    :param topic: name of the topic.
+    :param qos: its quality of service.
     """
 
     def __init__(self, node: Node, topic: str, qos: QoSProfile) -> None:

@@ -27,13 +27,8 @@ class SetPointMarkers:
     """
     Markers of the set point of a design.
 
-    Parameters
-    ----------
-    system : System
-        The plant.
-    plane : PlaneMap
-        Of its states.
-
+    :param system: the plant.
+    :param plane: of its states.
     """
 
     def __init__(self, system: System, plane: PlaneMap) -> None:

@@ -23,11 +23,7 @@ def guard(node: Node) -> None:
     """
     Guard the clock and the parameter services of a node.
 
-    Parameters
-    ----------
-    node : rclpy.node.Node
-        Before it spins.
-
+    :param node: before it spins.
     """
     for service in node.services:
         if service.srv_type is GetParameterTypes:
@@ -41,15 +37,9 @@ def guard_callbacks(node: Node, entity: Any, name: str) -> None:
 
     The message of a response, if there is one, has the exception.
 
-    Parameters
-    ----------
-    node : rclpy.node.Node
-        Whose log is used.
-    entity : Service, Subscription or Timer
-        Its attribute `callback` is replaced.
-    name : str
-        Of the service or topic, or what a timer does, for the log.
-
+    :param node: whose log is used.
+    :param entity: its attribute `callback` is replaced.
+    :param name: of the service or topic, or what a timer does, for the log.
     """
     callback, errors = entity.callback, count(1)
 

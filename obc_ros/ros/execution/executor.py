@@ -66,16 +66,8 @@ def run(build: Callable[[], Node]) -> int:
     """
     Build a node, spin it until SIGINT or SIGTERM, and end the process.
 
-    Parameters
-    ----------
-    build : callable
-        Returns the node; usually its class.
-
-    Returns
-    -------
-    int
-        1 if the node cannot start; otherwise the process ends with status 0.
-
+    :param build: returns the node; usually its class.
+    :return: 1 if the node cannot start; otherwise the process ends with status 0.
     """
     with _stopped_by_signals() as stop:
         try:
@@ -208,16 +200,8 @@ def summarize_error(error: Exception) -> str:
     """
     Return the text of an error on one line, without places in the sources of rcl.
 
-    Parameters
-    ----------
-    error : Exception
-        Of this package, of rclpy or of rcl.
-
-    Returns
-    -------
-    str
-        With advice for lists of mixed types and for a log folder that cannot be written.
-
+    :param error: of this package, of rclpy or of rcl.
+    :return: with advice for lists of mixed types and for a log folder that cannot be written.
     """
     words = ' '.join(re.sub(r', at /\S+:\d+', '', str(error)).split())
     if 'Sequence should be of same type' in words:

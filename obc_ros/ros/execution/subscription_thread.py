@@ -48,23 +48,14 @@ class OwnThread:
     """
     Takes the messages of one subscription, whose callback group must be an `Apart`.
 
-    Parameters
-    ----------
-    node : rclpy.node.Node
-        The node of the subscription.
-    subscription : rclpy.subscription.Subscription
-        The subscription.
-    on_message : callable
-        Called in the thread with each message and its information (`rmw_message_info_t`).
-    on_time : callable
-        Called in the thread after each wait; returns how long [s] to wait at most.
-    events : iterable of EventHandler
-        QoS events of the subscription. In an executor they would wake it at each message.
-    priority : int
-        Real-time priority of the process, see `PRIORITY`.
-    is_raw : bool
-        Whether messages are passed as they were sent, in bytes.
-
+    :param node: the node of the subscription.
+    :param on_message: called in the thread with each message and its information
+        (`rmw_message_info_t`).
+    :param on_time: called in the thread after each wait; returns how long [s] to wait at most.
+    :param events: QoS events of the subscription. In an executor they would wake it at each
+        message.
+    :param priority: real-time priority of the process, see `PRIORITY`.
+    :param is_raw: whether messages are passed as they were sent, in bytes.
     """
 
     def __init__(self, node: Node, subscription: Subscription,

@@ -40,18 +40,9 @@ class WorkerThread:
     """
     One thread that computes in the order of the requests.
 
-    Parameters
-    ----------
-    node : rclpy.node.Node
-        Whose executor awaits the results.
-
-    Attributes
-    ----------
-    group : ReentrantCallbackGroup
-        For callbacks that await a result.
-    changes : MutuallyExclusiveCallbackGroup
-        For those of which one is to end before the next begins.
-
+    :param node: whose executor awaits the results.
+    :ivar group: for callbacks that await a result.
+    :ivar changes: for those of which one is to end before the next begins.
     """
 
     def __init__(self, node: Node) -> None:
@@ -73,18 +64,9 @@ class WorkerThread:
         """
         Return the result of a computation, or raise what it raises.
 
-        Parameters
-        ----------
-        work : callable
-            Runs in the thread. A long one looks at `is_cancelled`.
-        is_change : bool
-            Whether `cancel` applies to it.
-
-        Raises
-        ------
-        CancelledError
-            If it was cancelled.
-
+        :param work: runs in the thread. A long one looks at `is_cancelled`.
+        :param is_change: whether `cancel` applies to it.
+        :raises CancelledError: if it was cancelled.
         """
         job = _Job(work, is_change)
         self._waiting.append(job)

@@ -45,18 +45,9 @@ def is_used(used_when: UsedWhen, values: Mapping[str, Value]) -> bool:
     """
     Return whether a parameter has an effect.
 
-    Parameters
-    ----------
-    used_when : tuple of Condition
-        Its conditions; one of them is enough. Empty: it always has an effect.
-    values : mapping
-        Of all parameters by name.
-
-    Returns
-    -------
-    bool
-        Whether one of the conditions holds.
-
+    :param used_when: its conditions; one of them is enough. Empty: it always has an effect.
+    :param values: of all parameters by name.
+    :return: whether one of the conditions holds.
     """
     return not used_when or any(condition_holds(each, values) for each in used_when)
 
@@ -66,22 +57,11 @@ def explain_idle(rows: Mapping[str, ParameterLike], name: str, values: Mapping[s
     """
     Return the sentence on a parameter that has no effect.
 
-    Parameters
-    ----------
-    rows : mapping
-        Rows of the table by name.
-    name : str
-        The parameter, none of whose conditions holds.
-    values : mapping
-        Of all parameters by name.
-    is_start : bool
-        Whether the node is starting; otherwise a value is being changed.
-
-    Returns
-    -------
-    str
-        The reason and the remedy.
-
+    :param rows: rows of the table by name.
+    :param name: the parameter, none of whose conditions holds.
+    :param values: of all parameters by name.
+    :param is_start: whether the node is starting; otherwise a value is being changed.
+    :return: the reason and the remedy.
     """
     conditions = rows[name].used_when
     now = ' and '.join(f'{each[0]} = {_present(each, values)}' for each in conditions)

@@ -28,18 +28,8 @@ def has_section(file: str | Path, node: str) -> bool:
     """
     Return whether a parameter file has a section for a node.
 
-    Parameters
-    ----------
-    file : str or Path
-        The file.
-    node : str
-        Fully qualified name, such as ``/robot/lqr_node``.
-
-    Raises
-    ------
-    StatementError
-        If the file cannot be read, or is not YAML.
-
+    :param node: fully qualified name, such as ``/robot/lqr_node``.
+    :raises StatementError: if the file cannot be read, or is not YAML.
     """
     return any(_is_for(section, node) for section, _ in _list_sections(file))
 
@@ -48,23 +38,10 @@ def check_files(arguments: Sequence[str], node: str) -> frozenset[str]:
     """
     Check that each parameter file in the arguments of a process has a section for its node.
 
-    Parameters
-    ----------
-    arguments : sequence of str
-        Of the process, with ``--ros-args``.
-    node : str
-        Fully qualified name of the node.
-
-    Returns
-    -------
-    frozenset of str
-        The parameters that only sections without the name of a node, such as ``/**``, give.
-
-    Raises
-    ------
-    StatementError
-        If a file has no section for the node.
-
+    :param arguments: of the process, with ``--ros-args``.
+    :param node: fully qualified name of the node.
+    :return: the parameters that only sections without the name of a node, such as ``/**``, give.
+    :raises StatementError: if a file has no section for the node.
     """
     shared: set[str] = set()
     own = set(_list_arguments(arguments, ('-p', '--param')))

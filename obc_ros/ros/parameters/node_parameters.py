@@ -65,38 +65,20 @@ class Parameters(Generic[Settings, Judged]):
     """
     The parameters of one node.
 
-    Parameters
-    ----------
-    node : rclpy.node.Node
-        Created with ``allow_undeclared_parameters=True``: unknown names are rejected here.
-    table : type
-        The frozen dataclass made of `declare_field` and `group`.
-    judge : callable
-        Returns the candidate for given settings or raises ObcError; has no side effects.
-    adopt : callable
-        Puts a candidate into use. It runs inside the service call and must be short. It is not
-        called for the values at the start: use `candidate`.
-    refused : callable, optional
-        Called with the reason of each rejection.
-    opening : callable, optional
-        Returns the first line of the log of the node, for the candidate at the start.
-    former : callable, optional
-        Returns advice for values that follow a former meaning of a parameter, or an empty text.
-        Its arguments are the given values, including those of unknown names, and all values, both
-        by name.
-
-    Attributes
-    ----------
-    settings : instance of table
-        The values in use.
-    candidate
-        What `judge` returned for the values at the start.
-
-    Raises
-    ------
-    ObcError
-        If a value at the start is rejected.
-
+    :param node: created with ``allow_undeclared_parameters=True``: unknown names are rejected
+        here.
+    :param table: the frozen dataclass made of `declare_field` and `group`.
+    :param judge: returns the candidate for given settings or raises ObcError; has no side effects.
+    :param adopt: puts a candidate into use. It runs inside the service call and must be short. It
+        is not called for the values at the start: use `candidate`.
+    :param refused: called with the reason of each rejection.
+    :param opening: returns the first line of the log of the node, for the candidate at the start.
+    :param former: returns advice for values that follow a former meaning of a parameter, or an
+        empty text. Its arguments are the given values, including those of unknown names, and all
+        values, both by name.
+    :ivar settings: the values in use.
+    :ivar candidate: what `judge` returned for the values at the start.
+    :raises ObcError: if a value at the start is rejected.
     """
 
     def __init__(

@@ -32,16 +32,8 @@ def read_problem_file(name: str) -> ProblemFile:
     """
     Return the one problem of a file.
 
-    Parameters
-    ----------
-    name : str
-        Path of the file, or the name of an example.
-
-    Raises
-    ------
-    StatementError
-        If there is no such file, or it is not one valid problem.
-
+    :param name: path of the file, or the name of an example.
+    :raises StatementError: if there is no such file, or it is not one valid problem.
     """
     path = choose_file(Path(name))
     if not is_file(str(path)):
@@ -57,17 +49,9 @@ def list_plant_values(found: ProblemFile) -> dict[str, Value]:
     """
     Return the parameters of a node by which it has the plant of a problem.
 
-    Parameters
-    ----------
-    found : ProblemFile
-        The problem.
-
-    Returns
-    -------
-    dict
-        ``system``: a registered system, or else the file itself; ``system_parameters.*``: values
-        that the problem gives a registered system.
-
+    :param found: the problem.
+    :return: ``system``: a registered system, or else the file itself; ``system_parameters.*``:
+        values that the problem gives a registered system.
     """
     system, problem = found.statement.get('system'), found.problem
     if system is None:

@@ -35,19 +35,13 @@ def serve_parameters(node: Node, is_kept: IsKept, attempt: SetTogether, prepare:
     """
     Replace the callbacks of the services that set parameters of a node.
 
-    Parameters
-    ----------
-    node : rclpy.node.Node
-        Before it spins.
-    is_kept : callable
-        Returns whether a parameter has the given value already and would reject it as given.
-    attempt : callable
-        Sets all given parameters or none, and reports a rejection in its result only.
-    prepare : callable
-        Awaited before parameters are set; may judge them elsewhere meanwhile.
-    depth : callable
-        Returns the number of parameters that have to be set in turn before a parameter is used.
-
+    :param node: before it spins.
+    :param is_kept: returns whether a parameter has the given value already and would reject it as
+        given.
+    :param attempt: sets all given parameters or none, and reports a rejection in its result only.
+    :param prepare: awaited before parameters are set; may judge them elsewhere meanwhile.
+    :param depth: returns the number of parameters that have to be set in turn before a parameter
+        is used.
     """
     log = ThrottledLog(node)
     for service in node.services:

@@ -17,21 +17,9 @@ def list_system_parameters(values: Mapping[str, Any]) -> Iterator[ParameterRow]:
     """
     Yield the parameters and construction options of a system, for `parameters.table.group`.
 
-    Parameters
-    ----------
-    values : mapping
-        With the name of the system under ``system``.
-
-    Yields
-    ------
-    ParameterRow
-        Named without a prefix.
-
-    Raises
-    ------
-    ObcError
-        If there is no such system.
-
+    :param values: with the name of the system under ``system``.
+    :yield: named without a prefix.
+    :raises ObcError: if there is no such system.
     """
     name = str(values['system'])
     options = registry.get_options(name)
@@ -59,23 +47,10 @@ def choose_system(name: str, values: Mapping[str, Any]) -> System:
     Only values that differ from the declared ones are passed on: a default that a system file
     gives as an expression of other parameters follows these.
 
-    Parameters
-    ----------
-    name : str
-        Of a registered system.
-    values : mapping
-        Parameters and construction options by name.
-
-    Returns
-    -------
-    System
-        The system.
-
-    Raises
-    ------
-    ObcError
-        If there is no such system, or a value is invalid.
-
+    :param name: of a registered system.
+    :param values: parameters and construction options by name.
+    :return: the system.
+    :raises ObcError: if there is no such system, or a value is invalid.
     """
     declared = {entry.name: entry.default for entry in list_system_parameters({'system': name})}
     return registry.get_system(name, {key: value for key, value in values.items()
@@ -86,16 +61,9 @@ def choose_node_system(values: Mapping[str, Any]) -> System:
     """
     Return the system of a node.
 
-    Parameters
-    ----------
-    values : mapping
-        Parameters of the node by name: ``system``, ``system_parameters.*`` and any others.
-
-    Raises
-    ------
-    ObcError
-        If there is no such system, or a value is invalid.
-
+    :param values: parameters of the node by name: ``system``, ``system_parameters.*`` and any
+        others.
+    :raises ObcError: if there is no such system, or a value is invalid.
     """
     return choose_system(str(values['system']), {
         name.removeprefix(SYSTEM_PARAMETERS): value for name, value in values.items()

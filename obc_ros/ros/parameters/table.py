@@ -96,11 +96,7 @@ class ParameterRow:
         """
         Return the value of a ROS parameter.
 
-        Raises
-        ------
-        StatementError
-            If its type is wrong, or a number is out of range or not finite.
-
+        :raises StatementError: if its type is wrong, or a number is out of range or not finite.
         """
         value = self._converted(given)
         if isinstance(value, str):
@@ -189,40 +185,24 @@ def declare_field(
     """
     Return a field of a table that is one ROS parameter.
 
-    Parameters
-    ----------
-    default : bool, int, float, str or tuple
-        Its type is that of the parameter; a tuple has numbers. For numbers, integers, strings
-        with numbers, a single number in place of a list, and a list of rows are accepted; for a
-        list of strings, a single string.
-    description, unit : str
-        Meaning, and the unit that is appended to it.
-    name : str
-        Name of the parameter if it differs from that of the field, such as ``noise.position``.
-    lower, upper : float
-        Bounds of the number, or of each number of a list.
-    choices : tuple of str
-        Accepted strings; empty: all.
-    read_only : bool
-        Whether the value is fixed once the node has started.
-    finite : bool
-        Whether infinity is rejected; NaN always is.
-    texts : bool
-        Whether a tuple has strings.
-    used_when : tuple
-        Conditions on other parameters, see `conditions`. The parameter has an effect if one of
-        them holds; empty: always.
-    default_given : tuple, optional
-        Name of a parameter declared before, and the default if that is given at the start.
-    gives : callable, optional
-        Returns the `StartValues` of a text that is not empty. They become the defaults of the
-        other parameters. Raises ObcError for a text that gives none.
-
-    Returns
-    -------
-    dataclasses.Field
-        With the row in its metadata.
-
+    :param default: its type is that of the parameter; a tuple has numbers. For numbers, integers,
+        strings with numbers, a single number in place of a list, and a list of rows are accepted;
+        for a list of strings, a single string.
+    :param description, unit: meaning, and the unit that is appended to it.
+    :param name: name of the parameter if it differs from that of the field, such as
+        ``noise.position``.
+    :param lower, upper: bounds of the number, or of each number of a list.
+    :param choices: accepted strings; empty: all.
+    :param read_only: whether the value is fixed once the node has started.
+    :param finite: whether infinity is rejected; NaN always is.
+    :param texts: whether a tuple has strings.
+    :param used_when: conditions on other parameters, see `conditions`. The parameter has an effect
+        if one of them holds; empty: always.
+    :param default_given: name of a parameter declared before, and the default if that is given at
+        the start.
+    :param gives: returns the `StartValues` of a text that is not empty. They become the defaults
+        of the other parameters. Raises ObcError for a text that gives none.
+    :return: with the row in its metadata.
     """
     entry = ParameterRow(
         name=name, default=default, description=description, unit=unit, lower=lower, upper=upper,
@@ -235,17 +215,9 @@ def group(members: Callable[[Mapping[str, Value]], Iterable[ParameterRow]]) -> A
     """
     Return a field of a table that holds all parameters ``FIELD.*`` by their last name.
 
-    Parameters
-    ----------
-    members : callable
-        Gets the values declared so far by name, and yields a row for each member, named without
-        the prefix. Each row is declared before the next one is requested.
-
-    Returns
-    -------
-    dataclasses.Field
-        With `members` in its metadata.
-
+    :param members: gets the values declared so far by name, and yields a row for each member,
+        named without the prefix. Each row is declared before the next one is requested.
+    :return: with `members` in its metadata.
     """
     return field(default_factory=dict, metadata={'group': members})
 

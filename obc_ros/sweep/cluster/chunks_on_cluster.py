@@ -29,27 +29,12 @@ def solve_on_cluster(chunks: Sequence[Chunk], address: str, workers: int
 
     A chunk whose worker is gone is sent to another one.
 
-    Parameters
-    ----------
-    chunks : sequence of Chunk
-        In any order.
-    address : str
-        Of the scheduler; empty: a cluster in this process.
-    workers : int
-        Number of workers of a cluster in this process.
-
-    Yields
-    ------
-    number : int
-        Of the chunk.
-    rows : list
-        The answers at its points.
-
-    Raises
-    ------
-    ObcError
-        If there is no scheduler, it is gone, it has no workers, or a chunk cannot be solved.
-
+    :param chunks: in any order.
+    :param address: of the scheduler; empty: a cluster in this process.
+    :param workers: number of workers of a cluster in this process.
+    :yield: number: of the chunk; rows: the answers at its points.
+    :raises ObcError: if there is no scheduler, it is gone, it has no workers, or a chunk cannot be
+        solved.
     """
     client = connect(address) if address else start_local(min(workers, len(chunks)) or 1)
     run = _ClusterRun(client, address or 'this process', chunks)
@@ -134,11 +119,7 @@ class _ClusterRun:
         """
         Return the number of chunks that may be under way.
 
-        Raises
-        ------
-        ObcError
-            If the scheduler is gone, or there has been no worker for some time.
-
+        :raises ObcError: if the scheduler is gone, or there has been no worker for some time.
         """
         while (threads := count_threads(self._client)) is None:
             if self._client.status == 'closed' or time.monotonic() > self._seen + LOST:

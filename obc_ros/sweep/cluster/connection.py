@@ -36,16 +36,8 @@ def check_address(address: str) -> None:
     """
     Check the form of the address of a scheduler.
 
-    Parameters
-    ----------
-    address : str
-        Such as ``tcp://host:8786``.
-
-    Raises
-    ------
-    StatementError
-        If it has another form.
-
+    :param address: such as ``tcp://host:8786``.
+    :raises StatementError: if it has another form.
     """
     scheme = next((each for each in SCHEMES if address.startswith(each)), '')
     port = address.rpartition(':')[2]
@@ -58,16 +50,8 @@ def explain_exposure(address: str) -> str:
     """
     Return who could run programs here through a scheduler.
 
-    Parameters
-    ----------
-    address : str
-        As accepted by `check_address`.
-
-    Returns
-    -------
-    str
-        Empty: the connection is encrypted, or does not leave this machine.
-
+    :param address: as accepted by `check_address`.
+    :return: empty: the connection is encrypted, or does not leave this machine.
     """
     host = address.partition('://')[2].rpartition(':')[0].strip('[]')
     try:
@@ -84,20 +68,11 @@ def connect(address: str, patience: float = CONNECT_TIMEOUT) -> Any:
     """
     Return a client of a running cluster.
 
-    Parameters
-    ----------
-    address : str
-        Of the scheduler.
-    patience : float
-        Time in which it must answer [s].
-
-    Raises
-    ------
-    StatementError
-        If the address has another form.
-    ObcError
-        If Dask is not installed, there is no scheduler, or its workers have another version.
-
+    :param address: of the scheduler.
+    :param patience: time in which it must answer [s].
+    :raises StatementError: if the address has another form.
+    :raises ObcError: if Dask is not installed, there is no scheduler, or its workers have another
+        version.
     """
     check_address(address)
     distributed = _import_distributed()
@@ -119,16 +94,8 @@ def start_local(workers: int) -> Any:
     """
     Return a client of a cluster in this process; closing it ends the cluster.
 
-    Parameters
-    ----------
-    workers : int
-        Number of solver processes.
-
-    Raises
-    ------
-    ObcError
-        If Dask is not installed.
-
+    :param workers: number of solver processes.
+    :raises ObcError: if Dask is not installed.
     """
     distributed = _import_distributed()
     cluster = distributed.LocalCluster(

@@ -43,28 +43,13 @@ class ClusterPool(Pool):
     """
     Requests on a cluster; processes of this machine take over if it is gone.
 
-    Parameters
-    ----------
-    address : str
-        Of the scheduler.
-    module, size
-        As for `Pool`.
-    say : callable
-        Called by a thread with a sentence, and whether it is good, when the cluster is found or
-        lost.
-
-    Attributes
-    ----------
-    absence : str
-        Why there is no connection; empty while there is one.
-    threads : int
-        Number of requests that the cluster handles at once.
-
-    Raises
-    ------
-    StatementError
-        If the address is malformed.
-
+    :param address: of the scheduler.
+    :param module, size: as for `Pool`.
+    :param say: called by a thread with a sentence, and whether it is good, when the cluster is
+        found or lost.
+    :ivar absence: why there is no connection; empty while there is one.
+    :ivar threads: number of requests that the cluster handles at once.
+    :raises StatementError: if the address is malformed.
     """
 
     def __init__(self, address: str, module: str, size: int,

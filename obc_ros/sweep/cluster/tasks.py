@@ -25,18 +25,9 @@ def solve_chunk_here(chunk: Chunk, sweep: str) -> list[Row] | None:
     """
     Return the answers at the points of a chunk.
 
-    Parameters
-    ----------
-    chunk : Chunk
-        The points.
-    sweep : str
-        Identifies the sweep, for `stop_sweep`.
-
-    Returns
-    -------
-    list or None
-        None if the sweep was stopped.
-
+    :param chunk: the points.
+    :param sweep: identifies the sweep, for `stop_sweep`.
+    :return: None if the sweep was stopped.
     """
     pool = _find_solver('chunks', start_solver)
     try:
@@ -55,15 +46,9 @@ def handle_request(key: str, module: str, kind: str, request: Packet, time_limit
     """
     Return the answer to a request of a server.
 
-    Parameters
-    ----------
-    key : str
-        Identifies the request, for `cancel_request` and its progress.
-    module, kind, request, memory
-        As for `Pool` and `Job`.
-    time_limit : float
-        Time [s] from the begin of this task to the answer.
-
+    :param key: identifies the request, for `cancel_request` and its progress.
+    :param module, kind, request, memory: as for `Pool` and `Job`.
+    :param time_limit: time [s] from the begin of this task to the answer.
     """
     pool = _find_solver(module, lambda: Pool(module, 1, memory=memory, niceness=0))
     import distributed  # an extra, which only a worker of a cluster has

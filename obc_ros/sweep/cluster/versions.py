@@ -17,16 +17,8 @@ def check_versions(told: Mapping[str, object]) -> None:
     """
     Check that all workers have this version of obc_ros.
 
-    Parameters
-    ----------
-    told : mapping
-        Address of each worker, and its version, or the exception that it raised.
-
-    Raises
-    ------
-    ObcError
-        If one has another version, or none.
-
+    :param told: address of each worker, and its version, or the exception that it raised.
+    :raises ObcError: if one has another version, or none.
     """
     here = tell_version()
     for worker, version in told.items():

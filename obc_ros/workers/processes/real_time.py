@@ -11,18 +11,9 @@ def raise_priority(priority: int, own: int) -> str:
     """
     Give the threads of this process a real-time priority (SCHED_FIFO).
 
-    Parameters
-    ----------
-    priority : int
-        Of all threads but the calling one, 1 to 99; a lower number counts as 1.
-    own : int
-        Of the calling thread, and of threads and processes that it starts later.
-
-    Returns
-    -------
-    str
-        Why the system does not allow it; empty: it is done.
-
+    :param priority: of all threads but the calling one, 1 to 99; a lower number counts as 1.
+    :param own: of the calling thread, and of threads and processes that it starts later.
+    :return: why the system does not allow it; empty: it is done.
     """
     if not hasattr(os, 'sched_setscheduler'):
         return _explain_absence(priority)
@@ -48,11 +39,7 @@ def find_priority_refusal(priority: int) -> str:
 
     A thread that ends at once tries it: the process keeps its own priority.
 
-    Parameters
-    ----------
-    priority : int
-        The priority, 1 to 99.
-
+    :param priority: the priority, 1 to 99.
     """
     if not hasattr(os, 'sched_setscheduler'):
         return _explain_absence(priority)

@@ -26,27 +26,14 @@ class SupervisedProcess:
     """
     A child process, seen from its parent.
 
-    Parameters
-    ----------
-    program : str
-        Module that runs in the process; it begins with `child_start.connect_to_parent`.
-    arguments : tuple of str
-        Of the program.
-    has_session : bool
-        Whether the process has a session of its own: signals of the terminal do not reach it.
-
-    Attributes
-    ----------
-    channel : Channel
-        To the process.
-
-    Raises
-    ------
-    ObcError
-        On Windows.
-    OSError
-        If the system starts no process.
-
+    :param program: module that runs in the process; it begins with
+        `child_start.connect_to_parent`.
+    :param arguments: of the program.
+    :param has_session: whether the process has a session of its own: signals of the terminal do
+        not reach it.
+    :ivar channel: to the process.
+    :raises ObcError: on Windows.
+    :raises OSError: if the system starts no process.
     """
 
     def __init__(self, program: str, *arguments: str, has_session: bool = False) -> None:
@@ -103,12 +90,8 @@ def find_pause(failures: int, first: float, longest: float) -> float:
     """
     Return the pause [s] before another start of a process.
 
-    Parameters
-    ----------
-    failures : int
-        Number of failed starts; 0: no pause.
-    first, longest : float
-        The pause [s] after the first one, doubled after each further one, and its maximum.
-
+    :param failures: number of failed starts; 0: no pause.
+    :param first, longest: the pause [s] after the first one, doubled after each further one, and
+        its maximum.
     """
     return min(first * 2.0**min(failures - 1, 100), longest) if failures else 0.0

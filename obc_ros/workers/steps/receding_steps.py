@@ -25,22 +25,10 @@ def prepare(problem: Packet) -> 'RecedingSteps':
     """
     Return the steps of a problem, with everything built, compiled and run once.
 
-    Parameters
-    ----------
-    problem : Packet
-        ``system``, ``parameters``, ``setpoint``, ``setpoint_input``, ``period`` [s], ``steps``,
-        ``path_constraints`` and ``deadline`` [s]; arrays Qx (n, n), Qu (m, m), cross (n, m) or
-        empty, u_lower, u_upper (m,), x_lower, x_upper (n,).
-
-    Returns
-    -------
-    RecedingSteps
-
-    Raises
-    ------
-    ObcError
-        If the problem cannot be stated, or no terminal set can be proved.
-
+    :param problem: ``system``, ``parameters``, ``setpoint``, ``setpoint_input``, ``period`` [s],
+        ``steps``, ``path_constraints`` and ``deadline`` [s]; arrays Qx (n, n), Qu (m, m), cross
+        (n, m) or empty, u_lower, u_upper (m,), x_lower, x_upper (n,).
+    :raises ObcError: if the problem cannot be stated, or no terminal set can be proved.
     """
     plain, arrays = problem.plain, problem.arrays
     system = get_system(plain['system'], plain['parameters'])
@@ -63,18 +51,8 @@ class RecedingSteps:
     A moving set point begins beside the plant: with the first step, and with a step that the plan
     before it does not reach.
 
-    Parameters
-    ----------
-    problem : RecedingProblem
-        The problem.
-    deadline : float
-        Time that a step may take [s].
-
-    Raises
-    ------
-    RefusedDesignError
-        If no terminal set can be proved.
-
+    :param deadline: time that a step may take [s].
+    :raises RefusedDesignError: if no terminal set can be proved.
     """
 
     def __init__(self, problem: RecedingProblem, deadline: float) -> None:
@@ -99,19 +77,11 @@ class RecedingSteps:
         """
         Return the plan of a request.
 
-        Parameters
-        ----------
-        request : Packet
-            ``kind`` 'first': a plan from the state x without excess, or with no more than that of
-            the plan that is followed (``present``, by limit), with what was checked of it in
-            ``words``, or a refusal. 'step': the plan from the instant ``stamp`` [ns] on, a
-            period after the state x at which u acts.
-
-        Raises
-        ------
-        ObcError
-            If there is no plan; the message gives the reason.
-
+        :param request: ``kind`` 'first': a plan from the state x without excess, or with no more
+            than that of the plan that is followed (``present``, by limit), with what was checked
+            of it in ``words``, or a refusal. 'step': the plan from the instant ``stamp`` [ns] on,
+            a period after the state x at which u acts.
+        :raises ObcError: if there is no plan; the message gives the reason.
         """
         x = request.arrays['x']
         if request.plain['kind'] == 'first':

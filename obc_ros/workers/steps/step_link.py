@@ -23,31 +23,14 @@ class StepLink(SupervisedProcess):
 
     One thread sends and one receives. Both use finite times, because the socket has one mode.
 
-    Parameters
-    ----------
-    module : str
-        Module of the process that prepares the problem.
-    problem : Packet
-        The problem.
-    priority : int
-        Real-time priority of the process once it is prepared; 0: none.
-
-    Attributes
-    ----------
-    ready : Packet or None
-        Reply of the process when it is prepared.
-    priority_refusal : str
-        Why the system does not allow the priority; empty before `ready`, and if it does.
-    is_broken : bool
-        Whether a request was sent in part: the process cannot read another one.
-
-    Raises
-    ------
-    ObcError
-        On Windows.
-    OSError
-        If the system starts no process, or it ends at once.
-
+    :param module: module of the process that prepares the problem.
+    :param priority: real-time priority of the process once it is prepared; 0: none.
+    :ivar ready: reply of the process when it is prepared.
+    :ivar priority_refusal: why the system does not allow the priority; empty before `ready`, and
+        if it does.
+    :ivar is_broken: whether a request was sent in part: the process cannot read another one.
+    :raises ObcError: on Windows.
+    :raises OSError: if the system starts no process, or it ends at once.
     """
 
     def __init__(self, module: str, problem: Packet, priority: int = 0) -> None:
@@ -67,12 +50,8 @@ class StepLink(SupervisedProcess):
         """
         Return the reply of the prepared process.
 
-        Raises
-        ------
-        ObcError
-            If it refuses the problem, has ended, is not ready within `timeout` seconds, or is not
-            wanted any more.
-
+        :raises ObcError: if it refuses the problem, has ended, is not ready within `timeout`
+            seconds, or is not wanted any more.
         """
         while self.ready is None:
             self.look(self._wait_for(lambda _: True, timeout, is_cancelled,
@@ -104,11 +83,7 @@ class StepLink(SupervisedProcess):
         """
         Send a request and return its reply.
 
-        Raises
-        ------
-        ObcError
-            If the reply is a refusal or does not arrive, or is not wanted any more.
-
+        :raises ObcError: if the reply is a refusal or does not arrive, or is not wanted any more.
         """
         number = self.send(plain, arrays)
         packet = self._wait_for(lambda packet: packet.plain.get('id') == number, timeout,

@@ -41,15 +41,9 @@ def serve_steps(channel: Channel, module: str, priority: int) -> None:
     """
     Prepare the first packet, and answer the newest request until the channel is closed.
 
-    Parameters
-    ----------
-    channel : Channel
-        To the node.
-    module : str
-        Name of the module that prepares the problem.
-    priority : int
-        Real-time priority of the prepared process; 0: none.
-
+    :param channel: to the node.
+    :param module: name of the module that prepares the problem.
+    :param priority: real-time priority of the prepared process; 0: none.
     """
     problem = channel.receive()
     assert problem is not None   # it waits for ever

@@ -28,25 +28,13 @@ class StepSupervisor:
     """
     A solver process, and its successors.
 
-    Parameters
-    ----------
-    on_reply : callable
-        Called in the thread with each reply to a request.
-    on_ready : callable
-        Called in the thread with the reply of a prepared process.
-    on_news : callable
-        Called in the thread with a sentence when a process is lost, when it has been replaced, and
-        if the system does not allow its priority.
-
-    Attributes
-    ----------
-    counts : collections.Counter
-        Numbers of requests: sent, unsent, answered; and of processes: ended, silent.
-    link : StepLink or None
-        The process in use.
-    refusal : str
-        Why the problem cannot be solved at all; empty: it can, or is not prepared yet.
-
+    :param on_reply: called in the thread with each reply to a request.
+    :param on_ready: called in the thread with the reply of a prepared process.
+    :param on_news: called in the thread with a sentence when a process is lost, when it has been
+        replaced, and if the system does not allow its priority.
+    :ivar counts: numbers of requests: sent, unsent, answered; and of processes: ended, silent.
+    :ivar link: the process in use.
+    :ivar refusal: why the problem cannot be solved at all; empty: it can, or is not prepared yet.
     """
 
     def __init__(self, on_reply: Callable[[Packet], None], on_ready: Callable[[Packet], None],

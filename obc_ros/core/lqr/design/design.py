@@ -31,15 +31,9 @@ class Sampling:
     """
     Sampling period and delay of a controller.
 
-    Attributes
-    ----------
-    period : float
-        Period of the commands [s]; 0: not known.
-    delay : float
-        Known time until a command takes effect [s].
-    exact : bool
-        Whether the design is for the sampled plant instead of the continuous one.
-
+    :ivar period: period of the commands [s]; 0: not known.
+    :ivar delay: known time until a command takes effect [s].
+    :ivar exact: whether the design is for the sampled plant instead of the continuous one.
     """
 
     period: float = 0.0
@@ -62,15 +56,9 @@ class LinearizedPlant:
     """
     A system linearised at an equilibrium.
 
-    Attributes
-    ----------
-    system : System
-    equilibrium : Equilibrium
-    A, B : ndarray, shape (n, n) and (n, m)
-    rest : tuple of float
-        Input (m,) at rest: ue for a set point that does not move. For a moving set point it is
-        the input of the equilibrium at rest at the same state, or ue if there is none.
-
+    :ivar A, B: (n, n) and (n, m).
+    :ivar rest: input (m,) at rest: ue for a set point that does not move. For a moving set point
+        it is the input of the equilibrium at rest at the same state, or ue if there is none.
     """
 
     system: System
@@ -85,20 +73,11 @@ class Design:
     """
     A feedback of a plant at its set point, with verified stability.
 
-    Attributes
-    ----------
-    plant : LinearizedPlant
-    weights : Weights
-        The cost without the weights of the integrals.
-    lqr : LqrDesign
-        The design of the plant, with the integrals of the outputs `C` as further states.
-    C : ndarray, shape (p, n)
-        Outputs with integral action.
-    cost : Weights
-        The cost with the weights of the integrals.
-    sampling : Sampling
-        Period and delay of the controller.
-
+    :ivar weights: the cost without the weights of the integrals.
+    :ivar lqr: the design of the plant, with the integrals of the outputs `C` as further states.
+    :ivar C: (p, n), outputs with integral action.
+    :ivar cost: the cost with the weights of the integrals.
+    :ivar sampling: period and delay of the controller.
     """
 
     plant: LinearizedPlant
@@ -145,16 +124,8 @@ class Design:
         """
         Return the loop that runs.
 
-        Parameters
-        ----------
-        period : float
-            Measured period of the commands [s]; 0: that of the design.
-
-        Returns
-        -------
-        HeldLoop or None
-            None if neither is known.
-
+        :param period: measured period of the commands [s]; 0: that of the design.
+        :return: None if neither is known.
         """
         foreseen = self.sampling.period
         if not (period or foreseen):
@@ -193,22 +164,9 @@ def linearize_plant(system: System, setpoint: Sequence[float] = (),
     """
     Linearise a system at a set point.
 
-    Parameters
-    ----------
-    system : System
-        The system.
-    setpoint, setpoint_input : sequence of float
-        State (n,) and input (m,) for `find_equilibrium`; empty: those of the system.
-
-    Returns
-    -------
-    LinearizedPlant
-
-    Raises
-    ------
-    DynamicsError
-        If no input within the limits holds the system there.
-
+    :param setpoint, setpoint_input: state (n,) and input (m,) for `find_equilibrium`; empty: those
+        of the system.
+    :raises DynamicsError: if no input within the limits holds the system there.
     """
     at = find_equilibrium(system, setpoint or None, setpoint_input or None)
     A, B = linearize(system, at.x, at.u)
@@ -220,30 +178,13 @@ def design(plant: LinearizedPlant, weights: dict[str, Any], integral: Sequence[s
     """
     Return the regulator of a plant for a cost.
 
-    Parameters
-    ----------
-    plant : LinearizedPlant
-        The plant at its set point.
-    weights : dict
-        Arguments of `weights.choose`; empty Qx, Qu: identity.
-    integral : sequence of str
-        Names of the states whose integrals are fed back.
-    Qi : sequence of float
-        Weights of these integrals; empty: 1 each.
-    sampling : Sampling
-        Period and delay of the controller, and whether the gain is designed for them.
-
-    Returns
-    -------
-    Design
-
-    Raises
-    ------
-    StatementError
-        If a list has a wrong length or a number is out of range.
-    RefusedDesignError
-        If there is no gain with verified stability.
-
+    :param plant: the plant at its set point.
+    :param weights: arguments of `weights.choose`; empty Qx, Qu: identity.
+    :param integral: names of the states whose integrals are fed back.
+    :param Qi: weights of these integrals; empty: 1 each.
+    :param sampling: period and delay of the controller, and whether the gain is designed for them.
+    :raises StatementError: if a list has a wrong length or a number is out of range.
+    :raises RefusedDesignError: if there is no gain with verified stability.
     """
     n, m = plant.B.shape
     given = {**weights, 'Qx': weights.get('Qx') or (1.0,) * n,
@@ -268,27 +209,12 @@ def schedule_gains(found: Design, plant_at: Callable[[float], LinearizedPlant], 
     """
     Return a gain schedule for a range of a variable.
 
-    Parameters
-    ----------
-    found : Design
-        The cost and the sampling.
-    plant_at : callable
-        The plant for a value of the variable.
-    lower, upper : float
-        The range.
-
-    Returns
-    -------
-    Table
-        The last p columns of each gain are those of the integrals.
-
-    Raises
-    ------
-    StatementError
-        If the design is not in continuous time, or the range is empty.
-    ObcError
-        If for a value there is no plant, or no gain with verified stability.
-
+    :param found: the cost and the sampling.
+    :param plant_at: the plant for a value of the variable.
+    :param lower, upper: the range.
+    :return: the last p columns of each gain are those of the integrals.
+    :raises StatementError: if the design is not in continuous time, or the range is empty.
+    :raises ObcError: if for a value there is no plant, or no gain with verified stability.
     """
     period = found.sampling.period
     if found.sampling.exact or found.sampling.delay:

@@ -17,25 +17,13 @@ def resolve_input_limits(plant: LinearizedPlant, given: Sequence[float]) -> tupl
     """
     Return lower and upper limits of the inputs, shape (m,) each.
 
-    Parameters
-    ----------
-    plant : LinearizedPlant
-        The plant at a set point; its input must lie within the limits.
-    given : sequence of float
-        m numbers: the maximum absolute value of each input, within the limits of the system.
-        2 m numbers: lower and upper limit of each input in turn, in place of those of the system;
-        infinite: the limit of the system. Empty: the limits of the system.
-
-    Returns
-    -------
-    lower, upper : tuple of float
-        (m,) each.
-
-    Raises
-    ------
-    StatementError
-        If the number of limits is wrong, or they exclude the input of the set point.
-
+    :param plant: the plant at a set point; its input must lie within the limits.
+    :param given: m numbers: the maximum absolute value of each input, within the limits of the
+        system. 2 m numbers: lower and upper limit of each input in turn, in place of those of the
+        system; infinite: the limit of the system. Empty: the limits of the system.
+    :return: lower, upper: (m,) each.
+    :raises StatementError: if the number of limits is wrong, or they exclude the input of the set
+        point.
     """
     system = plant.system
     m, own = system.m, list(zip(system.u_min.tolist(), system.u_max.tolist(), strict=True))
@@ -72,20 +60,10 @@ def check_all_limited(plant: LinearizedPlant, given: Sequence[float], lower: Vec
     """
     Check that every input has both limits.
 
-    Parameters
-    ----------
-    plant : LinearizedPlant
-        The plant at a set point.
-    given : sequence of float
-        As for `resolve_input_limits`.
-    lower, upper : tuple of float
-        (m,) the limits that follow.
-
-    Raises
-    ------
-    StatementError
-        If a limit is missing; the message contains the line to write.
-
+    :param plant: the plant at a set point.
+    :param given: as for `resolve_input_limits`.
+    :param lower, upper: (m,) the limits that follow.
+    :raises StatementError: if a limit is missing; the message contains the line to write.
     """
     free = [signal.name for signal, low, high in zip(
         plant.system.inputs, lower, upper, strict=True) if not math.isfinite(high - low)]
@@ -106,17 +84,7 @@ def translate_former_limits(system: System, given: Mapping[str, Any]) -> str:
     """
     Return an error message that replaces the former parameters u_min and u_max by u_limits.
 
-    Parameters
-    ----------
-    system : System
-        The system.
-    given : mapping
-        Values of u_min, u_max or both, of any type.
-
-    Returns
-    -------
-    str
-
+    :param given: values of u_min, u_max or both, of any type.
     """
     lower, upper = system.u_min.tolist(), system.u_max.tolist()
     lower = _numbers(given.get('u_min')) or lower

@@ -30,22 +30,12 @@ def compute_allowed_error(along: Course, x_limits: AllowedErrors = (),
     """
     Return the bounds of the error at which a reference may begin.
 
-    Parameters
-    ----------
-    along : Course
-        The reference.
-    x_limits : tuple of (float, float)
-        (n,) bounds of the error x - xr inside which the law is used; empty: none.
-    tolerance : sequence of float
-        (n,) maximum error of each state, in its unit; empty: `x_limits`, or a tenth of the range
-        of the state along the reference if it has no such bound. A range below one unit counts
-        as one unit.
-
-    Returns
-    -------
-    tuple of (float, float)
-        (n,) lower and upper bound of x - xr.
-
+    :param along: the reference.
+    :param x_limits: (n,) bounds of the error x - xr inside which the law is used; empty: none.
+    :param tolerance: (n,) maximum error of each state, in its unit; empty: `x_limits`, or a tenth
+        of the range of the state along the reference if it has no such bound. A range below one
+        unit counts as one unit.
+    :return: (n,) lower and upper bound of x - xr.
     """
     with np.errstate(over='ignore'):
         return compute_allowed_distance(np.ptp(along.x, axis=0), x_limits, tolerance)
@@ -56,18 +46,9 @@ def compute_allowed_distance(ranges: Array, x_limits: AllowedErrors, tolerance: 
     """
     Return the bounds of an error, for the ranges of the states (n,).
 
-    Parameters
-    ----------
-    ranges : ndarray, shape (n,)
-        Largest minus smallest value of each state along a reference.
-    x_limits, tolerance
-        As in `compute_allowed_error`.
-
-    Returns
-    -------
-    tuple of (float, float)
-        (n,) lower and upper bound.
-
+    :param ranges: (n,), largest minus smallest value of each state along a reference.
+    :param x_limits, tolerance: as in `compute_allowed_error`.
+    :return: (n,) lower and upper bound.
     """
     if tolerance:
         return tuple((-each, each) for each in tolerance)
@@ -84,22 +65,12 @@ def check(along: Course, found: Design, limits: InputLimits, allowed: AllowedErr
     """
     Check that the plant can follow a reference.
 
-    Parameters
-    ----------
-    along : Course
-        The reference.
-    found : Design
-        The design of the regulator that is to follow it.
-    limits : InputLimits
-        Limits of the inputs.
-    allowed : tuple of (float, float)
-        (n,) bounds of x - xr from `compute_allowed_error`.
-
-    Raises
-    ------
-    RefusedReferenceError
-        If an input exceeds a limit, or the reference does not satisfy the dynamics.
-
+    :param along: the reference.
+    :param found: the design of the regulator that is to follow it.
+    :param limits: limits of the inputs.
+    :param allowed: (n,) bounds of x - xr from `compute_allowed_error`.
+    :raises RefusedReferenceError: if an input exceeds a limit, or the reference does not satisfy
+        the dynamics.
     """
     system = found.plant.system
     with np.errstate(all='ignore'):

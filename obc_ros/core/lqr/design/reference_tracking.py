@@ -48,15 +48,9 @@ class Course:
     """
     The samples of a valid reference.
 
-    Attributes
-    ----------
-    reference : Reference
-        When it begins.
-    t, x, u : ndarray, shape (N,), (N, n), (N, m)
-        Samples; a repeated time is a jump.
-    holds : bool
-        Whether u is constant from each sample to the next; otherwise linear in between.
-
+    :ivar reference: when it begins.
+    :ivar t, x, u: (N,), (N, n), (N, m), samples; a repeated time is a jump.
+    :ivar holds: whether u is constant from each sample to the next; otherwise linear in between.
     """
 
     reference: Reference
@@ -72,29 +66,14 @@ def read_course(system: System, names: tuple[Sequence[str], Sequence[str]], t: S
     """
     Return the reference that is given by lists of numbers.
 
-    Parameters
-    ----------
-    system : System
-        The system of the states and inputs.
-    names : tuple of sequence of str
-        Names of states and inputs, in the order of x and u; empty: the order of the system.
-    t, x, u : sequence of float
-        N, N*n and N*m numbers, row by row.
-    interpolation : str
-        Interpolation of u: 'linear' or 'zoh'; empty: linear.
-    begin : int, optional
-        Stamp of t = 0 [ns]; None: that of the next state.
-
-    Returns
-    -------
-    Course
-
-    Raises
-    ------
-    StatementError
-        If a list has a wrong length, a number is not finite, the times decrease, or a name is
-        unknown.
-
+    :param system: the system of the states and inputs.
+    :param names: names of states and inputs, in the order of x and u; empty: the order of the
+        system.
+    :param t, x, u: N, N*n and N*m numbers, row by row.
+    :param interpolation: interpolation of u: 'linear' or 'zoh'; empty: linear.
+    :param begin: stamp of t = 0 [ns]; None: that of the next state.
+    :raises StatementError: if a list has a wrong length, a number is not finite, the times
+        decrease, or a name is unknown.
     """
     times = np.array(t, dtype=float)
     if not 2 <= times.size <= MOST:
@@ -118,27 +97,13 @@ def compute_tracking_law(along: Course, found: Design, P1: Array | None = None) 
     """
     Return the control law along a reference, for the weights of a design.
 
-    Parameters
-    ----------
-    along : Course
-        The reference.
-    found : Design
-        A design of the same system.
-    P1 : ndarray, shape (n, n), optional
-        Terminal weight; default: P of the design at the end of the reference.
-
-    Returns
-    -------
-    leg : Leg
-        The control law along the reference and after its end.
-    ending : str
-        What happens at the end, as a clause.
-
-    Raises
-    ------
-    DynamicsError
-        If the system cannot be linearised along the reference.
-
+    :param along: the reference.
+    :param found: a design of the same system.
+    :param P1: (n, n), optional, terminal weight; default: P of the design at the end of the
+        reference.
+    :return: leg: the control law along the reference and after its end; ending: what happens at
+        the end, as a clause.
+    :raises DynamicsError: if the system cannot be linearised along the reference.
     """
     at_end, after, ending = _end(along, found)
     grid = _grid(along.t[0], along.t[-1], found)
@@ -153,19 +118,10 @@ def compute_horizon_law(found: Design, time: float, P1: Array | None = None) -> 
     """
     Return the gains over a horizon to a set point, followed by the constant gain of the design.
 
-    Parameters
-    ----------
-    found : Design
-        The design at the set point.
-    time : float
-        Horizon T [s].
-    P1 : ndarray, shape (n, n), optional
-        Terminal weight; default: P of the design, which makes the gain constant.
-
-    Returns
-    -------
-    Horizon
-
+    :param found: the design at the set point.
+    :param time: horizon T [s].
+    :param P1: (n, n), optional, terminal weight; default: P of the design, which makes the gain
+        constant.
     """
     plant = found.plant
     gains = _gains(_grid(0.0, time, found), found, _terminal(found, P1),
@@ -178,13 +134,8 @@ class LawAlongReference:
     """
     The control law along a reference.
 
-    Attributes
-    ----------
-    t, x, u, holds
-        As for `Course`.
-    gains : Gains
-        Gains over t.
-
+    :ivar t, x, u, holds: as for `Course`.
+    :ivar gains: gains over t.
     """
 
     t: Vector

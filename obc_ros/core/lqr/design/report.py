@@ -20,15 +20,9 @@ class Change:
     """
     The change from one design to the next.
 
-    Attributes
-    ----------
-    largest : float
-        Largest change of an entry of K; 0: the first design.
-    jump : tuple of float
-        (m,) change of each input at the present error; empty: no state yet.
-    sentence : str
-        Both as a sentence; empty for the first design.
-
+    :ivar largest: largest change of an entry of K; 0: the first design.
+    :ivar jump: (m,) change of each input at the present error; empty: no state yet.
+    :ivar sentence: both as a sentence; empty for the first design.
     """
 
     largest: float = 0.0
@@ -40,17 +34,8 @@ def change(before: Design, after: Design, jump: Sequence[float] | None) -> Chang
     """
     Return the change of the gain and of the inputs from one design to another.
 
-    Parameters
-    ----------
-    before, after : Design
-        Designs of the same system.
-    jump : sequence of float, optional
-        (m,) change of each input at the present error.
-
-    Returns
-    -------
-    Change
-
+    :param before, after: designs of the same system.
+    :param jump: (m,) change of each input at the present error.
     """
     system = after.plant.system
     step = after.K - before.K
@@ -71,23 +56,11 @@ def report_fields(design: Design, made: Change, error: Sequence[float] | None,
     """
     Return the fields of the message LqrDesign that describe a design.
 
-    Parameters
-    ----------
-    design : Design
-        The design.
-    made : Change
-        The change from the previous design.
-    error : sequence of float, optional
-        The present x - xe (n,).
-    period : float
-        Measured period of the commands [s]; 0: not known. Then it is that of the design; without
-        one the figures are of the loop in continuous time.
-
-    Returns
-    -------
-    dict
-        Values by field; matrices row by row.
-
+    :param made: the change from the previous design.
+    :param error: the present x - xe (n,).
+    :param period: measured period of the commands [s]; 0: not known. Then it is that of the
+        design; without one the figures are of the loop in continuous time.
+    :return: values by field; matrices row by row.
     """
     plant, found = design.plant, design.lqr
     n = plant.system.n
@@ -133,15 +106,7 @@ def read_matrices(message: Any) -> Matrices:
     """
     Return the matrices of a message LqrDesign.
 
-    Parameters
-    ----------
-    message : LqrDesign
-        A message with the fields of `report_fields`.
-
-    Returns
-    -------
-    Matrices
-
+    :param message: a message with the fields of `report_fields`.
     """
     n, m = len(message.xe), len(message.ue)
 

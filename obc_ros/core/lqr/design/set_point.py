@@ -23,19 +23,10 @@ def check_set_point(plant: LinearizedPlant, setpoint: Sequence[float],
     """
     Check that a moving set point is given explicitly, and that the given input holds it.
 
-    Parameters
-    ----------
-    plant : LinearizedPlant
-        The plant at the set point.
-    setpoint, setpoint_input : sequence of float
-        The given n and m numbers; empty: those of the system.
-
-    Raises
-    ------
-    StatementError
-        If the set point moves by a default state or input of the system, or if the given input
-        is not the one that holds it. The message contains the line to write.
-
+    :param plant: the plant at the set point.
+    :param setpoint, setpoint_input: the given n and m numbers; empty: those of the system.
+    :raises StatementError: if the set point moves by a default state or input of the system, or if
+        the given input is not the one that holds it. The message contains the line to write.
     """
     system, at = plant.system, plant.equilibrium
     for signal, given, value in zip(
@@ -62,15 +53,7 @@ def describe_set_point(plant: LinearizedPlant) -> tuple[str, str]:
     """
     Describe the set point xe with its motion, and its input ue.
 
-    Parameters
-    ----------
-    plant : LinearizedPlant
-        The plant at the set point.
-
-    Returns
-    -------
-    xe, ue : str
-
+    :param plant: the plant at the set point.
     """
     system, at = plant.system, plant.equilibrium
     motion = f', moving: {_motion(plant)}' if any(_movers(plant)) else ''

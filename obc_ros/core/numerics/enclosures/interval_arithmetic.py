@@ -41,18 +41,10 @@ def enclose_outputs(function: ca.Function | Instructions,
     """
     Return an interval for each entry of the output of a function of SX.
 
-    Parameters
-    ----------
-    function : casadi.Function or Instructions
-        A function of SX with columns as inputs and one output; its instructions are faster.
-    boxes : list of (lower, upper)
-        Bounds of each argument, arrays of its length.
-
-    Returns
-    -------
-    list of Interval
-        One for each nonzero of the output.
-
+    :param function: a function of SX with columns as inputs and one output; its instructions are
+        faster.
+    :param boxes: bounds of each argument, arrays of its length.
+    :return: one for each nonzero of the output.
     """
     def apply(operation: int, operands: list[Interval]) -> Interval:
         enclose = _OPERATIONS.get(operation)
@@ -70,11 +62,7 @@ def add_intervals(a: Interval, b: Interval) -> Interval:
     """
     Return an interval that contains x + y for all x in a and y in b.
 
-    Parameters
-    ----------
-    a, b : Interval
-        The ends may be infinite.
-
+    :param a, b: the ends may be infinite.
     """
     return Interval(_sum(a.low, b.low, -inf), _sum(a.high, b.high, inf))
 
@@ -83,11 +71,7 @@ def multiply_intervals(a: Interval, b: Interval) -> Interval:
     """
     Return an interval that contains x y for all x in a and y in b.
 
-    Parameters
-    ----------
-    a, b : Interval
-        The ends may be infinite.
-
+    :param a, b: the ends may be infinite.
     """
     if _EXACT.isdisjoint(a + b):
         products = a.low * b.low, a.low * b.high, a.high * b.low, a.high * b.high

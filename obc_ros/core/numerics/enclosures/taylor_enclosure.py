@@ -68,18 +68,9 @@ class Tube:
         """
         Yield steps from time 0 to the last of `stops`.
 
-        Parameters
-        ----------
-        start : tuple of two ndarray, shape (n,)
-            Lower and upper bounds of y at time 0.
-        stops : ndarray
-            Increasing times [s] > 0, each of which is the end of a step.
-
-        Yields
-        ------
-        TaylorStep
-            The steps end before the last stop if no further step can be enclosed.
-
+        :param start: (n,), lower and upper bounds of y at time 0.
+        :param stops: increasing times [s] > 0, each of which is the end of a step.
+        :yield: the steps end before the last stop if no further step can be enclosed.
         """
         if not self.fits:
             return

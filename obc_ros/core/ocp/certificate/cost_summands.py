@@ -46,11 +46,7 @@ class CostSummands:
     """
     The summands of a cost, for any path and numbers.
 
-    Parameters
-    ----------
-    problem : Problem
-        Its symbols, L and V are used.
-
+    :param problem: its symbols, L and V are used.
     """
 
     def __init__(self, problem: Problem) -> None:
@@ -67,13 +63,8 @@ class CostSummands:
         """
         Return the summands along a path.
 
-        Parameters
-        ----------
-        t, x, u : ndarray, shape (N,), (N, n) and (N, m)
-            The path.
-        p : ndarray
-            The numbers.
-
+        :param t, x, u: (N,), (N, n) and (N, m), the path.
+        :param p: the numbers.
         """
         leaves, = self._leaves(x, u, p)
 
@@ -139,11 +130,7 @@ def split_sum(scalar: ca.SX) -> list[ca.SX]:
     """
     Return the summands of an expression, without zeros.
 
-    Parameters
-    ----------
-    scalar : casadi.SX
-        A scalar. A sum times or over something that is no sum is multiplied out.
-
+    :param scalar: a scalar. A sum times or over something that is no sum is multiplied out.
     """
     summands, left = list[ca.SX](), [(scalar, ca.SX(1))]
     while left:

@@ -29,26 +29,13 @@ def find_correction(problem: Problem, x: Array, u: Array, h: Array, jumps: Array
     """
     Return the smallest change of the inputs, root mean square, that corrects jumps of x.
 
-    Parameters
-    ----------
-    problem : Problem
-        Its dynamics are linearised.
-    x, u : ndarray, shape (K, n), (K, m)
-        States and inputs in the middle of each interval.
-    h : ndarray, shape (K,)
-        Lengths of the intervals.
-    jumps : ndarray, shape (K, n)
-        Jumps of x at the ends of the intervals.
-    ends : pair of ndarray, shape (q, n), (q,)
-        Slopes of the terminal constraints, and their sizes.
-    u_scale : ndarray, shape (m,)
-        Scaling factors of u.
-
-    Returns
-    -------
-    float
-        In units of `u_scale`; infinite if the linearised dynamics are not finite.
-
+    :param problem: its dynamics are linearised.
+    :param x, u: (K, n), (K, m), states and inputs in the middle of each interval.
+    :param h: (K,), lengths of the intervals.
+    :param jumps: (K, n), jumps of x at the ends of the intervals.
+    :param ends: (q, n), (q,), slopes of the terminal constraints, and their sizes.
+    :param u_scale: (m,), scaling factors of u.
+    :return: in units of `u_scale`; infinite if the linearised dynamics are not finite.
     """
     smooth = make_differentiable(problem)
     f_x, f_u = VectorizedFunction([problem.x, problem.u, problem.p], [

@@ -126,17 +126,9 @@ class InputMinimum:
         """
         Return H, its terms and its derivatives at K points.
 
-        Parameters
-        ----------
-        problem : Problem
-            A problem of the structure that this was built for; its numbers are used.
-        x, u, lam, mu : ndarray, shape (K, n), (K, m), (K, n), (K, l)
-            States, inputs, costates, multipliers of the path constraints.
-
-        Returns
-        -------
-        Points
-
+        :param problem: a problem of the structure that this was built for; its numbers are used.
+        :param x, u, lam, mu: (K, n), (K, m), (K, n), (K, l), states, inputs, costates, multipliers
+            of the path constraints.
         """
         f, c, L, H, size, slope, curvature = self._points(x, u, lam, mu, problem.p_value)
         return Points(
@@ -148,24 +140,13 @@ class InputMinimum:
         """
         Return H less its minimum over the input set.
 
-        Parameters
-        ----------
-        problem : Problem
-            A problem of the structure that this was built for; its numbers are used.
-        at : Points
-            With path constraints on inputs, the gap of the quadratic model of H + mu' c plus
-            mu' (b - c) counts if it is larger.
-        searched : ndarray of int
-            The points at which groups without closed form are searched over the whole input
-            set. At the other points they are compared with a better input nearby.
-        scales : HamiltonianScales
-            An unbounded input in which H is affine counts with a change by its scale.
-
-        Returns
-        -------
-        ndarray, shape (K,)
-            At least 0, in units of H.
-
+        :param problem: a problem of the structure that this was built for; its numbers are used.
+        :param at: with path constraints on inputs, the gap of the quadratic model of H + mu' c
+            plus mu' (b - c) counts if it is larger.
+        :param searched: the points at which groups without closed form are searched over the whole
+            input set. At the other points they are compared with a better input nearby.
+        :param scales: an unbounded input in which H is affine counts with a change by its scale.
+        :return: (K,), at least 0, in units of H.
         """
         total = np.zeros(len(at.x))
         for group in self._groups:

@@ -58,15 +58,9 @@ class StaticProgram:
     """
     A static problem: symbols and expressions.
 
-    Attributes
-    ----------
-    x : casadi.SX
-        Variables, a column of length n.
-    F, G, g : casadi.SX
-        Cost, equalities (k, 1) and inequalities (l, 1).
-    lower, upper : ndarray, shape (n,)
-        The box; -inf and inf for none.
-
+    :ivar x: variables, a column of length n.
+    :ivar F, G, g: cost, equalities (k, 1) and inequalities (l, 1).
+    :ivar lower, upper: (n,), the box; -inf and inf for none.
     """
 
     x: ca.SX
@@ -114,15 +108,10 @@ class KktPoint:
     """
     A point with multipliers.
 
-    Attributes
-    ----------
-    x, lam, mu : ndarray, shape (n,), (k,), (l,)
-    dependent : bool
-        Whether the gradients of the active constraints are linearly dependent (LICQ fails), so
-        that multipliers are not unique, or do not exist.
-    saddle : bool
-        Whether the Hessian of the Lagrangian has a negative eigenvalue.
-
+    :ivar x, lam, mu: (n,), (k,), (l,).
+    :ivar dependent: whether the gradients of the active constraints are linearly dependent (LICQ
+        fails), so that multipliers are not unique, or do not exist.
+    :ivar saddle: whether the Hessian of the Lagrangian has a negative eigenvalue.
     """
 
     x: Array
@@ -136,19 +125,10 @@ def polish_minimum(program: StaticProgram, x: Array) -> KktPoint:
     """
     Return a stationary point near x by Newton's method on the active constraints.
 
-    Parameters
-    ----------
-    program : StaticProgram
-        The problem.
-    x : ndarray, shape (n,)
-        Where to start.
-
-    Returns
-    -------
-    KktPoint
-        Its multipliers are fitted by least squares, with mu >= 0. A step that does not reduce the
-        residual is not taken.
-
+    :param program: the problem.
+    :param x: (n,), where to start.
+    :return: its multipliers are fitted by least squares, with mu >= 0. A step that does not reduce
+        the residual is not taken.
     """
     def step(at: KktPoint, _: float) -> Array | None:
         way = _newton_step(program, at)
@@ -165,20 +145,11 @@ def certify_minimum(program: StaticProgram, point: KktPoint) -> Certificate:
     """
     Return the residuals of the conditions at the head of this file.
 
-    Parameters
-    ----------
-    program : StaticProgram
-        The problem.
-    point : KktPoint
-        Its x, lam and mu are read, nothing else.
-
-    Returns
-    -------
-    Certificate
-        stationarity and signs are relative to the largest term of grad l, complementarity to this
-        term and the size of g, second_order to the Hessian. attained is the Newton step relative
-        to 1 + |x|; it is large where F decreases towards an infimum that is not attained.
-
+    :param program: the problem.
+    :param point: its x, lam and mu are read, nothing else.
+    :return: stationarity and signs are relative to the largest term of grad l, complementarity to
+        this term and the size of g, second_order to the Hessian. attained is the Newton step
+        relative to 1 + |x|; it is large where F decreases towards an infimum that is not attained.
     """
     F, c, gradient, J = program.values(point.x)
     k = program.k
@@ -214,15 +185,9 @@ def measure_violation(program: StaticProgram, x: Array, c: Array, J: Array) -> f
     """
     Return the largest violation of a constraint or bound, relative to the size of its terms.
 
-    Parameters
-    ----------
-    program : StaticProgram
-        The problem.
-    x : ndarray, shape (n,)
-        The point.
-    c, J : ndarray, shape (k + l,), (k + l, n)
-        Values of (G, g) there, and their Jacobian.
-
+    :param program: the problem.
+    :param x: (n,), the point.
+    :param c, J: (k + l,), (k + l, n), values of (G, g) there, and their Jacobian.
     """
     k = program.k
     excess = np.concatenate((np.abs(c[:k]), np.maximum(c[k:], 0))) / _sizes(x, J)
@@ -238,13 +203,8 @@ def fit_multipliers(program: StaticProgram, x: Array) -> KktPoint:
     """
     Return x with the multipliers that minimise |grad l|, mu >= 0, and 0 if inactive.
 
-    Parameters
-    ----------
-    program : StaticProgram
-        The problem.
-    x : ndarray, shape (n,)
-        The point.
-
+    :param program: the problem.
+    :param x: (n,), the point.
     """
     _, c, gradient, J = program.values(x)
     k = program.k

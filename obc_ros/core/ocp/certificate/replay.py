@@ -74,20 +74,9 @@ def build_intervals(problem: Problem, solution: Solution, k: Index) -> Intervals
     """
     Return the intervals of a solution that begin at some samples.
 
-    Parameters
-    ----------
-    problem : Problem
-        The problem.
-    solution : Solution
-        With all states and costates of the problem.
-    k : ndarray of int, shape (K,)
-        Indices of the samples; the next sample is later.
-
-    Returns
-    -------
-    Intervals
-        For `ReplayIntegrator`.
-
+    :param solution: with all states and costates of the problem.
+    :param k: (K,), indices of the samples; the next sample is later.
+    :return: for `ReplayIntegrator`.
     """
     ends = k if solution.interpolation == 'zoh' else k + 1
     none = np.zeros((len(solution.t), problem.path.numel()))
@@ -137,24 +126,13 @@ class ReplayIntegrator:
         """
         Return the values of every interval, integrated from its start.
 
-        Parameters
-        ----------
-        intervals : Intervals
-            Values at the start, inputs and multiplier densities.
-        p : ndarray
-            Values of the parameters.
-        scale : ndarray, shape (2 n,)
-            Scaling factors of x and lam. That of the cost is the cost found, or `least`.
-        tolerance : float, or ndarray of shape (2 n + 1,)
-            Largest scaled error of x, lam and cost in an interval.
-        least : float
-            Smallest scaling factor of the cost.
-
-        Returns
-        -------
-        Replay
-            Intervals that miss the tolerance with `MOST_STEPS` steps are in `failed`.
-
+        :param intervals: values at the start, inputs and multiplier densities.
+        :param p: values of the parameters.
+        :param scale: (2 n,), scaling factors of x and lam. That of the cost is the cost found, or
+            `least`.
+        :param tolerance: (2 n + 1,), largest scaled error of x, lam and cost in an interval.
+        :param least: smallest scaling factor of the cost.
+        :return: intervals that miss the tolerance with `MOST_STEPS` steps are in `failed`.
         """
         K, n = intervals.x.shape
         z = np.empty((K, PARTS + 1, 2*n + 1))
@@ -188,23 +166,12 @@ class ReplayIntegrator:
         """
         Return values whose costates are integrated from the ends if that is the stable way.
 
-        Parameters
-        ----------
-        course : Replay
-            What `replay` returned.
-        intervals, p, scale, tolerance, least
-            As in `replay`.
-        lam_end : ndarray, shape (K, n)
-            The solution's costates at the ends of the intervals.
-        back : bool
-            Integrate from the ends even if the costates of `course` stay bounded.
-
-        Returns
-        -------
-        Replay, ndarray of shape (K, n)
-            The values, and the defect of lam: at the end of each interval, or at its start if the
-            costates were integrated from the end.
-
+        :param course: what `replay` returned.
+        :param intervals, p, scale, tolerance, least: as in `replay`.
+        :param lam_end: (K, n), the solution's costates at the ends of the intervals.
+        :param back: integrate from the ends even if the costates of `course` stay bounded.
+        :return: (K, n), the values, and the defect of lam: at the end of each interval, or at its
+            start if the costates were integrated from the end.
         """
         n, failed, far = intervals.x.shape[1], course.failed, _FAR * scale
         x, lam = (np.abs(part[failed]).max(axis=(0, 1)) if failed.size else np.zeros(n)

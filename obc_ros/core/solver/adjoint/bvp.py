@@ -45,27 +45,14 @@ class Indirect:
         """
         Solve the boundary value problem from a path with costates.
 
-        Parameters
-        ----------
-        problem : Problem
-            Without state bounds or path constraints. Where x(0) is free, that of `course` is
-            kept.
-        arcs : sequence of Arc
-            Arcs of the inputs.
-        course : Extremal
-            Initial guess.
-        points : ndarray
-            Mesh points [s] on which the intervals are based.
-        scales : ProblemScales
-            Scales of states, inputs, time and cost.
-        rough : bool
-            Accept a rough solution, which is sufficient for the ends of the arcs.
-
-        Returns
-        -------
-        BoundaryValues or None
-            None if Newton's method did not converge.
-
+        :param problem: without state bounds or path constraints. Where x(0) is free, that of
+            `course` is kept.
+        :param arcs: arcs of the inputs.
+        :param course: initial guess.
+        :param points: mesh points [s] on which the intervals are based.
+        :param scales: scales of states, inputs, time and cost.
+        :param rough: accept a rough solution, which is sufficient for the ends of the arcs.
+        :return: None if Newton's method did not converge.
         """
         problem = problem.pin_start(course.x[0])
         system = self._equations(
@@ -82,22 +69,11 @@ class Indirect:
         The intervals are those between `points`, not those of the solution: these may come from a
         neighbouring problem, and the result must not depend on it.
 
-        Parameters
-        ----------
-        problem : Problem
-            As in `solve`.
-        found : BoundaryValues
-            The rough solution.
-        points : ndarray
-            Mesh points [s].
-        scales : ProblemScales
-            As in `solve`.
-
-        Returns
-        -------
-        BoundaryValues or None
-            None if Newton's method did not converge.
-
+        :param problem: as in `solve`.
+        :param found: the rough solution.
+        :param points: mesh points [s].
+        :param scales: as in `solve`.
+        :return: None if Newton's method did not converge.
         """
         problem = problem.pin_start(found.z[0, 0, :problem.n])
         system = self._equations(problem, found.arcs, points, scales, _FEWEST)
@@ -109,15 +85,9 @@ class Indirect:
         """
         Return a solution on fewer intervals, as an initial guess of neighbouring problems.
 
-        Parameters
-        ----------
-        problem : Problem
-            As in `solve`.
-        found : BoundaryValues
-            Its solution.
-        scales : ProblemScales
-            As in `solve`.
-
+        :param problem: as in `solve`.
+        :param found: its solution.
+        :param scales: as in `solve`.
         """
         problem = problem.pin_start(found.z[0, 0, :problem.n])
         system = Equations(self._parts, problem, found.arcs, scales, *found.intervals)
@@ -133,22 +103,11 @@ class Indirect:
         """
         Solve from the solution of a neighbouring problem with the same arcs.
 
-        Parameters
-        ----------
-        problem : Problem
-            As in `solve`.
-        known : BoundaryValues
-            Solution of the neighbour.
-        levels : ndarray, shape (arcs, m)
-            Values of the inputs at bounds; nan where they are free.
-        scales : ProblemScales
-            As in `solve`.
-
-        Returns
-        -------
-        BoundaryValues or None
-            Rough; None if Newton's method did not converge.
-
+        :param problem: as in `solve`.
+        :param known: solution of the neighbour.
+        :param levels: (arcs, m), values of the inputs at bounds; nan where they are free.
+        :param scales: as in `solve`.
+        :return: rough; None if Newton's method did not converge.
         """
         arcs = [replace(arc, levels=tuple(row))
                 for arc, row in zip(known.arcs, levels, strict=True)]

@@ -15,25 +15,15 @@ class BoundaryValues:
     """
     A solution of the boundary value problem.
 
-    Attributes
-    ----------
-    arc_of, h : ndarray, shape (N,)
-        Arc of each interval, and its length [s].
-    lengths : ndarray, shape (arcs,)
-        Lengths of the arcs [s].
-    levels : ndarray, shape (arcs, m)
-        Bounds that inputs are at; nan where they are free.
-    z, dz, ddz : ndarray, shape (N, 2, 2n)
-        (x, lam) at the start and at the end of each interval, and its time derivatives.
-    u, du : ndarray, shape (N, 2, m)
-        Inputs and their time derivatives there.
-    by_u : ndarray, shape (N, 2, 2n, m)
-        Derivative of dz/dt with respect to u.
-    nu : ndarray, shape (q,)
-        Multipliers of the terminal constraints.
-    cost, residual : float
-        J, and the norm of the residuals of the scaled equations.
-
+    :ivar arc_of, h: (N,), arc of each interval, and its length [s].
+    :ivar lengths: (arcs,), lengths of the arcs [s].
+    :ivar levels: (arcs, m), bounds that inputs are at; nan where they are free.
+    :ivar z, dz, ddz: (N, 2, 2n), (x, lam) at the start and at the end of each interval, and its
+        time derivatives.
+    :ivar u, du: (N, 2, m), inputs and their time derivatives there.
+    :ivar by_u: (N, 2, 2n, m), derivative of dz/dt with respect to u.
+    :ivar nu: (q,), multipliers of the terminal constraints.
+    :ivar cost, residual: J, and the norm of the residuals of the scaled equations.
     """
 
     arc_of: Index
@@ -71,20 +61,9 @@ class BoundaryValues:
         """
         Locate times.
 
-        Parameters
-        ----------
-        t : ndarray, shape (K,)
-            Times [s].
-        arc : ndarray of int, shape (K,)
-            Arc of each time.
-
-        Returns
-        -------
-        k : ndarray of int, shape (K,)
-            Intervals.
-        part : ndarray, shape (K,)
-            Places in them, from 0 to 1.
-
+        :param t: (K,), times [s].
+        :param arc: (K,), arc of each time.
+        :return: k: (K,), Intervals; part: (K,), places in them, from 0 to 1.
         """
         starts = np.append(0.0, np.cumsum(self.h))
         first, last = (np.searchsorted(self.arc_of, arc, side) for side in ('left', 'right'))
@@ -95,18 +74,9 @@ class BoundaryValues:
         """
         Interpolate the solution.
 
-        Parameters
-        ----------
-        k, part : ndarray, shape (K,)
-            Intervals and places in them, as returned by `where`.
-
-        Returns
-        -------
-        z : ndarray, shape (K, 2n)
-            (x, lam), by polynomials of degree 5.
-        u : ndarray, shape (K, m)
-            By polynomials of degree 3.
-
+        :param k, part: (K,), intervals and places in them, as returned by `where`.
+        :return: z: (K, 2n), (x, lam), by polynomials of degree 5; u: (K, m), by polynomials of
+            degree 3.
         """
         s, h = part[:, None], self.h[k][:, None]
         a, b, da, db = self.z[k, 0], self.z[k, 1], h * self.dz[k, 0], h * self.dz[k, 1]
@@ -130,22 +100,11 @@ def cut_evenly(parts: Array, arc_of: Index, lengths: Array) -> tuple[Array, Inde
     """
     Cut arcs into new intervals with equal shares of a density.
 
-    Parameters
-    ----------
-    parts : ndarray, shape (N,)
-        Number of new intervals that each interval requires, not whole.
-    arc_of : ndarray of int, shape (N,)
-        Arc of each interval.
-    lengths : ndarray, shape (N,)
-        Lengths of the intervals, in which the density is constant.
-
-    Returns
-    -------
-    points : ndarray, shape (K + 1,)
-        Start of the first new interval, 0, and the end of each.
-    arc_of : ndarray of int, shape (K,)
-        Their arcs, each with at least one.
-
+    :param parts: (N,), number of new intervals that each interval requires, not whole.
+    :param arc_of: (N,), arc of each interval.
+    :param lengths: (N,), lengths of the intervals, in which the density is constant.
+    :return: points: (K + 1,), start of the first new interval, 0, and the end of each; arc_of:
+        (K,), their arcs, each with at least one.
     """
     total = np.append(0.0, np.cumsum(parts))
     ends = total[np.append(0, np.flatnonzero(np.diff(arc_of, append=-1)) + 1)]

@@ -30,32 +30,20 @@ class Extremal:
     """
     States, inputs and costates on a fine grid: K parts, `parts` in each of N intervals.
 
-    Attributes
-    ----------
-    parts : int
-        Parts of each interval.
-    t : ndarray, shape (K + 1,)
-        Times [s].
-    x, x_end : ndarray, shape (K, n)
-        State at the start and at the end of each part.
-    ua, ub : ndarray, shape (K, m)
-        Input at the start and at the end of each part.
-    lam, lam_end : ndarray, shape (K, n)
-        Costate at the start and at the end of each part. Between two parts it jumps by the
-        multiplier impulses of state constraints.
-    cost : float
-        J.
-    defect : float
-        Largest difference between the states of a single sweep and those of the transcription,
-        relative to the size of each state.
-    local : ndarray, shape (N,)
-        The same in each interval, for sweeps that restart at each mesh point.
-    nu : ndarray, shape (q,)
-        Multipliers of the terminal constraints.
-    density_x, density_path : ndarray, shape (K, 2, n), (K, 2, l), or None
-        Densities of the multipliers of the bounds of x and of the path constraints, at the start
-        and at the end of each part; > 0 at an upper bound.
-
+    :ivar parts: parts of each interval.
+    :ivar t: (K + 1,), times [s].
+    :ivar x, x_end: (K, n), state at the start and at the end of each part.
+    :ivar ua, ub: (K, m), input at the start and at the end of each part.
+    :ivar lam, lam_end: (K, n), costate at the start and at the end of each part. Between two parts
+        it jumps by the multiplier impulses of state constraints.
+    :ivar cost: J.
+    :ivar defect: largest difference between the states of a single sweep and those of the
+        transcription, relative to the size of each state.
+    :ivar local: (N,), the same in each interval, for sweeps that restart at each mesh point.
+    :ivar nu: (q,), multipliers of the terminal constraints.
+    :ivar density_x, density_path: (K, 2, n), (K, 2, l), or None, densities of the multipliers of
+        the bounds of x and of the path constraints, at the start and at the end of each part; > 0
+        at an upper bound.
     """
 
     parts: int
@@ -92,20 +80,10 @@ def cut_inputs(t: Array, ua: Array, ub: Array, parts: int) -> tuple[Array, Array
     """
     Cut intervals into equal parts.
 
-    Parameters
-    ----------
-    t : ndarray, shape (N + 1,)
-        Times [s].
-    ua, ub : ndarray, shape (N, m)
-        Inputs at the start and at the end of each interval, linear in between.
-    parts : int
-        Number of parts of each.
-
-    Returns
-    -------
-    t, ua, ub : ndarray
-        The same of the parts.
-
+    :param t: (N + 1,), times [s].
+    :param ua, ub: (N, m), inputs at the start and at the end of each interval, linear in between.
+    :param parts: number of parts of each.
+    :return: t, ua, ub: the same of the parts.
     """
     c = np.arange(parts)[:, None] / parts
     a, b = ua[:, None, :], ub[:, None, :]
@@ -161,22 +139,10 @@ class CostateIntegrator:
         """
         Integrate from x(0) under inputs that are linear in each part.
 
-        Parameters
-        ----------
-        problem : Problem
-            Its numbers are used.
-        t : ndarray, shape (K + 1,)
-            Times [s].
-        ua, ub : ndarray, shape (K, m)
-            Inputs at the start and at the end of each part.
-
-        Returns
-        -------
-        x : ndarray, shape (K + 1, n)
-            States.
-        cost : ndarray, shape (K + 1,)
-            Running cost so far.
-
+        :param problem: its numbers are used.
+        :param t: (K + 1,), times [s].
+        :param ua, ub: (K, m), inputs at the start and at the end of each part.
+        :return: x: (K + 1, n), States; cost: (K + 1,), running cost so far.
         """
         first = np.append(problem.x0, 0.0)
         path = np.vstack([first, self._forward(
@@ -187,22 +153,10 @@ class CostateIntegrator:
         """
         Integrate from x(0) under each of R piecewise constant inputs.
 
-        Parameters
-        ----------
-        problem : Problem
-            Its numbers are used.
-        t : ndarray, shape (R, K + 1)
-            Times [s].
-        u : ndarray, shape (R, K, m)
-            Inputs.
-
-        Returns
-        -------
-        x : ndarray, shape (R, K + 1, n)
-            States.
-        cost : ndarray, shape (R, K + 1)
-            Running costs so far.
-
+        :param problem: its numbers are used.
+        :param t: (R, K + 1), times [s].
+        :param u: (R, K, m), Inputs.
+        :return: x: (R, K + 1, n), States; cost: (R, K + 1), running costs so far.
         """
         if len(u) <= 64:   # one after the other is faster
             first = np.append(problem.x0, 0.0)
@@ -239,22 +193,11 @@ class CostateIntegrator:
         """
         Evaluate the Hamiltonian at K points.
 
-        Parameters
-        ----------
-        problem : Problem
-            Its numbers are used.
-        x, u, lam : ndarray, shape (K, n), (K, m), (K, n)
-            States, inputs, costates.
-        mu : ndarray, shape (K, l), optional
-            Multipliers of the path constraints; 0 if left out.
-
-        Returns
-        -------
-        H : ndarray, shape (K,)
-            L + lam' f.
-        Hu, Huu : ndarray, shape (K, m), (K, m, m)
-            Derivatives of L + lam' f + mu' c with respect to u.
-
+        :param problem: its numbers are used.
+        :param x, u, lam: (K, n), (K, m), (K, n), states, inputs, costates.
+        :param mu: (K, l), optional, multipliers of the path constraints; 0 if left out.
+        :return: H: (K,), L + lam' f; Hu, Huu: (K, m), (K, m, m), derivatives of L + lam' f + mu' c
+            with respect to u.
         """
         if mu is None:
             mu = np.zeros(int(problem.path.numel()))
@@ -290,21 +233,11 @@ class CostateIntegrator:
         """
         Integrate states and costates under the input of an outcome.
 
-        Parameters
-        ----------
-        problem : Problem
-            The one that was solved.
-        outcome : TranscriptionOutcome
-            Its input, multipliers and, for restarts, states and costates are used.
-        parts : int
-            Steps in each interval.
-
-        Returns
-        -------
-        Extremal
-            With the states and costates of the transcription, one part an interval, if explicit
-            steps are too inaccurate for the system.
-
+        :param problem: the one that was solved.
+        :param outcome: its input, multipliers and, for restarts, states and costates are used.
+        :param parts: steps in each interval.
+        :return: with the states and costates of the transcription, one part an interval, if
+            explicit steps are too inaccurate for the system.
         """
         path = outcome.path
         t, ua, ub = cut_inputs(path.t, path.ua, path.ub, parts)

@@ -31,14 +31,9 @@ class Error:
     """
     Errors of all intervals, and the order with which they decrease.
 
-    Attributes
-    ----------
-    values : ndarray, shape (N,)
-    share : float
-        Error that an interval may have.
-    rate : float
-        Power of the length to which the error of an interval is proportional.
-
+    :ivar values: (N,).
+    :ivar share: error that an interval may have.
+    :ivar rate: power of the length to which the error of an interval is proportional.
     """
 
     values: Array
@@ -51,19 +46,13 @@ class HamiltonianLoss:
     """
     The Hamiltonian loss of a path.
 
-    Attributes
-    ----------
-    lost : ndarray, shape (N,)
-        Loss in each interval, in units of the cost.
-    chords : ndarray, shape (N,)
-        The part of it due to inputs on a chord between two points of a curved constraint.
-    kinks : ndarray
-        Times at which u* meets or leaves a bound [s].
-    drift : ndarray, shape (N,)
-        Variation of H within each interval, relative to the largest sum of its terms.
-    spread : float
-        Variation of H on the whole path, relative to the same.
-
+    :ivar lost: (N,), loss in each interval, in units of the cost.
+    :ivar chords: (N,), the part of it due to inputs on a chord between two points of a curved
+        constraint.
+    :ivar kinks: times at which u* meets or leaves a bound [s].
+    :ivar drift: (N,), variation of H within each interval, relative to the largest sum of its
+        terms.
+    :ivar spread: variation of H on the whole path, relative to the same.
     """
 
     lost: Array
@@ -83,23 +72,12 @@ def measure_loss(problem: Problem, integrator: CostateIntegrator, course: Extrem
     """
     Compute the Hamiltonian loss of a path.
 
-    Parameters
-    ----------
-    problem : Problem
-        The one that was solved.
-    integrator : CostateIntegrator
-        Of its structure.
-    course : Extremal
-        States, inputs and costates.
-    slack : ndarray, shape (2, K), optional
-        Multipliers times distances of path constraints from their bounds, at the start and at the
-        end of each part (`Fitter.slack`).
-
-    Returns
-    -------
-    HamiltonianLoss
-        From the quadratic model of H at the input, with the bounds of the input.
-
+    :param problem: the one that was solved.
+    :param integrator: of its structure.
+    :param course: states, inputs and costates.
+    :param slack: (2, K), optional, multipliers times distances of path constraints from their
+        bounds, at the start and at the end of each part (`Fitter.slack`).
+    :return: from the quadratic model of H at the input, with the bounds of the input.
     """
     # All starts of parts, then all their ends.
     x, u, lam = (np.vstack(pair) for pair in (
@@ -163,28 +141,15 @@ def refine_mesh(mesh: Mesh, path: Path, kinks: Array, errors: Sequence[Error], l
     """
     Refine a mesh where errors are too large, and merge intervals where they are small.
 
-    Parameters
-    ----------
-    mesh : Mesh
-        The present one.
-    path : Path
-        The solution on it.
-    kinks : ndarray
-        Times [s] that become mesh points.
-    errors : sequence of Error
-        Errors of the N intervals of the mesh.
-    longest : float
-        Length [s] up to which two intervals with a straight input between them are merged.
-    most : int
-        Maximum number of intervals of a mesh of one phase; more are returned only if the present
-        mesh has nearly as many.
-
-
-    Returns
-    -------
-    Mesh
-        With every interval halved if all errors are small.
-
+    :param mesh: the present one.
+    :param path: the solution on it.
+    :param kinks: times [s] that become mesh points.
+    :param errors: errors of the N intervals of the mesh.
+    :param longest: length [s] up to which two intervals with a straight input between them are
+        merged.
+    :param most: maximum number of intervals of a mesh of one phase; more are returned only if the
+        present mesh has nearly as many.
+    :return: with every interval halved if all errors are small.
     """
     def cut(of: Sequence[Array]) -> Index:
         counts = [choose_cuts(values, error.share, error.rate)
@@ -241,17 +206,10 @@ def align_mesh(mesh: Mesh, t: Array, kinks: Array, spare: NDArray[np.bool_]) -> 
     The nearest mesh point is moved to a kink if it is close, otherwise an interval is cut. Ends
     of phases stay.
 
-    Parameters
-    ----------
-    mesh : Mesh
-        The present one.
-    t : ndarray, shape (N + 1,)
-        Its times [s].
-    kinks : ndarray
-        Times [s], sorted.
-    spare : ndarray of bool, shape (N - 1,)
-        Inner points that are removed.
-
+    :param mesh: the present one.
+    :param t: (N + 1,), its times [s].
+    :param kinks: times [s], sorted.
+    :param spare: (N - 1,), inner points that are removed.
     """
     kept = np.pad(~spare, 1, constant_values=True)
     starts = np.concatenate([[0], np.cumsum([p.intervals for p in mesh.layout.phases])])
@@ -288,28 +246,15 @@ def compute_tightening(problem: Problem, value: Array, size: Array, course: Extr
     The cost of a large tightening exceeds the loss of the mesh, so the mesh is refined where
     bounds are violated, too.
 
-    Parameters
-    ----------
-    problem : Problem
-        With n states and l path constraints.
-    value : ndarray, shape (K + 1, n + l)
-        x and the path constraints along the course.
-    size : ndarray, shape (n + l,)
-        Their sizes.
-    course : Extremal
-        K parts in N intervals.
-    margin : ndarray, shape (n + l,)
-        Tightening with which the course was found.
-    most : float
-        Violation above which a constraint is not tightened, relative to its size.
-
-    Returns
-    -------
-    margin : ndarray, shape (n + l,)
-        New tightening, >= 0; 0 where none is needed or the mesh is too coarse.
-    exceeded : ndarray, shape (N,)
-        Violation in each interval, relative to the sizes of the constraints.
-
+    :param problem: with n states and l path constraints.
+    :param value: (K + 1, n + l), x and the path constraints along the course.
+    :param size: (n + l,), their sizes.
+    :param course: K parts in N intervals.
+    :param margin: (n + l,), tightening with which the course was found.
+    :param most: violation above which a constraint is not tightened, relative to its size.
+    :return: margin: (n + l,), new tightening, >= 0; 0 where none is needed or the mesh is too
+        coarse; exceeded: (N,), violation in each interval, relative to the sizes of the
+        constraints.
     """
     lower = np.append(problem.x_lower, problem.path_lower) + margin
     upper = np.append(problem.x_upper, problem.path_upper) - margin
@@ -335,12 +280,7 @@ def is_below(cost: float, other: float, part: float) -> bool:
     """
     Return whether a cost is lower than another by more than a tolerance.
 
-    Parameters
-    ----------
-    cost, other : float
-        Costs.
-    part : float
-        Tolerance relative to |other|.
-
+    :param cost, other: Costs.
+    :param part: tolerance relative to |other|.
     """
     return cost < other - part * abs(other)

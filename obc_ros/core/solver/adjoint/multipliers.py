@@ -95,21 +95,11 @@ class Fitter:
         """
         Fit costates and multipliers by least squares.
 
-        Parameters
-        ----------
-        problem : Problem
-            The one that was solved.
-        outcome : TranscriptionOutcome
-            Its multipliers tell which constraints are active.
-        course : Extremal
-            Its states, inputs and costates.
-
-        Returns
-        -------
-        Extremal
-            With new `lam`, `nu`, `density_x` and `density_path`; `course` itself without active
-            constraints.
-
+        :param problem: the one that was solved.
+        :param outcome: its multipliers tell which constraints are active.
+        :param course: its states, inputs and costates.
+        :return: with new `lam`, `nu`, `density_x` and `density_path`; `course` itself without
+            active constraints.
         """
         found = self._contacts(problem, outcome, course)
         if not found:
@@ -156,18 +146,9 @@ class Fitter:
 
         Where all inputs of such a constraint are at bounds its multiplier is not unique.
 
-        Parameters
-        ----------
-        problem : Problem
-            The one that was solved.
-        answer : Solution
-            With samples of all multipliers.
-
-        Returns
-        -------
-        Solution
-            With new `path_multipliers`.
-
+        :param problem: the one that was solved.
+        :param answer: with samples of all multipliers.
+        :return: with new `path_multipliers`.
         """
         mine, mu = np.flatnonzero(self._of_inputs[self.n:]), answer.path_multipliers
         if not mine.size or mu is None:

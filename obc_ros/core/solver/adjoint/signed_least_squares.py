@@ -20,24 +20,11 @@ def solve_signed_least_squares(A: Array, b: Array, G: Array, g: Array, positive:
     """
     Return v that minimises |A v - b|^2 + |min(G v - g, 0)|^2 with v_i >= 0 for some i.
 
-    Parameters
-    ----------
-    A, b : ndarray, shape (r, n), (r,)
-        Equations; the columns of A and G should have similar sizes.
-    G, g : ndarray, shape (k, n), (k,)
-        Inequalities G v >= g.
-    positive : ndarray of bool, shape (n,)
-        Which v_i must be >= 0.
-
-    Returns
-    -------
-    ndarray, shape (n,)
-
-    Raises
-    ------
-    numpy.linalg.LinAlgError
-        If numbers are not finite, or overflow.
-
+    :param A, b: (r, n), (r,), equations; the columns of A and G should have similar sizes.
+    :param G, g: (k, n), (k,), inequalities G v >= g.
+    :param positive: (n,), which v_i must be >= 0.
+    :return: (n,).
+    :raises numpy.linalg.LinAlgError: if numbers are not finite, or overflow.
     """
     n, k, ridge = A.shape[1], len(g), 1e-8   # Tikhonov regularisation
     unit: float = max(np.abs(b).max(initial=0.0), np.abs(g).max(initial=0.0)) or 1.0

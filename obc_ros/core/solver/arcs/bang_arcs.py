@@ -25,22 +25,11 @@ def cut_at_bounds(problem: Problem, found: Phased, switching: NDArray[np.bool_],
     """
     Cut the arcs of a path where inputs meet or leave their bounds.
 
-    Parameters
-    ----------
-    problem : Problem
-        Whose input bounds are meant.
-    found : Phased
-        The path.
-    switching : ndarray of bool, shape (m,)
-        Inputs in which H is linear; the others are ignored.
-    deciding : ndarray of bool, shape (n + l, m)
-        Inputs that occur in the derivative of each row of (x, c). On an arc along the bound of a
-        row these follow from it and are ignored.
-
-    Returns
-    -------
-    list of Arc
-
+    :param problem: whose input bounds are meant.
+    :param found: the path.
+    :param switching: (m,), inputs in which H is linear; the others are ignored.
+    :param deciding: (n + l, m), inputs that occur in the derivative of each row of (x, c). On an
+        arc along the bound of a row these follow from it and are ignored.
     """
     span = problem.u_upper - problem.u_lower
     ends = np.cumsum(found.h)
@@ -76,21 +65,11 @@ def cut_at_ends(problem: Problem, program: PhasedProgram, found: Phased, t: Arra
     dH/du vanishes on a singular arc. If it does not at an end of it, the input should be at a
     bound there, up to the time at which dH/du changes its sign.
 
-    Parameters
-    ----------
-    problem : Problem
-        Whose input bounds are meant.
-    program : PhasedProgram
-        Of the structure of the problem.
-    found : Phased
-        The path.
-    t, x, u, Hu : ndarray, shape (N,), (N, n), (N, m), (N, m)
-        Samples of the path, and dH/du [cost per second and unit of the input].
-
-    Returns
-    -------
-    list of Arc
-
+    :param problem: whose input bounds are meant.
+    :param program: of the structure of the problem.
+    :param found: the path.
+    :param t, x, u, Hu: (N,), (N, n), (N, m), (N, m), samples of the path, and dH/du [cost per
+        second and unit of the input].
     """
     def hold(arc: Arc, j: int, row: int, level: float) -> Arc:
         return _hold(problem, program, arc, j, x[row], u[row], level)
@@ -104,22 +83,13 @@ def close_ends(problem: Problem, arcs: Sequence[Arc], switching: NDArray[np.bool
     """
     Insert short bang arcs at the ends of the singular arcs of a path on a coarse mesh.
 
-    Parameters
-    ----------
-    problem : Problem
-        Whose input bounds are meant.
-    arcs : sequence of Arc
-        As detected from the inputs, in which a bang shorter than an interval does not show.
-    switching, deciding : ndarray of bool, shape (m,), (n + l, m)
-        As in `cut_at_bounds`.
-    samples : tuple of ndarray, shape (K,), (K, m), (K, m)
-        Times, inputs, and dH/du there [cost per second and unit of the input].
-
-    Returns
-    -------
-    list of Arc
-        Equal arcs that follow each other are one arc.
-
+    :param problem: whose input bounds are meant.
+    :param arcs: as detected from the inputs, in which a bang shorter than an interval does not
+        show.
+    :param switching, deciding: (m,), (n + l, m), as in `cut_at_bounds`.
+    :param samples: (K,), (K, m), (K, m), times, inputs, and dH/du there [cost per second and unit
+        of the input].
+    :return: equal arcs that follow each other are one arc.
     """
     def hold(arc: Arc, j: int, _: int, level: float) -> Arc:
         levels = np.array(arc.levels)

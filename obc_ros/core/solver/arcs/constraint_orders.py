@@ -27,27 +27,15 @@ class BoundRates:
     """
     The rows of (x, c) and their time derivatives up to the first in which inputs occur.
 
-    Parameters
-    ----------
-    problem : Problem
-        Of the structure.
-    sliding : mapping of int to float
-        Rows along whose bounds the path slides, and a value S of s there, from `find_sliding`.
-        For these the derivatives are those of g: c, S g, S dg/dt.
-
-    Attributes
-    ----------
-    count : int
-        n + l, the number of rows.
-    orders : ndarray of int, shape (n + l,)
-        Order of that derivative; 0: inputs occur in the row itself; -1: in none up to _ORDERS.
-    deciding : ndarray of bool, shape (n + l, m)
-        Inputs that occur in it.
-    straight : ndarray of bool, shape (n + l,)
-        Whether the row itself has inputs and is linear in them.
-    chains : list of list of SX
-        For each row the row and its derivatives.
-
+    :param problem: of the structure.
+    :param sliding: rows along whose bounds the path slides, and a value S of s there, from
+        `find_sliding`. For these the derivatives are those of g: c, S g, S dg/dt.
+    :ivar count: n + l, the number of rows.
+    :ivar orders: (n + l,), order of that derivative; 0: inputs occur in the row itself; -1: in
+        none up to _ORDERS.
+    :ivar deciding: (n + l, m), inputs that occur in it.
+    :ivar straight: (n + l,), whether the row itself has inputs and is linear in them.
+    :ivar chains: for each row the row and its derivatives.
     """
 
     def __init__(self, problem: Problem, sliding: Mapping[int, float] | None = None
@@ -107,23 +95,13 @@ def find_sliding(problem: Problem, bounds: BoundRates, path: Path,
     """
     Find the constraints along whose bounds a path slides.
 
-    Parameters
-    ----------
-    problem : Problem
-        Whose numbers are used.
-    bounds : BoundRates
-        Of its structure.
-    path : Path
-        It stops at a bound if s is smaller there than g, both relative to their largest values.
-    contacts : iterable of StateContact
-        Of the path with bounds.
-
-    Returns
-    -------
-    dict of int to float
-        Rows, and the mean s in their contacts. A row is left out if the path stops at its bound,
-        or if s changes its sign from one contact to another.
-
+    :param problem: whose numbers are used.
+    :param bounds: of its structure.
+    :param path: it stops at a bound if s is smaller there than g, both relative to their largest
+        values.
+    :param contacts: of the path with bounds.
+    :return: rows, and the mean s in their contacts. A row is left out if the path stops at its
+        bound, or if s changes its sign from one contact to another.
     """
     parts = np.linspace(0.0, 1.0, 5)[1:-1]
     found = {}

@@ -26,20 +26,10 @@ def find_jumps(path: Path, of: Sequence[bool], jump: float = DEFAULTS.bangs.jump
     """
     Find the times at which inputs jump, or change so steeply that the mesh hides a jump.
 
-    Parameters
-    ----------
-    path : Path
-        Times, and inputs at both ends of each interval.
-    of : sequence of bool, length m
-        Inputs to consider.
-    jump : float
-        Change of an input, as part of its range on the path, that may be a jump.
-
-    Returns
-    -------
-    ndarray
-        Times [s], sorted.
-
+    :param path: times, and inputs at both ends of each interval.
+    :param of: length m, inputs to consider.
+    :param jump: change of an input, as part of its range on the path, that may be a jump.
+    :return: times [s], sorted.
     """
     t, chosen = path.t, np.array(of, dtype=bool)
     u = np.stack([path.ua, path.ub])[:, :, chosen]
@@ -67,24 +57,12 @@ def cut_at_jumps(arcs: Sequence[Arc], path: Path, of: Sequence[bool],
     """
     Cut arcs at the jumps of inputs that are free there.
 
-    Parameters
-    ----------
-    arcs : sequence of Arc
-        Without gaps. Those on state bounds are not cut: there inputs follow the bound.
-    path : Path
-        The path they belong to.
-    of : sequence of bool, length m
-        Inputs to consider.
-    mixed : sequence of bool, length n + l
-        Rows of (x, c) that depend on inputs; arcs on these alone are cut.
-    jump : float
-        As for `find_jumps`.
-
-    Returns
-    -------
-    list of Arc
-        With `jump` where they begin at a jump.
-
+    :param arcs: without gaps. Those on state bounds are not cut: there inputs follow the bound.
+    :param path: the path they belong to.
+    :param of: length m, inputs to consider.
+    :param mixed: length n + l, rows of (x, c) that depend on inputs; arcs on these alone are cut.
+    :param jump: as for `find_jumps`.
+    :return: with `jump` where they begin at a jump.
     """
     kept = list[Arc]()
     T, times = path.t[-1], find_jumps(path, of, jump)
@@ -109,18 +87,8 @@ def sharpen_steps(path: Path, arcs: Sequence[Arc]) -> Path:
     Inputs on the slope are poor initial values: an input that is a direction and starts on the
     wrong side of its jump stays there.
 
-    Parameters
-    ----------
-    path : Path
-        The path.
-    arcs : sequence of Arc
-        Those with `jump` give the times.
-
-    Returns
-    -------
-    Path
-        On a finer grid, without inner points.
-
+    :param arcs: those with `jump` give the times.
+    :return: on a finer grid, without inner points.
     """
     times = np.array([arc.start for arc in arcs if arc.jump])
     if not times.size:
@@ -150,11 +118,7 @@ def find_switching_times(outcome: TranscriptionOutcome) -> Array:
     """
     Return the ends of phases [s] at which inputs jump, or meet or leave bounds.
 
-    Parameters
-    ----------
-    outcome : TranscriptionOutcome
-        On phases with arcs; of a single phase none are returned.
-
+    :param outcome: on phases with arcs; of a single phase none are returned.
     """
     mesh, path = outcome.mesh, outcome.path
     ends = np.cumsum(path.durations)[:-1]

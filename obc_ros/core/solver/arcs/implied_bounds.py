@@ -26,27 +26,15 @@ def find_implied_bounds(problem: Problem, curvatures: ca.Function, at: tuple[Arr
     """
     Find the bounds of inputs that follow from one path constraint.
 
-    Parameters
-    ----------
-    problem : Problem
-        Whose bounds of inputs are meant.
-    curvatures : Function
-        Of the constraint, from `build_curvatures`.
-    at : pair of ndarray, shape (K, n), (K, m)
-        States and inputs at some times.
-    sign, level : int, float
-        1 for c <= level, -1 for c >= level.
-    free : ndarray of bool, shape (m,)
-        Inputs of the constraint.
-
-    Returns
-    -------
-    ndarray of bool, shape (2, m)
-        Lower and upper bounds that touch the set of the constraint at all the given states. A
-        bound outside of that set is never active, and not returned: elsewhere it may cut the set.
-        The judgement is exact for a constraint that is quadratic in the free inputs; another one
-        is approximated at the given inputs.
-
+    :param problem: whose bounds of inputs are meant.
+    :param curvatures: of the constraint, from `build_curvatures`.
+    :param at: (K, n), (K, m), states and inputs at some times.
+    :param sign, level: 1 for c <= level, -1 for c >= level.
+    :param free: (m,), inputs of the constraint.
+    :return: (2, m), lower and upper bounds that touch the set of the constraint at all the given
+        states. A bound outside of that set is never active, and not returned: elsewhere it may cut
+        the set. The judgement is exact for a constraint that is quadratic in the free inputs;
+        another one is approximated at the given inputs.
     """
     implied: Mask = np.zeros((2, problem.m), dtype=bool)
     for side, bound in enumerate((problem.u_lower, problem.u_upper)):

@@ -33,20 +33,12 @@ class Arc:
     """
     A span of time with known inputs at bounds and known active constraints.
 
-    Attributes
-    ----------
-    start, end : float
-        Times [s].
-    levels : tuple of float, length m
-        Values of the inputs at bounds; nan where the input is free.
-    on : tuple of int, length n + l
-        For each row of (x, c) the bound that is active on the arc: 1 upper, -1 lower, 0 none;
-        empty: none at all.
-    met : tuple of int, length n + l
-        The bounds that are touched where the arc begins, in the same form.
-    jump : bool
-        Whether the arc begins only because an input may jump there.
-
+    :ivar start, end: times [s].
+    :ivar levels: length m, values of the inputs at bounds; nan where the input is free.
+    :ivar on: length n + l, for each row of (x, c) the bound that is active on the arc: 1 upper, -1
+        lower, 0 none; empty: none at all.
+    :ivar met: length n + l, the bounds that are touched where the arc begins, in the same form.
+    :ivar jump: whether the arc begins only because an input may jump there.
     """
 
     start: float
@@ -68,17 +60,9 @@ def find_jumping_inputs(problem: Problem, path: Path) -> tuple[bool, ...]:
     """
     Find the inputs that go from bound to bound within one or two intervals.
 
-    Parameters
-    ----------
-    problem : Problem
-        Whose bounds are meant.
-    path : Path
-        Of its inputs, the values at mesh points.
-
-    Returns
-    -------
-    tuple of bool, length m
-
+    :param problem: whose bounds are meant.
+    :param path: of its inputs, the values at mesh points.
+    :return: length m.
     """
     jumps = []
     for i in range(problem.m):
@@ -100,23 +84,12 @@ def find_arcs(problem: Problem, path: Path, switching: Sequence[bool],
     """
     Detect the arcs of a path.
 
-    Parameters
-    ----------
-    problem : Problem
-        Whose bounds are meant.
-    path : Path
-        Times and inputs.
-    switching : sequence of bool, length m
-        Inputs that may be held at bounds; the others are free.
-    curved : sequence of bool, length m, optional
-        Inputs in which H is not linear. Such an input meets a bound without a jump: a span at a
-        bound next to a free span becomes free.
-
-    Returns
-    -------
-    list of Arc
-        In order of time, without gaps.
-
+    :param problem: whose bounds are meant.
+    :param path: times and inputs.
+    :param switching: length m, inputs that may be held at bounds; the others are free.
+    :param curved: length m, optional, inputs in which H is not linear. Such an input meets a bound
+        without a jump: a span at a bound next to a free span becomes free.
+    :return: in order of time, without gaps.
     """
     spans = []
     t = np.column_stack([path.t[:-1], path.t[1:]]).ravel()
@@ -261,23 +234,11 @@ def build_arc_mesh(problem: Problem, arcs: Sequence[Arc], stages: int, density: 
     """
     Build a mesh with one phase for each arc.
 
-    Parameters
-    ----------
-    problem : Problem
-        Whose inputs they are.
-    arcs : sequence of Arc
-        Without gaps.
-    stages : int
-        Gauss points in each interval.
-    density : float
-        Intervals per second.
-
-    Returns
-    -------
-    mesh : Mesh
-    durations : ndarray
-        Lengths of the arcs [s].
-
+    :param problem: whose inputs they are.
+    :param arcs: without gaps.
+    :param stages: Gauss points in each interval.
+    :param density: intervals per second.
+    :return: mesh; durations: lengths of the arcs [s].
     """
     phases = []
     for arc in arcs:
@@ -296,13 +257,8 @@ def close_gaps(arcs: Sequence[Arc], T: float) -> list[Arc]:
     """
     Return arcs over [0, T] without gaps, with equal neighbours merged.
 
-    Parameters
-    ----------
-    arcs : sequence of Arc
-        In order of time; their active constraints are dropped.
-    T : float
-        Final time [s].
-
+    :param arcs: in order of time; their active constraints are dropped.
+    :param T: final time [s].
     """
     rows = [_tidy([_Span(arc.start, arc.end, arc.levels[i]) for arc in arcs], T)
             for i in range(len(arcs[0].levels))]
@@ -329,14 +285,9 @@ def free_shared_inputs(arcs: Sequence[Arc], shared: Mask) -> list[Arc]:
     """
     Free the inputs of an equality with states on arcs on which it would have no free input.
 
-    Parameters
-    ----------
-    arcs : sequence of Arc
-        Without gaps.
-    shared : ndarray of bool, shape (k, m)
-        The inputs of each of k equalities, one at least. Inputs at bounds may satisfy an
-        equality of inputs alone.
-
+    :param arcs: without gaps.
+    :param shared: (k, m), the inputs of each of k equalities, one at least. Inputs at bounds may
+        satisfy an equality of inputs alone.
     """
     freed = []
     for arc in arcs:
@@ -369,16 +320,8 @@ def get_signature(arcs: Sequence[Arc]) -> Signature:
     """
     Return the levels of arcs and the bounds they are on or touch, without their times.
 
-    Parameters
-    ----------
-    arcs : sequence of Arc
-        In order of time.
-
-    Returns
-    -------
-    tuple
-        Equal for arcs that differ by their times only.
-
+    :param arcs: in order of time.
+    :return: equal for arcs that differ by their times only.
     """
     return tuple(tuple(None if math.isnan(v) else v for v in arc.levels) + (
         arc.on if any(arc.on) else ()) + ((None, *arc.met) if any(arc.met) else ())
@@ -390,21 +333,12 @@ def open_arcs(arcs: Sequence[Arc], t: Array, Hu: Array, problem: Problem,
     """
     Free inputs, or move them to the other bound, where dH/du has the wrong sign for their bound.
 
-    Parameters
-    ----------
-    arcs : sequence of Arc
-        As found.
-    t : ndarray, shape (K + 1,)
-        Fine times.
-    Hu : ndarray, shape (K, m)
-        dH/du in each part.
-    problem : Problem
-        Whose bounds are meant.
-    judged : sequence of bool
-        Inputs that are considered.
-    moving : sequence of bool
-        Inputs that move to their other bound where dH/du is far from zero.
-
+    :param arcs: as found.
+    :param t: (K + 1,), fine times.
+    :param Hu: (K, m), dH/du in each part.
+    :param problem: whose bounds are meant.
+    :param judged: inputs that are considered.
+    :param moving: inputs that move to their other bound where dH/du is far from zero.
     """
     spans: list[list[_Span]] = []
     middle = (t[:-1] + t[1:]) / 2
@@ -439,17 +373,10 @@ def insert_free_arcs(arcs: Sequence[Arc], t: Array, Hu: tuple[Array, Array], cur
     """
     Insert free arcs where an input does not jump but goes from bound to bound continuously.
 
-    Parameters
-    ----------
-    arcs : sequence of Arc
-        As found; slopes that are shorter than an interval look like jumps.
-    t : ndarray, shape (K,)
-        Times.
-    Hu : pair of ndarray, shape (K, m)
-        dH/du there with the input at its lower and at its upper bound.
-    curved : sequence of bool
-        For each input whether H is not linear in it.
-
+    :param arcs: as found; slopes that are shorter than an interval look like jumps.
+    :param t: (K,), Times.
+    :param Hu: (K, m), dH/du there with the input at its lower and at its upper bound.
+    :param curved: for each input whether H is not linear in it.
     """
     rows = []
     for i, bends in enumerate(curved):
@@ -490,15 +417,10 @@ def have_moved(arcs: Sequence[Arc], durations: Array, least: float) -> bool:
     """
     Return whether the ends of arcs moved by more than a part of T.
 
-    Parameters
-    ----------
-    arcs : sequence of Arc
-        The new arcs.
-    durations : ndarray
-        Lengths of the former phases [s]; if there are more or fewer, False is returned.
-    least : float
-        Part of T.
-
+    :param arcs: the new arcs.
+    :param durations: lengths of the former phases [s]; if there are more or fewer, False is
+        returned.
+    :param least: part of T.
     """
     ends = np.cumsum(durations)
     return len(arcs) == len(ends) and bool(np.any(np.abs(

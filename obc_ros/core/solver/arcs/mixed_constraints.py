@@ -30,21 +30,11 @@ def compute_densities(outcome: TranscriptionOutcome, slopes: Array, u: Array) ->
     """
     Return the multiplier densities of path constraints of a transcription.
 
-    Parameters
-    ----------
-    outcome : TranscriptionOutcome
-        On N intervals.
-    slopes : ndarray, shape (K, l, m)
-        Derivatives of the constraints by the inputs, at K points.
-    u : ndarray, shape (K, m)
-        The inputs there.
-
-    Returns
-    -------
-    ndarray, shape (N, points, l)
-        > 0 at upper bounds. Values that are negligible relative to the cost, which an
-        interior-point method leaves on inactive constraints, are set to 0.
-
+    :param outcome: on N intervals.
+    :param slopes: (K, l, m), derivatives of the constraints by the inputs, at K points.
+    :param u: (K, m), the inputs there.
+    :return: (N, points, l), > 0 at upper bounds. Values that are negligible relative to the cost,
+        which an interior-point method leaves on inactive constraints, are set to 0.
     """
     h = np.maximum(np.diff(outcome.path.t), 1e-300)
     found = np.concatenate([outcome.inner_path, outcome.sides_path], axis=1) / h[:, None, None]
@@ -56,19 +46,9 @@ def find_active(problem: Problem, outcome: TranscriptionOutcome,
     """
     Find the intervals on which path constraints that depend on inputs are active.
 
-    Parameters
-    ----------
-    problem : Problem
-        The one that was solved.
-    outcome : TranscriptionOutcome
-        Its multipliers are used.
-    program : PhasedProgram
-        Of the structure of the problem.
-
-    Returns
-    -------
-    list of StateContact
-
+    :param problem: the one that was solved.
+    :param outcome: its multipliers are used.
+    :param program: of the structure of the problem.
     """
     path, n, bounds, t = outcome.path, problem.n, program.bounds, outcome.path.t
     slopes = program.input_slopes(problem, path.x[:-1], path.ua)[:, n:]
@@ -86,20 +66,10 @@ def hold_constraints(arcs: list[Arc], found: Phased, bounds: BoundRates) -> list
     """
     Update the arcs on constraints that depend on inputs from the multipliers of a path on phases.
 
-    Parameters
-    ----------
-    arcs : list of Arc
-        The present arcs.
-    found : Phased
-        The path found with them.
-    bounds : BoundRates
-        Orders of the constraints.
-
-    Returns
-    -------
-    list of Arc
-        `arcs` if no constraint was added or removed.
-
+    :param arcs: the present arcs.
+    :param found: the path found with them.
+    :param bounds: orders of the constraints.
+    :return: `arcs` if no constraint was added or removed.
     """
     rows = np.flatnonzero(bounds.orders == 0)
     points = np.append(0.0, np.cumsum(found.h))
@@ -139,22 +109,11 @@ def move_onto_constraints(problem: Problem, program: PhasedProgram, found: Phase
 
     The polynomials satisfy it at the collocation points only.
 
-    Parameters
-    ----------
-    problem : Problem
-        Whose bounds are meant.
-    program : PhasedProgram
-        Of the structure of the problem.
-    found : Phased
-        The path.
-    x, u : ndarray, shape (K, s, n), (K, s, m)
-        s samples in each of its K intervals.
-
-    Returns
-    -------
-    ndarray, shape (K, s, m)
-        Inputs; unchanged in phases with no or several such constraints.
-
+    :param problem: whose bounds are meant.
+    :param program: of the structure of the problem.
+    :param found: the path.
+    :param x, u: (K, s, n), (K, s, m), s samples in each of its K intervals.
+    :return: (K, s, m), inputs; unchanged in phases with no or several such constraints.
     """
     bounds, u = program.bounds, u.copy()
     for phase, arc in enumerate(found.arcs):

@@ -13,16 +13,9 @@ def spread_like(path: Path) -> tuple[Array, Array]:
     """
     Distribute intervals like those of a path, with more where its states bend.
 
-    Parameters
-    ----------
-    path : Path
-        With N intervals.
-
-    Returns
-    -------
-    t, share : ndarray, shape (N + 1,)
-        Times [s], and the share of all intervals before each, from 0 to 1.
-
+    :param path: with N intervals.
+    :return: t, share: (N + 1,), times [s], and the share of all intervals before each, from 0 to
+        1.
     """
     h = np.maximum(np.diff(path.t), 1e-300)
     slope = np.diff(path.x, axis=0) / h[:, None]
@@ -37,16 +30,8 @@ def spread_by_error(found: Phased) -> tuple[Array, Array]:
 
     Inputs that turn fast have an influence on x that is small, and yet decides the residuals.
 
-    Parameters
-    ----------
-    found : Phased
-        A path with K intervals.
-
-    Returns
-    -------
-    t, share : ndarray, shape (K + 1,)
-        As returned by `spread_like`.
-
+    :param found: a path with K intervals.
+    :return: t, share: (K + 1,), as returned by `spread_like`.
     """
     points = build_collocation(DEGREE, 'radau')[0]
     errors = [_highest(values, at).max(axis=1) ** (1 / (len(at) - 1)) for values, at in (
@@ -60,19 +45,8 @@ def spread_as_wanted(found: Phased) -> tuple[tuple[Array, Array], int]:
     """
     Distribute intervals with cuts where x or lam is not resolved.
 
-    Parameters
-    ----------
-    found : Phased
-        A path with K intervals.
-
-
-    Returns
-    -------
-    shares : tuple of ndarray
-        As returned by `spread_like`.
-    count : int
-        Number of intervals needed.
-
+    :param found: a path with K intervals.
+    :return: shares: as returned by `spread_like`; count: number of intervals needed.
     """
     points = np.append(0.0, build_collocation(DEGREE, 'radau')[0])
     error = np.maximum(*(_highest(values, points).max(axis=1)

@@ -48,15 +48,9 @@ class PhasedProgram:
     """
     The nonlinear programs of one structure, for any arcs and numbers.
 
-    Parameters
-    ----------
-    problem : Problem
-        Of the structure.
-    switching : sequence of bool, length m
-        Inputs in which H is linear.
-    sliding : mapping of int to float, optional
-        As for `BoundRates`.
-
+    :param problem: of the structure.
+    :param switching: length m, inputs in which H is linear.
+    :param sliding: as for `BoundRates`.
     """
 
     def __init__(self, problem: Problem, switching: Sequence[bool],
@@ -106,20 +100,10 @@ class PhasedProgram:
         """
         Return which bounds of inputs follow from constraints held on an arc.
 
-        Parameters
-        ----------
-        problem : Problem
-            In the symbols of this program.
-        arc : Arc
-            Also bounds at which it holds inputs are judged.
-        path : Path
-            Gives the states and the other inputs.
-
-        Returns
-        -------
-        ndarray of bool, shape (2, m)
-            Lower and upper bounds.
-
+        :param problem: in the symbols of this program.
+        :param arc: also bounds at which it holds inputs are judged.
+        :param path: gives the states and the other inputs.
+        :return: (2, m), lower and upper bounds.
         """
         bounds, found = self.bounds, np.zeros((2, problem.m), dtype=bool)
         t = arc.start + _LOOKS * (arc.end - arc.start)
@@ -147,30 +131,15 @@ class PhasedProgram:
         """
         Solve the program of some arcs by IPOPT.
 
-        Parameters
-        ----------
-        problem : Problem
-            In the symbols of this program.
-        arcs : sequence of Arc
-            One for each phase.
-        meshes : list of ndarray
-            Lengths of the intervals of each phase, as parts of it.
-        guess : Path
-            Initial guess.
-        sizes : ProblemScales
-            Scales of states, inputs, time and cost.
-        pinned : ndarray of bool, shape (n,)
-            Components of x(T) that psi fixes.
-        meter : Meter
-            Limits.
-        grazing : frozenset of (int, int)
-            Junctions and rows, as in `Phased.outwards`, at which the path meets or leaves a bound
-            tangentially.
-
-        Returns
-        -------
-        Phased
-
+        :param problem: in the symbols of this program.
+        :param arcs: one for each phase.
+        :param meshes: lengths of the intervals of each phase, as parts of it.
+        :param guess: initial guess.
+        :param sizes: scales of states, inputs, time and cost.
+        :param pinned: (n,), components of x(T) that psi fixes.
+        :param meter: Limits.
+        :param grazing: junctions and rows, as in `Phased.outwards`, at which the path meets or
+            leaves a bound tangentially.
         """
         return _Solve(self, problem, list(arcs), meshes, sizes, pinned, grazing).run(
             guess, meter)

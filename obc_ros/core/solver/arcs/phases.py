@@ -22,17 +22,10 @@ def drop_negligible(density: Array, rate: float, slopes: Array, u: Array) -> Arr
 
     An interior-point method leaves them on inactive constraints.
 
-    Parameters
-    ----------
-    density : ndarray, shape (..., l)
-        Multiplier densities.
-    rate : float
-        Mean cost per second.
-    slopes : ndarray, shape (K, l, m)
-        Derivatives of the constraints by the inputs, at K points.
-    u : ndarray, shape (K, m)
-        The inputs there.
-
+    :param density: (..., l), multiplier densities.
+    :param rate: mean cost per second.
+    :param slopes: (K, l, m), derivatives of the constraints by the inputs, at K points.
+    :param u: (K, m), the inputs there.
     """
     size = (np.abs(slopes) @ np.abs(u).max(axis=0)).max(axis=0)
     with np.errstate(over='ignore'):   # of constraints that inputs do not change
@@ -46,37 +39,26 @@ class Phased:
     """
     A path on phases, K intervals of DEGREE points each.
 
-    Attributes
-    ----------
-    arcs : list of Arc
-        Levels of the inputs and active constraints of each phase.
-    meshes : list of ndarray
-        Lengths of the intervals of each phase, as parts of it.
-    durations : ndarray
-        Length of each phase [s].
-    x, lam : ndarray, shape (K, DEGREE + 1, n)
-        At the start and at the points of each interval; lam is lam~ of `phase_program`.
-    u : ndarray, shape (K, DEGREE, m)
-        Inputs at the points.
-    eta : ndarray, shape (K, DEGREE, n + l)
-        Multiplier densities of the constraints held in a phase, and of those path constraints
-        that depend on inputs.
-    nu : ndarray, shape (q,)
-        Multipliers of the terminal constraints.
-    cost : float
-        J.
-    converged : bool
-        Whether IPOPT did.
-    outwards : dict of (int, int) to float
-        For a junction and a row, the derivative of the constraint in which inputs occur, on the
-        side off the bound, relative; < 0 if the path leaves the bound inwards. The junction is
-        the start (phase) or the end (-1 - phase) of a phase on the bound. For a constraint that
-        depends on inputs, its residual with the inputs at their bounds on that side.
-    pushed : ndarray, shape (K, DEGREE, n + l)
-        Multipliers of bounds of (x, c) that are not held, relative to the costates.
-    astray : list of (int, int)
-        Phases and rows whose touch of the bound at the start has a multiplier of the wrong sign.
-
+    :ivar arcs: levels of the inputs and active constraints of each phase.
+    :ivar meshes: lengths of the intervals of each phase, as parts of it.
+    :ivar durations: length of each phase [s].
+    :ivar x, lam: (K, DEGREE + 1, n), at the start and at the points of each interval; lam is lam~
+        of `phase_program`.
+    :ivar u: (K, DEGREE, m), inputs at the points.
+    :ivar eta: (K, DEGREE, n + l), multiplier densities of the constraints held in a phase, and of
+        those path constraints that depend on inputs.
+    :ivar nu: (q,), multipliers of the terminal constraints.
+    :ivar cost: J.
+    :ivar converged: whether IPOPT did.
+    :ivar outwards: for a junction and a row, the derivative of the constraint in which inputs
+        occur, on the side off the bound, relative; < 0 if the path leaves the bound inwards. The
+        junction is the start (phase) or the end (-1 - phase) of a phase on the bound. For a
+        constraint that depends on inputs, its residual with the inputs at their bounds on that
+        side.
+    :ivar pushed: (K, DEGREE, n + l), multipliers of bounds of (x, c) that are not held, relative
+        to the costates.
+    :ivar astray: phases and rows whose touch of the bound at the start has a multiplier of the
+        wrong sign.
     """
 
     arcs: list[Arc]
@@ -97,18 +79,9 @@ class Phased:
         """
         Return the junctions at which a path leaves or meets a bound tangentially.
 
-        Parameters
-        ----------
-        within : float
-            Relative derivative up to which it counts as zero.
-        touched : bool
-            Include the points at which a bound is only touched.
-
-        Returns
-        -------
-        frozenset of (int, int)
-            Junctions and rows, as the keys of `outwards`.
-
+        :param within: relative derivative up to which it counts as zero.
+        :param touched: include the points at which a bound is only touched.
+        :return: junctions and rows, as the keys of `outwards`.
         """
         met = [arc.met or (0,) * self.eta.shape[2] for arc in self.arcs]
         return frozenset(

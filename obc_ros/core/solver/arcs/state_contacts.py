@@ -26,15 +26,9 @@ class StateContact:
     """
     A row of (x, c) at a bound in a span of time.
 
-    Attributes
-    ----------
-    row, sign : int
-        Row, and 1 at its upper bound, -1 at its lower one.
-    start, end : float
-        Times [s].
-    beside : float
-        Length [s] next to it over which a jump may be smeared.
-
+    :ivar row, sign: row, and 1 at its upper bound, -1 at its lower one.
+    :ivar start, end: times [s].
+    :ivar beside: length [s] next to it over which a jump may be smeared.
     """
 
     row: int
@@ -52,27 +46,14 @@ def find_contacts(problem: Problem, outcome: TranscriptionOutcome, value: Array,
 
     A phase that was held on a bound before is a contact as a whole.
 
-    Parameters
-    ----------
-    problem : Problem
-        The one that was solved.
-    outcome : TranscriptionOutcome
-        On N intervals.
-    value : ndarray, shape (N + 1, n + l)
-        x and the path constraints at the mesh points.
-    margin : ndarray, shape (n + l,)
-        Tightening of the bounds.
-    decided : ndarray of bool, shape (n + l,)
-        Rows that are considered: those that inputs can hold at a bound.
-    perhaps : bool
-        Also return points at which a path turns back within an interval's change of a bound.
-    near : float
-        Relative distance up to which a bound is active.
-
-    Returns
-    -------
-    list of StateContact
-
+    :param problem: the one that was solved.
+    :param outcome: on N intervals.
+    :param value: (N + 1, n + l), x and the path constraints at the mesh points.
+    :param margin: (n + l,), tightening of the bounds.
+    :param decided: (n + l,), rows that are considered: those that inputs can hold at a bound.
+    :param perhaps: also return points at which a path turns back within an interval's change of a
+        bound.
+    :param near: relative distance up to which a bound is active.
     """
     found = []
     t, N = outcome.path.t, len(outcome.path.t) - 1
@@ -112,22 +93,11 @@ def add_contacts(arcs: Sequence[Arc], found: Sequence[StateContact], free: Mask,
     The rest of an arc between a contact and the next arc, if it is short, is a jump smeared by a
     coarse mesh: its inputs take the levels of the arc beside it.
 
-    Parameters
-    ----------
-    arcs : sequence of Arc
-        Without gaps.
-    found : sequence of StateContact
-        At least one.
-    free : ndarray of bool, shape (n + l, m)
-        Inputs that follow from the bound of each row, and become free on it.
-    mixed : ndarray of bool, shape (n + l,), optional
-        Rows that depend on inputs: inputs at bounds stay there. If all of a row do, it does not
-        become active.
-
-    Returns
-    -------
-    list of Arc
-
+    :param arcs: without gaps.
+    :param found: at least one.
+    :param free: (n + l, m), inputs that follow from the bound of each row, and become free on it.
+    :param mixed: (n + l,), optional, rows that depend on inputs: inputs at bounds stay there. If
+        all of a row do, it does not become active.
     """
     T = arcs[-1].end
     times = np.unique([0.0, T] + [arc.end for arc in arcs]

@@ -107,19 +107,10 @@ class Unsolved:
     """
     A problem without a solution, and what was found.
 
-    Parameters
-    ----------
-    problem : Problem
-        The problem.
-    solve, thorough : callable
-        As for `explain`.
-    found : Solution or None
-        The best path found.
-    trace : Trace
-        What was tried.
-    remaining : callable
-        Returns the time left [s].
-
+    :param solve, thorough: as for `explain`.
+    :param found: the best path found.
+    :param trace: what was tried.
+    :param remaining: returns the time left [s].
     """
 
     def __init__(self, problem: Problem, solve: Solver, thorough: Solver, found: Solution | None,
@@ -333,15 +324,9 @@ class Check:
     """
     A reason why a problem may have no solution.
 
-    Attributes
-    ----------
-    name : str
-        As users see it in the trace, unique.
-    when : tuple of Situation
-        When it is tried.
-    run : callable
-        Returns the reason, None if it is another one.
-
+    :ivar name: as users see it in the trace, unique.
+    :ivar when: when it is tried.
+    :ivar run: returns the reason, None if it is another one.
     """
 
     name: str
@@ -372,29 +357,16 @@ def explain(problem: Problem, solve: Solver | None = None, thorough: Solver | No
     """
     Return why a problem has no solution.
 
-    Parameters
-    ----------
-    problem : Problem
-        The problem that was not solved.
-    solve : callable, optional
-        Returns a Solution of a problem with its certificate, whether or not the certificate
-        passes; observes the time limit. Without it only the statement is examined.
-    thorough : callable, optional
-        Does the same with more work: several initial guesses, until the certificate passes.
-    found : Solution, optional
-        The best path found for the problem.
-    trace : Trace, optional
-        What was tried for the problem; the checks are added.
-    remaining : callable
-        Returns the time left [s].
-    proofs : bool
-        Solve related problems only if infeasibility is proved.
-
-    Returns
-    -------
-    Reason or None
-        None if no reason was found.
-
+    :param problem: the problem that was not solved.
+    :param solve: returns a Solution of a problem with its certificate, whether or not the
+        certificate passes; observes the time limit. Without it only the statement is examined.
+    :param thorough: does the same with more work: several initial guesses, until the certificate
+        passes.
+    :param found: the best path found for the problem.
+    :param trace: what was tried for the problem; the checks are added.
+    :param remaining: returns the time left [s].
+    :param proofs: solve related problems only if infeasibility is proved.
+    :return: None if no reason was found.
     """
     trace, solve_ = trace or Trace(), solve or _find_nothing
     case = Unsolved(problem, solve_, thorough or solve_, found, trace, remaining)

@@ -31,20 +31,11 @@ def attain_by_arcs(problem: Problem, mixed: Solution, mixture: Mixture) -> Solut
     """
     Return a certified path of finitely many arcs that costs as much as the relaxed solution.
 
-    Parameters
-    ----------
-    problem : Problem
-        As stated.
-    mixed : Solution
-        Of the relaxed problem.
-    mixture : tuple of ndarray
-        Its inputs u, v and the share of v, as `relaxed_controls.split_mixture` returns them.
-
-    Returns
-    -------
-    Solution or None
-        With its certificate; None if no number of arcs that was tried has one that passes.
-
+    :param problem: as stated.
+    :param mixed: of the relaxed problem.
+    :param mixture: its inputs u, v and the share of v, as `relaxed_controls.split_mixture` returns
+        them.
+    :return: with its certificate; None if no number of arcs that was tried has one that passes.
     """
     follow = _Follower(problem, mixed, mixture)
     for periods in (2**k for k in range(9)):

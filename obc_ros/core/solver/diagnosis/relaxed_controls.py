@@ -128,18 +128,10 @@ def split_mixture(problem: Problem, other: Problem, mixed: Solution
     """
     Return the two inputs that a solution of the relaxed problem mixes.
 
-    Parameters
-    ----------
-    problem, other : Problem
-        As stated, and relaxed by `relax_controls`.
-    mixed : Solution
-        Of the relaxed problem, with N samples.
-
-    Returns
-    -------
-    u, v, share : ndarray, shape (N, m), (N, m), (N,)
-        The inputs, and the share of v; None if others would cost less.
-
+    :param problem, other: as stated, and relaxed by `relax_controls`.
+    :param mixed: of the relaxed problem, with N samples.
+    :return: u, v, share: (N, m), (N, m), (N,), the inputs, and the share of v; None if others
+        would cost less.
     """
     m = problem.m
     if other.m != m:

@@ -20,18 +20,9 @@ def find_remark(problem: Problem, found: Solution) -> str:
     """
     Return what decided a certified answer, if that was a bound of the search or a missing part.
 
-    Parameters
-    ----------
-    problem : Problem
-        As stated.
-    found : Solution
-        Certified, with the states of the problem.
-
-    Returns
-    -------
-    str
-        A sentence with the number that decided; '' if the cost alone decided.
-
+    :param problem: as stated.
+    :param found: certified, with the states of the problem.
+    :return: a sentence with the number that decided; '' if the cost alone decided.
     """
     if find_constant_cost(problem) is not None:
         return (f'all paths cost {format_number(found.objective)}: the cost depends on neither '

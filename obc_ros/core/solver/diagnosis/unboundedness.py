@@ -24,20 +24,10 @@ def explain_larger_inputs(problem: Problem, found: Solution, solve: Solver) -> s
     If H is linear in an input without bounds, a solution that diverges to infinity has residuals
     that are small relative to its size.
 
-    Parameters
-    ----------
-    problem : Problem
-        The problem that was solved.
-    found : Solution
-        Its certified solution.
-    solve : callable
-        Returns a Solution for a problem.
-
-    Returns
-    -------
-    str
-        '' if larger inputs do not cost much less, or if the cost limits all inputs.
-
+    :param problem: the problem that was solved.
+    :param found: its certified solution.
+    :param solve: returns a Solution for a problem.
+    :return: '' if larger inputs do not cost much less, or if the cost limits all inputs.
     """
     if not advise_bounds(problem):
         return ''

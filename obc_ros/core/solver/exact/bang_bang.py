@@ -34,19 +34,13 @@ class BangBang:
     """
     Inputs v_j(tau) = +-level_j that change sign at tau_i.
 
-    Attributes
-    ----------
-    T : float
-        Duration [s].
-    nu : ndarray, shape (q,)
-        Multipliers of C x(T) - d for the cost T.
-    tau, owner : ndarray, shape (k,)
-        Switching times to go [s], increasing for each input, and the input that switches.
-    sign, level : ndarray, shape (m,)
-        v_j at T and |v_j|.
-    normal : bool
-        Whether nu belongs to the cost T; otherwise the extremal is abnormal and |nu| = 1.
-
+    :ivar T: duration [s].
+    :ivar nu: (q,), multipliers of C x(T) - d for the cost T.
+    :ivar tau, owner: (k,), switching times to go [s], increasing for each input, and the input
+        that switches.
+    :ivar sign, level: (m,), v_j at T and |v_j|.
+    :ivar normal: whether nu belongs to the cost T; otherwise the extremal is abnormal and |nu| =
+        1.
     """
 
     T: float

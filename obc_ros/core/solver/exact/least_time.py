@@ -33,16 +33,10 @@ class FirstTime:
     """
     Bounds of the minimum time, and the inputs if they were found.
 
-    Attributes
-    ----------
-    answer : BangBang or None
-        Inputs that meet the target in the minimum time.
-    too_short : float
-        The target is met at no time before this [s]. It is the upper bound of T if no time is
-        long enough, and less if the search ended undecided.
-    at_once : bool
-        Whether the target can be met at the lower bound of T.
-
+    :ivar answer: inputs that meet the target in the minimum time.
+    :ivar too_short: the target is met at no time before this [s]. It is the upper bound of T if no
+        time is long enough, and less if the search ended undecided.
+    :ivar at_once: whether the target can be met at the lower bound of T.
     """
 
     answer: BangBang | None
@@ -186,17 +180,11 @@ class _Part:
     """
     The part of a problem that determines T: without singular inputs and the directions they move.
 
-    Attributes
-    ----------
-    whole, part : Reach
-        The problem and its part.
-    eta : ndarray, shape (r,)
-        Direction, for the rows of `part`.
-    columns, singular : ndarray of int
-        Inputs of `part`, and the others.
-    tied, free : ndarray, shapes (q, r) and (q, q - r)
-        Combinations of the terminal constraints on which the singular inputs do not act, and act.
-
+    :ivar whole, part: the problem and its part.
+    :ivar eta: (r,), direction, for the rows of `part`.
+    :ivar columns, singular: inputs of `part`, and the others.
+    :ivar tied, free: (q, r) and (q, q - r), combinations of the terminal constraints on which the
+        singular inputs do not act, and act.
     """
 
     whole: Reach
@@ -326,11 +314,7 @@ def split_directions(A: Array, B: Array, C: Array) -> tuple[Array, Array]:
     """
     Return the directions of y = C x on which the inputs act, and those on which they do not.
 
-    Returns
-    -------
-    moved, fixed : ndarray, shapes (q, r) and (q, q - r)
-        Orthonormal bases; fixed' C A^i B = 0 for all i.
-
+    :return: moved, fixed: (q, r) and (q, q - r), orthonormal bases; fixed' C A^i B = 0 for all i.
     """
     block, blocks = C.copy(), []
     size = max(float(np.linalg.norm(A, 2)), 1e-300)

@@ -191,16 +191,8 @@ def compute_exponential(matrix: Array) -> Array:
     The matrix is first scaled by powers of 2, which causes no rounding (`_balance`). Without it,
     an entry many orders of magnitude above the others would spoil all digits of the others.
 
-    Parameters
-    ----------
-    matrix : ndarray, shape (..., n, n)
-        Square matrices.
-
-    Returns
-    -------
-    ndarray, shape (..., n, n)
-        nan if an entry is not finite.
-
+    :param matrix: (..., n, n), square matrices.
+    :return: (..., n, n), nan if an entry is not finite.
     """
     sizes = np.abs(matrix).reshape(-1, *matrix.shape[-2:]).max(axis=0)
     if not np.isfinite(sizes).all():
@@ -245,18 +237,9 @@ def bound_first_reach(A: Array, B: Array, T: float) -> Array:
     """
     Return the largest contribution of constant inputs to each state within a time T.
 
-    Parameters
-    ----------
-    A, B : ndarray, shape (n, n) and (n, m)
-        Linear system; inputs have the size 1.
-    T : float
-        Duration [s].
-
-    Returns
-    -------
-    ndarray, shape (n,)
-        Largest |A^k B T^(k + 1) / (k + 1)!| over the inputs and over k < n.
-
+    :param A, B: (n, n) and (n, m), linear system; inputs have the size 1.
+    :param T: duration [s].
+    :return: (n,), largest |A^k B T^(k + 1) / (k + 1)!| over the inputs and over k < n.
     """
     moved, found = B * T, np.zeros(len(A))
     for k in range(len(A)):
@@ -269,18 +252,9 @@ def bound_reach(A: Array, B: Array, T: float) -> Array:
     """
     Return the largest change of each state by inputs of the size 1 within a time T.
 
-    Parameters
-    ----------
-    A, B : ndarray, shape (n, n) and (n, m)
-        Linear system, from x(0) = 0.
-    T : float
-        Duration [s].
-
-    Returns
-    -------
-    ndarray, shape (n,)
-        For inputs that are constant in equal parts of T.
-
+    :param A, B: (n, n) and (n, m), linear system, from x(0) = 0.
+    :param T: duration [s].
+    :return: (n,), for inputs that are constant in equal parts of T.
     """
     n, m = B.shape
     Z = np.zeros((n + m, n + m))

@@ -21,12 +21,9 @@ and under travel from goal to start. The formulas are derived, not copied: (8.3)
 
 The module is long because the 48 words share one chain of circles.
 
-References
-----------
 J. A. Reeds, L. A. Shepp, Optimal paths for a car that goes both forwards and backwards, Pacific
 J. Math. 145(2), 1990. H. J. Sussmann, G. Tang, Shortest paths for the Reeds-Shepp car,
 SYCON-91-10, 1991.
-
 """
 
 from collections.abc import Sequence
@@ -62,17 +59,10 @@ class CarPath(NamedTuple):
     """
     Shortest path of a car.
 
-    Attributes
-    ----------
-    start, goal : tuple of float
-        (x, y, theta) [m, m, rad].
-    radius : float
-        Minimum turning radius [m].
-    length : float
-        Sum of the segments' absolute lengths [m].
-    segments : tuple of Segment
-        In order; none has length zero.
-
+    :ivar start, goal: (x, y, theta) [m, m, rad].
+    :ivar radius: minimum turning radius [m].
+    :ivar length: sum of the segments' absolute lengths [m].
+    :ivar segments: in order; none has length zero.
     """
 
     start: tuple[float, float, float]
@@ -90,22 +80,10 @@ class CarPath(NamedTuple):
         """
         Return n points of the path, equally spaced in arc length, including both ends.
 
-        Parameters
-        ----------
-        n : int
-            At least 2.
-
-        Returns
-        -------
-        ndarray, shape (n, 3)
-            x, y [m] and theta [rad]. theta is continuous; it ends at the goal's theta plus a
-            multiple of 2 pi.
-
-        Raises
-        ------
-        StatementError
-            If n is not an integer of at least 2.
-
+        :param n: at least 2.
+        :return: (n, 3), x, y [m] and theta [rad]. theta is continuous; it ends at the goal's theta
+            plus a multiple of 2 pi.
+        :raises StatementError: if n is not an integer of at least 2.
         """
         if not isinstance(n, (int, np.integer)) or isinstance(n, bool) or n < 2:
             raise StatementError(f'a path is sampled at 2 or more points, not at {n!r}')
@@ -120,15 +98,8 @@ class CarPath(NamedTuple):
         """
         Return the poses (x, y, theta) at given arc lengths.
 
-        Parameters
-        ----------
-        distance : array_like, shape (k,)
-            Arc lengths from the start [m]; clipped to [0, length].
-
-        Returns
-        -------
-        ndarray, shape (k, 3)
-
+        :param distance: (k,), arc lengths from the start [m]; clipped to [0, length].
+        :return: (k, 3).
         """
         return self._at(np.clip(np.asarray(distance, dtype=float).ravel(), 0.0, self.length))
 
@@ -174,23 +145,11 @@ def find_shortest_path(start: Sequence[float] | Array, goal: Sequence[float] | A
     """
     Return the shortest path from start to goal with turns of at least the given radius.
 
-    Parameters
-    ----------
-    start, goal : sequence of 3 float
-        (x, y, theta) [m, m, rad].
-    radius : float
-        Minimum turning radius [m], > 0.
-
-    Returns
-    -------
-    CarPath
-        ``length`` [m], ``word``, ``segments``, ``sample(n)``.
-
-    Raises
-    ------
-    StatementError
-        If a pose is not three finite numbers or the radius is not a positive one.
-
+    :param start, goal: (x, y, theta) [m, m, rad].
+    :param radius: minimum turning radius [m], > 0.
+    :return: ``length`` [m], ``word``, ``segments``, ``sample(n)``.
+    :raises StatementError: if a pose is not three finite numbers or the radius is not a positive
+        one.
     """
     x0, y0, theta0 = first = _pose('start', start)
     x1, y1, theta1 = last = _pose('goal', goal)

@@ -51,21 +51,12 @@ def solve_time_optimal(problem: Problem) -> Solution | None:
     """
     Return the minimum-time solution of a linear problem.
 
-    Parameters
-    ----------
-    problem : Problem
-        Any problem.
-
-    Returns
-    -------
-    Solution or None
-        None if the problem is not of this form (L a constant > 0, V constant, f affine, psi
+    :return: None if the problem is not of this form (L a constant > 0, V constant, f affine, psi
         affine, T free, u bounded, x free), if the lower bound of T is active, or if the minimum
         time is not found. The status is ``infeasible`` if it is proved that the target is met at
-        no T between the bounds (`weak_duality`), and
-        ``not_converged`` if no such T is found without proof; the message gives the reason.
-        Inputs are constant between samples ('zoh'); the time of a switch appears twice.
-
+        no T between the bounds (`weak_duality`), and ``not_converged`` if no such T is found
+        without proof; the message gives the reason. Inputs are constant between samples ('zoh');
+        the time of a switch appears twice.
     """
     began = perf_counter()
     aim = find_target(problem) if problem.start is None else None

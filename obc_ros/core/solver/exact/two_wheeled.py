@@ -41,24 +41,11 @@ def find_least_time_path(start: Sequence[float] | Array, goal: Sequence[float] |
     """
     Return a minimum-time trajectory between two poses of a two-wheeled robot.
 
-    Parameters
-    ----------
-    start, goal : sequence of 3 float
-        (x, y, theta) [m, m, rad]; theta counts up to multiples of 2 pi.
-    max_speed, max_turn_rate : float
-        L [m/s] and M [rad/s], > 0; |v| <= L, |omega| <= M.
-
-    Returns
-    -------
-    Solution
-        States (x, y, theta), inputs (v, omega) constant between switches, costates, and T as
+    :param start, goal: (x, y, theta) [m, m, rad]; theta counts up to multiples of 2 pi.
+    :param max_speed, max_turn_rate: L [m/s] and M [rad/s], > 0; |v| <= L, |omega| <= M.
+    :return: states (x, y, theta), inputs (v, omega) constant between switches, costates, and T as
         ``objective`` [s]. theta is continuous.
-
-    Raises
-    ------
-    StatementError
-        If a pose is not three finite numbers or a limit is not a positive one.
-
+    :raises StatementError: if a pose is not three finite numbers or a limit is not a positive one.
     """
     for name, value in (('max_speed', max_speed), ('max_turn_rate', max_turn_rate)):
         if not (isinstance(value, (int, float)) and isfinite(value) and value > 0):
@@ -73,21 +60,12 @@ def solve_two_wheeled(problem: Problem) -> Solution | None:
 
     The problem is recognised by its dynamics; its states may have other names and another order.
 
-    Parameters
-    ----------
-    problem : Problem
-        Any problem.
-
-    Returns
-    -------
-    Solution or None
-        None if the problem is not of this form: constant L > 0 and V, symmetric bounds on v and
-        omega, T free, and terminal constraints that determine the whole final state. Because
+    :return: None if the problem is not of this form: constant L > 0 and V, symmetric bounds on v
+        and omega, T free, and terminal constraints that determine the whole final state. Because
         theta does not wrap in a Problem, None is also returned if the shortest path ends at a
         theta that differs from the required one by a multiple of 2 pi, and if the minimum time is
         below the lower bound of T. If the minimum time is above the upper bound of T, the status
         is ``infeasible``; None is returned if a path that counts as admissible may be in time.
-
     """
     form = _recognise(problem) if problem.start is None else None
     if form is None:

@@ -134,18 +134,8 @@ def is_excluded(problem: Problem, seconds: float = math.inf) -> bool:
     State bounds and path constraints without inputs are imposed at a finite number of times, other
     path constraints are ignored; fewer constraints exclude fewer problems, never too many.
 
-    Parameters
-    ----------
-    problem : Problem
-        Any problem.
-    seconds : float
-        Limit of the wall-clock time [s].
-
-    Returns
-    -------
-    bool
-        False if nothing is proved.
-
+    :param seconds: limit of the wall-clock time [s].
+    :return: False if nothing is proved.
     """
     begun = time.monotonic()
     plant = find_affine_dynamics(problem) if problem.start is None else None

@@ -58,18 +58,9 @@ class Guesser:
         """
         Find a final state near x(0) by Newton's method on psi = 0.
 
-        Parameters
-        ----------
-        problem : Problem
-            In the symbols of this structure.
-
-        Returns
-        -------
-        x : ndarray, shape (n,)
-            Within the bounds; psi(x) = 0 only if the iteration converged.
-        fixed : ndarray of bool, shape (n,)
-            Components that psi fixes.
-
+        :param problem: in the symbols of this structure.
+        :return: x: (n,), within the bounds; psi(x) = 0 only if the iteration converged; fixed:
+            (n,), components that psi fixes.
         """
         if self._last is None or self._last[0] is not problem:
             self._last = problem, *self._final_state(problem)
@@ -147,17 +138,8 @@ class Guesser:
         """
         Estimate scales from an initial guess, also of states that are constant on it.
 
-        Parameters
-        ----------
-        problem : Problem
-            In the symbols of this structure.
-        path : Path
-            The guess.
-
-        Returns
-        -------
-        ProblemScales
-
+        :param problem: in the symbols of this structure.
+        :param path: the guess.
         """
         found = estimate_scales(problem, path)
         points = len(path.ua)
@@ -202,18 +184,9 @@ class Guesser:
         """
         Return whether explicit steps amplify a decaying mode of linear dynamics.
 
-        Parameters
-        ----------
-        problem : Problem
-            In the symbols of this structure.
-        intervals : int
-            Number of equal steps in T.
-
-        Returns
-        -------
-        bool
-            False for nonlinear dynamics, whose modes depend on the path.
-
+        :param problem: in the symbols of this structure.
+        :param intervals: number of equal steps in T.
+        :return: False for nonlinear dynamics, whose modes depend on the path.
         """
         if not self._linear:
             return False
@@ -242,13 +215,8 @@ class Guesser:
         """
         Return the straight line from x(0) to psi = 0 with steady inputs.
 
-        Parameters
-        ----------
-        problem : Problem
-            Its `initial_guess` replaces states and inputs that it contains.
-        T : float
-            Final time [s].
-
+        :param problem: its `initial_guess` replaces states and inputs that it contains.
+        :param T: final time [s].
         """
         last = self._last_line
         if last is None or last[0] is not problem or last[1] != T:
@@ -303,16 +271,10 @@ class Guesser:
         These are the line, lines that are bent randomly, and paths integrated under the inputs of
         the line or random ones around them. If T is free, it is varied, too.
 
-        Parameters
-        ----------
-        problem : Problem
-            In the symbols of this structure.
-        integrator : CostateIntegrator
-            Of this structure.
-        spans : callable
-            Returns the ranges of states (n,) and inputs (m,) on the paths found so far, which
-            give the amplitudes, or None.
-
+        :param problem: in the symbols of this structure.
+        :param integrator: of this structure.
+        :param spans: returns the ranges of states (n,) and inputs (m,) on the paths found so far,
+            which give the amplitudes, or None.
         """
         T = get_final_time(problem)
         line = self.line(problem, T)
@@ -360,15 +322,9 @@ class Guesser:
         """
         Yield lines to final states distributed evenly around x(0), as far as psi leaves them open.
 
-        Parameters
-        ----------
-        problem, integrator : Problem, CostateIntegrator
-            As for `starts`.
-        starts : iterator of Path
-            Other guesses; each third one is of these.
-        cost : float
-            Cost of the best path, which limits the distance (`room`).
-
+        :param problem, integrator: as for `starts`.
+        :param starts: other guesses; each third one is of these.
+        :param cost: cost of the best path, which limits the distance (`room`).
         """
         line = self.line(problem, get_final_time(problem))
         _, fixed = self.final_state(problem)
@@ -391,18 +347,9 @@ class Guesser:
 
         Each input alone is held at the values that cost as much, and the states are integrated.
 
-        Parameters
-        ----------
-        problem, integrator : Problem, CostateIntegrator
-            As for `starts`.
-        cost : float
-            Cost of the best path.
-
-        Returns
-        -------
-        x, u : ndarray, shape (n,), (m,)
-            Distances from x(0), and from the steady input.
-
+        :param problem, integrator: as for `starts`.
+        :param cost: cost of the best path.
+        :return: x, u: (n,), (m,), distances from x(0), and from the steady input.
         """
         line = self.line(problem, get_final_time(problem))
         T, rest, found = float(line.t[-1]), line.ua[0], self.sizes(problem, line)
@@ -472,18 +419,9 @@ def join_whole_turns(path: Path, periods: Array) -> Path:
     """
     Make piecewise constant inputs that are angles continuous, by removing whole turns.
 
-    Parameters
-    ----------
-    path : Path
-        With inputs constant in each interval.
-    periods : ndarray, shape (m,)
-        Period of each input; inf: it is no angle.
-
-    Returns
-    -------
-    Path
-        With inputs linear in each interval.
-
+    :param path: with inputs constant in each interval.
+    :param periods: (m,), period of each input; inf: it is no angle.
+    :return: with inputs linear in each interval.
     """
     u = path.ua.copy()
     for i in np.flatnonzero(np.isfinite(periods)):

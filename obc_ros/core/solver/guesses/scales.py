@@ -18,18 +18,9 @@ def estimate_scales(problem: Problem, path: Path) -> ProblemScales:
     """
     Estimate the scales of states, inputs and time.
 
-    Parameters
-    ----------
-    problem : Problem
-        Its bounds give the scales of what is 0 on the path.
-    path : Path
-        Its largest values give the others.
-
-    Returns
-    -------
-    ProblemScales
-        Powers of 2; the scale of the cost is 1.
-
+    :param problem: its bounds give the scales of what is 0 on the path.
+    :param path: its largest values give the others.
+    :return: powers of 2; the scale of the cost is 1.
     """
     def size(values: Array, lower: Array, upper: Array) -> Array:
         seen = np.max(np.abs(values), axis=0, initial=0.0)

@@ -63,15 +63,9 @@ class ArcIteration:
     """
     The arc iteration for one problem.
 
-    Parameters
-    ----------
-    bench : Bench
-        Of the search.
-    switching : tuple of bool, length m
-        Inputs that may be held at bounds.
-    coarse : int
-        Number of intervals of a coarse mesh.
-
+    :param bench: of the search.
+    :param switching: length m, inputs that may be held at bounds.
+    :param coarse: number of intervals of a coarse mesh.
     """
 
     def __init__(self, bench: Bench, switching: tuple[bool, ...], coarse: int) -> None:

@@ -30,21 +30,12 @@ class State:
     """
     A path on the way to a certificate, and what is known about it.
 
-    Attributes
-    ----------
-    bench : Bench
-        Of the search, with the tightening found so far.
-    outcome : TranscriptionOutcome
-        The path.
-    switching : tuple of bool, length m
-        Inputs that may be held at bounds.
-    in_vain : bool
-        Whether holding inputs at bounds did not help.
-    extremal : BoundaryValues or None
-        Solution of the boundary value problem whose kinks are the mesh points.
-    best : Candidate or None
-        The best candidate so far.
-
+    :ivar bench: of the search, with the tightening found so far.
+    :ivar outcome: the path.
+    :ivar switching: length m, inputs that may be held at bounds.
+    :ivar in_vain: whether holding inputs at bounds did not help.
+    :ivar extremal: solution of the boundary value problem whose kinks are the mesh points.
+    :ivar best: the best candidate so far.
     """
 
     bench: Bench
@@ -67,19 +58,11 @@ class Improvement:
     """
     A change of a path that may lower its cost or lead to its certificate.
 
-    Attributes
-    ----------
-    name : str
-        As users see it in the trace, unique.
-    stage : DescentStage
-        When it is tried.
-    when : str
-        When it applies, in one sentence.
-    applies : callable
-        Whether it applies.
-    run : callable
-        Returns the new state, or the reason why there is none.
-
+    :ivar name: as users see it in the trace, unique.
+    :ivar stage: when it is tried.
+    :ivar when: when it applies, in one sentence.
+    :ivar applies: whether it applies.
+    :ivar run: returns the new state, or the reason why there is none.
     """
 
     name: str

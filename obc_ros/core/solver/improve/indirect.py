@@ -26,19 +26,10 @@ def refine_indirectly(bench: Bench, found: Candidate) -> Candidate:
     """
     Refine a solution by the indirect method.
 
-    Parameters
-    ----------
-    bench : Bench
-        Of the search.
-    found : Candidate
-        Its result.
-
-    Returns
-    -------
-    Candidate
-        With a certified solution from the boundary value problem; otherwise with that of `found`,
-        and the reason in its message if the method does not apply or did not converge.
-
+    :param bench: of the search.
+    :param found: its result.
+    :return: with a certified solution from the boundary value problem; otherwise with that of
+        `found`, and the reason in its message if the method does not apply or did not converge.
     """
     if found.record is None:
         return found

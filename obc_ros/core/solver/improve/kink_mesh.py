@@ -63,24 +63,12 @@ def build_points(found: BoundaryValues, error: float, longest: float, most: int
     """
     Choose mesh points for piecewise linear inputs.
 
-    Parameters
-    ----------
-    found : BoundaryValues
-        The solution; its slopes may have any size if it is not a path.
-    error : float
-        Deviation of an input from linear in an interval, relative to its size.
-    longest : float
-        Maximum length of an interval [s].
-    most : int
-        Number of intervals, besides one for each arc, above which all become longer.
-
-    Returns
-    -------
-    t : ndarray, shape (N + 1,)
-        Mesh points [s], the ends of the arcs among them.
-    arc : ndarray of int, shape (N,)
-        Arc of each interval.
-
+    :param found: the solution; its slopes may have any size if it is not a path.
+    :param error: deviation of an input from linear in an interval, relative to its size.
+    :param longest: maximum length of an interval [s].
+    :param most: number of intervals, besides one for each arc, above which all become longer.
+    :return: t: (N + 1,), mesh points [s], the ends of the arcs among them; arc: (N,), arc of each
+        interval.
     """
     size = np.maximum(np.abs(found.u).max(axis=(0, 1)), 1e-300)
     bend = np.abs(np.diff(found.du, axis=1)[:, 0]) * found.h[:, None] / size
@@ -95,21 +83,11 @@ def start_from_neighbour(programs: ProgramCache, problem: Problem, last: Answere
     """
     Solve the boundary value problem from that of a neighbouring problem.
 
-    Parameters
-    ----------
-    programs : ProgramCache
-        Of the structure of both problems.
-    problem : Problem
-        As stated.
-    last : Answered
-        The neighbour.
-
-    Returns
-    -------
-    tuple of BoundaryValues and TranscriptionOutcome, or None
-        The solution, and the same on the mesh of the neighbour stretched in time. None if the
+    :param programs: of the structure of both problems.
+    :param problem: as stated.
+    :param last: the neighbour.
+    :return: the solution, and the same on the mesh of the neighbour stretched in time. None if the
         neighbour has no extremal, or without convergence; or where x(0) is free.
-
     """
     known = last.extremal
     if known is None or problem.start is not None:

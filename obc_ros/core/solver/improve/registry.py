@@ -58,18 +58,9 @@ def try_improvements(stage: DescentStage, state: State) -> State:
     """
     Try the improvements of a stage in turn, until one helps.
 
-    Parameters
-    ----------
-    stage : DescentStage
-        Which improvements.
-    state : State
-        The path.
-
-    Returns
-    -------
-    State
-        The new one; `state` itself if none helps.
-
+    :param stage: which improvements.
+    :param state: the path.
+    :return: the new one; `state` itself if none helps.
     """
     for improvement in IMPROVEMENTS:
         if improvement.stage is not stage or not improvement.applies(state):

@@ -66,28 +66,14 @@ def read_spans(problem: Problem, program: PhasedProgram, outcome: TranscriptionO
     """
     Detect the arcs of an outcome, boundary arcs among them.
 
-    Parameters
-    ----------
-    problem, program : Problem, PhasedProgram
-        The problem, and the phase program of its structure.
-    outcome : TranscriptionOutcome
-        On N intervals.
-    value : ndarray, shape (N + 1, n + l)
-        x and the path constraints at its mesh points.
-    margin : ndarray, shape (n + l,)
-        Tightening of the bounds.
-    switching : tuple of bool, length m
-        Inputs in which H is linear.
-    gap : float
-        Part of T up to which an oscillating path may leave a bound within a contact, and a
+    :param problem, program: the problem, and the phase program of its structure.
+    :param outcome: on N intervals.
+    :param value: (N + 1, n + l), x and the path constraints at its mesh points.
+    :param margin: (n + l,), tightening of the bounds.
+    :param switching: length m, inputs in which H is linear.
+    :param gap: part of T up to which an oscillating path may leave a bound within a contact, and a
         switching input may be between its bounds.
-    jump : float
-        As for `find_jumps`.
-
-    Returns
-    -------
-    list of Arc
-
+    :param jump: as for `find_jumps`.
     """
     arcs = find_arcs(problem, outcome.path, (True,) * problem.m)
     bounds, T = program.bounds, outcome.path.t[-1]
@@ -160,28 +146,14 @@ def settle_arcs(problem: Problem, program: PhasedProgram, arcs: list[Arc], guess
     """
     Solve on phases with the given arcs, and again without those that vanish.
 
-    Parameters
-    ----------
-    problem, program : Problem, PhasedProgram
-        The problem, and the phase program of its structure.
-    arcs : list of Arc
-        Initial arcs.
-    guess : Path
-        Initial guess.
-    sizes, pinned, meter : ProblemScales, ndarray, Meter
-        As in `PhasedProgram.solve`.
-    fine : float
-        Factor of the number of intervals.
-    spread : pair of ndarray
-        Distribution of the intervals, as returned by `spread_like`.
-    options : Options
-        Of the search.
-
-    Returns
-    -------
-    Phased or None
-        None without convergence, or if the mesh is too large.
-
+    :param problem, program: the problem, and the phase program of its structure.
+    :param arcs: initial arcs.
+    :param guess: initial guess.
+    :param sizes, pinned, meter: as in `PhasedProgram.solve`.
+    :param fine: factor of the number of intervals.
+    :param spread: distribution of the intervals, as returned by `spread_like`.
+    :param options: of the search.
+    :return: None without convergence, or if the mesh is too large.
     """
     for _ in range(options.bangs.solves):
         meshes = _meshes(arcs, spread, fine, options.boundary)

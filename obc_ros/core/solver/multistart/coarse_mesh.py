@@ -23,17 +23,10 @@ class CoarseResult:
     """
     The outcomes of the first initial guesses.
 
-    Attributes
-    ----------
-    bench : Bench
-        With the coarse mesh on which they were found.
-    outcomes : list of TranscriptionOutcome
-        The cheapest first if `sound`, else the one with the smallest infeasibility.
-    sound : bool
-        Whether they have a small discretisation error.
-    reason : str
-        A proof that there is no path, '' without one.
-
+    :ivar bench: with the coarse mesh on which they were found.
+    :ivar outcomes: the cheapest first if `sound`, else the one with the smallest infeasibility.
+    :ivar sound: whether they have a small discretisation error.
+    :ivar reason: a proof that there is no path, '' without one.
     """
 
     bench: Bench
@@ -132,21 +125,10 @@ def solve_next_start(bench: Bench, pool: StartPool, *, once: bool,
     """
     Solve on the coarse mesh from the next initial guess.
 
-    Parameters
-    ----------
-    bench : Bench
-        With the coarse mesh.
-    pool : StartPool
-        The outcome is recorded in its `known_minima`.
-    once : bool
-        Allow few iterations, in proportion to `bench.typical`, of the faster method only.
-    hard : bool
-        With `once`: allow twice as many.
-
-    Returns
-    -------
-    TranscriptionOutcome
-
+    :param bench: with the coarse mesh.
+    :param pool: the outcome is recorded in its `known_minima`.
+    :param once: allow few iterations, in proportion to `bench.typical`, of the faster method only.
+    :param hard: with `once`: allow twice as many.
     """
     options = bench.options.coarse
     most = options.iterations

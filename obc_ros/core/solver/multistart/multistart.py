@@ -29,19 +29,9 @@ def descend_from_coarse(bench: Bench, first: TranscriptionOutcome) -> tuple[Cand
     """
     Improve and refine the best coarse outcome.
 
-    Parameters
-    ----------
-    bench : Bench
-        With the coarse mesh.
-    first : TranscriptionOutcome
-        The best one on the coarse mesh.
-
-    Returns
-    -------
-    found : Candidate
-    floor : float
-        Cost on the coarse mesh of the outcome that led to it.
-
+    :param bench: with the coarse mesh.
+    :param first: the best one on the coarse mesh.
+    :return: found; floor: cost on the coarse mesh of the outcome that led to it.
     """
     first = try_improvements(DescentStage.COARSE, State(bench, first)).outcome
     return descend(bench, first), first.objective
@@ -65,26 +55,13 @@ def explore_starts(bench: Bench, pool: StartPool, first: Candidate, floor: float
     There are none if the problem is convex. Their number grows with the work of the first descent,
     and is larger if costs have several local minima or guesses often fail.
 
-    Parameters
-    ----------
-    bench : Bench
-        With the coarse mesh; a certified solution is kept for neighbours.
-    pool : StartPool
-        The guesses.
-    first : Candidate
-        Of the first descent.
-    floor : float
-        Its cost on the coarse mesh.
-    others : sequence of TranscriptionOutcome
-        Outcomes on the coarse mesh that were not refined yet.
-    sound : bool
-        Whether coarse outcomes have a small discretisation error: a convex problem then needs no
-        further start, certified or not.
-
-    Returns
-    -------
-    Explored
-
+    :param bench: with the coarse mesh; a certified solution is kept for neighbours.
+    :param pool: the guesses.
+    :param first: of the first descent.
+    :param floor: its cost on the coarse mesh.
+    :param others: outcomes on the coarse mesh that were not refined yet.
+    :param sound: whether coarse outcomes have a small discretisation error: a convex problem then
+        needs no further start, certified or not.
     """
     with bench.trace.attempt('multistart') as attempt:
         found = _Multistart(bench, pool, first, floor).run(others, sound)
@@ -253,13 +230,8 @@ def better(best: Solution, other: Solution) -> Solution:
     A cheaper feasible path replaces a certified solution, since that is not the global minimum. A
     feasible path replaces one that is not.
 
-    Parameters
-    ----------
-    best : Solution
-        Kept if the other one is not clearly better.
-    other : Solution
-        With its certificate, if there is one.
-
+    :param best: kept if the other one is not clearly better.
+    :param other: with its certificate, if there is one.
     """
     def cheaper(one: Solution, than: Solution) -> bool:
         both = one.certified and than.certified

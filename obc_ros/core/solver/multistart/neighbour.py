@@ -22,17 +22,9 @@ def solve_from_neighbour(bench: Bench) -> Candidate | None:
     """
     Solve from the solution of a problem of the same structure with nearly the same numbers.
 
-    Parameters
-    ----------
-    bench : Bench
-        Of the search.
-
-    Returns
-    -------
-    Candidate or None
-        Certified, and of lower cost than its rivals; or infeasible, with a proof. None without a
-        neighbour, without convergence, or if a rival has become better.
-
+    :param bench: of the search.
+    :return: certified, and of lower cost than its rivals; or infeasible, with a proof. None
+        without a neighbour, without convergence, or if a rival has become better.
     """
     last = None if bench.quick else bench.programs.neighbour(bench.stated)
     if last is None or last.outcome.mesh.layout.intervals > bench.meter.max_intervals:

@@ -12,22 +12,16 @@ class Effort:
     """
     What multistart has done so far, and what it knows of the problem.
 
-    Attributes
-    ----------
-    starts, wanted : int
-        Initial guesses so far, and those that are worth a try because of earlier ones.
-    before, spent, total : int
-        Work before multistart, work of its starts, and work of the whole search.
-    certified : bool
-        Whether the best solution is certified.
-    uneven, bent, rough : bool
-        Whether the cost may have several local minima in the states; whether the dynamics are
-        strongly nonlinear; whether coarse solves fail, end at very different costs, or are slow.
-    stages : int
-        Collocation points in an interval; 0: Runge-Kutta steps.
-    complete : bool
-        Whether no further minimum is expected (Boender, Rinnooy Kan 1987).
-
+    :ivar starts, wanted: initial guesses so far, and those that are worth a try because of earlier
+        ones.
+    :ivar before, spent, total: work before multistart, work of its starts, and work of the whole
+        search.
+    :ivar certified: whether the best solution is certified.
+    :ivar uneven, bent, rough: whether the cost may have several local minima in the states;
+        whether the dynamics are strongly nonlinear; whether coarse solves fail, end at very
+        different costs, or are slow.
+    :ivar stages: collocation points in an interval; 0: Runge-Kutta steps.
+    :ivar complete: whether no further minimum is expected (Boender, Rinnooy Kan 1987).
     """
 
     starts: int

@@ -36,19 +36,12 @@ class ProgramValues:
     """
     The values and derivatives of a program at y = (w, lam).
 
-    Attributes
-    ----------
-    f : float
-        Cost.
-    c : ndarray, shape of y
-        Constraints in the places of their multipliers, else 0.
-    slope, cost_slope : ndarray, shape of y
-        Gradients of the Lagrangian and of f in the places of the unknowns.
-    entries : ndarray
-        Of the matrix, in the order of the pattern.
-    parts : tuple
-        Blocks for `NewtonProgram.convex`.
-
+    :ivar f: Cost.
+    :ivar c: of y, constraints in the places of their multipliers, else 0.
+    :ivar slope, cost_slope: of y, gradients of the Lagrangian and of f in the places of the
+        unknowns.
+    :ivar entries: of the matrix, in the order of the pattern.
+    :ivar parts: blocks for `NewtonProgram.convex`.
     """
 
     f: float
@@ -79,15 +72,10 @@ class Pattern:
     """
     The structure of a symmetric matrix: a band, and a border of a few last columns.
 
-    Parameters
-    ----------
-    rows, columns : ndarray of int
-        Places of all entries of both triangles; entries at the same place are added.
-    size, border : int
-        Size of the matrix, and number of columns of the border.
-    triangle : bool, optional
-        Keep only the lower triangle of the band, which is sufficient for `definite`.
-
+    :param rows, columns: places of all entries of both triangles; entries at the same place are
+        added.
+    :param size, border: size of the matrix, and number of columns of the border.
+    :param triangle: keep only the lower triangle of the band, which is sufficient for `definite`.
     """
 
     def __init__(self, rows: Index, columns: Index, size: int, border: int, *,
@@ -122,20 +110,10 @@ class Pattern:
         """
         Factorise the matrix with a diagonal added.
 
-        Parameters
-        ----------
-        entries : ndarray
-            In the order of `rows` and `columns`.
-        place : ndarray of int
-            `place`, or what `without` returns.
-        diagonal : ndarray, shape (size,)
-            Added to the matrix.
-
-        Returns
-        -------
-        Factor or None
-            None if the matrix is singular.
-
+        :param entries: in the order of `rows` and `columns`.
+        :param place: `place`, or what `without` returns.
+        :param diagonal: (size,), added to the matrix.
+        :return: None if the matrix is singular.
         """
         flat = self._summed(place, entries, diagonal)
         band = flat[:self.height * self.inner].reshape(self.inner, self.height).T
@@ -203,17 +181,11 @@ class StoppingRule:
     """
     Tolerances and limits of a run.
 
-    Attributes
-    ----------
-    feasible, optimal : float
-        Tolerances of the rows and of the other optimality conditions, scaled.
-    most : int
-        Maximum number of steps.
-    rough : float
-        Relative error of the cost that is small enough; 0: none.
-    once : bool
-        With `rough`, a run that stays infeasible ends after 10 steps; with `once` after 5 or 10.
-
+    :ivar feasible, optimal: tolerances of the rows and of the other optimality conditions, scaled.
+    :ivar most: maximum number of steps.
+    :ivar rough: relative error of the cost that is small enough; 0: none.
+    :ivar once: with `rough`, a run that stays infeasible ends after 10 steps; with `once` after 5
+        or 10.
     """
 
     feasible: float = 1e-9
@@ -228,27 +200,17 @@ class Iterate:
     """
     An iterate.
 
-    Attributes
-    ----------
-    y : ndarray
-        Unknowns and multipliers of the rows.
-    gap, z : ndarray, shape (count,)
-        Distances from the bounds, the lower ones first, and their multipliers (>= 0).
-    mu : float
-        Barrier parameter.
-    values : ProgramValues
-        At y.
-    converged, status : bool, str
-        Of the run that ends here: 'converged', 'good enough', 'stopped', 'no step', 'too slow'.
-    iterations : int
-        Steps so far.
-    error : float
-        Largest scaled residual of the gradient of the Lagrangian.
-    size : float
-        Scale of the products of `gap` and `z`.
-    worst, total : float
-        Largest absolute value and sum of the absolute values of c.
-
+    :ivar y: unknowns and multipliers of the rows.
+    :ivar gap, z: (count,), distances from the bounds, the lower ones first, and their multipliers
+        (>= 0).
+    :ivar mu: barrier parameter.
+    :ivar values: at y.
+    :ivar converged, status: of the run that ends here: 'converged', 'good enough', 'stopped', 'no
+        step', 'too slow'.
+    :ivar iterations: steps so far.
+    :ivar error: largest scaled residual of the gradient of the Lagrangian.
+    :ivar size: scale of the products of `gap` and `z`.
+    :ivar worst, total: largest absolute value and sum of the absolute values of c.
     """
 
     y: Array
@@ -273,12 +235,7 @@ class Interior:
     """
     One run of the method.
 
-    Parameters
-    ----------
-    program : NewtonProgram
-    lower, upper : ndarray, shape of y
-        Bounds of y; infinite for multipliers, equal for fixed unknowns.
-
+    :param lower, upper: of y, bounds of y; infinite for multipliers, equal for fixed unknowns.
     """
 
     def __init__(self, program: NewtonProgram, lower: Array, upper: Array) -> None:
@@ -325,15 +282,9 @@ class Interior:
         """
         Return the first iterate.
 
-        Parameters
-        ----------
-        y : ndarray
-            Initial point.
-        mu : float
-            Barrier parameter.
-        push : float
-            Least distance from a bound, relative to its size and to the span.
-
+        :param y: initial point.
+        :param mu: barrier parameter.
+        :param push: least distance from a bound, relative to its size and to the span.
         """
         y = np.where(self.fixed, self.lower, y)
         span = self.upper - self.lower
@@ -349,14 +300,9 @@ class Interior:
         """
         Return the first iterate from y near a solution, with the multipliers of the rows.
 
-        Parameters
-        ----------
-        y : ndarray
-            Unknowns and multipliers.
-        mu : float
-            Barrier parameter. The gradient of the Lagrangian gives the multipliers of the bounds,
-            and mu over a multiplier the distance from its bound.
-
+        :param y: unknowns and multipliers.
+        :param mu: barrier parameter. The gradient of the Lagrangian gives the multipliers of the
+            bounds, and mu over a multiplier the distance from its bound.
         """
         y = np.clip(np.where(self.fixed, self.lower, y), self.lower, self.upper)
         pull = np.maximum(self.moves(self.program.values(y).slope), 1e-300)
@@ -451,21 +397,12 @@ class Filter:
         """
         Judge a trial point.
 
-        Parameters
-        ----------
-        before, after : pair of float
-            Infeasibility and barrier function of the iterate and of the trial point.
-        slope : float
-            Derivative of the barrier function along the step.
-        part : float
-            Step length.
-
-        Returns
-        -------
-        accepted, descends : bool
-            The second: by the Armijo condition of the barrier function, so that the filter is not
-            augmented.
-
+        :param before, after: infeasibility and barrier function of the iterate and of the trial
+            point.
+        :param slope: derivative of the barrier function along the step.
+        :param part: step length.
+        :return: accepted, descends: the second: by the Armijo condition of the barrier function,
+            so that the filter is not augmented.
         """
         (theta, phi), (new_theta, new_phi) = before, after
         slack = 1e-14 * abs(phi)
@@ -484,22 +421,12 @@ def solve_program(work: Interior, now: Iterate, goal: StoppingRule,
     """
     Run the interior-point method.
 
-    Parameters
-    ----------
-    work : Interior
-        Program and bounds.
-    now : Iterate
-        The first iterate, from `Interior.begin` or `Interior.resume`.
-    goal : StoppingRule
-        Tolerances and limits.
-    watch : callable
-        Called with cost and infeasibility of every iterate; True stops.
-
-    Returns
-    -------
-    Iterate
-        The last one; `converged` if the tolerances are met, `status` otherwise tells why it ended.
-
+    :param work: program and bounds.
+    :param now: the first iterate, from `Interior.begin` or `Interior.resume`.
+    :param goal: tolerances and limits.
+    :param watch: called with cost and infeasibility of every iterate; True stops.
+    :return: the last one; `converged` if the tolerances are met, `status` otherwise tells why it
+        ended.
     """
     pairs, start, least = Filter(now.total), now.total, goal.optimal / 10
     first = now.worst

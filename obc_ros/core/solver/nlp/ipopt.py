@@ -44,23 +44,13 @@ class Found:
     """
     The result of a solve of a program.
 
-    Attributes
-    ----------
-    w : ndarray
-        The last iterate.
-    f : float
-        The scaled cost there.
-    g, lam_w, lam_g : ndarray
-        Constraints and multipliers, with the signs of CasADi.
-    converged : bool
-        Whether the tolerances are met, or no step was left and `measure_optimality` is at most
-        `ACCEPTED`.
-    status : str
-        Why it ended.
-    iterations : int
-    mu : float
-        The last barrier parameter; 0 if it is not known.
-
+    :ivar w: the last iterate.
+    :ivar f: the scaled cost there.
+    :ivar g, lam_w, lam_g: constraints and multipliers, with the signs of CasADi.
+    :ivar converged: whether the tolerances are met, or no step was left and `measure_optimality`
+        is at most `ACCEPTED`.
+    :ivar status: why it ended.
+    :ivar mu: the last barrier parameter; 0 if it is not known.
     """
 
     w: Array
@@ -78,14 +68,8 @@ class Watch(ca.Callback):
     """
     The iteration callback of IPOPT.
 
-    Attributes
-    ----------
-    meter : Meter
-    lower, upper : ndarray, shape (rows,)
-        Bounds of g.
-    cost_scale : float
-        Cost of the problem over that of the program.
-
+    :ivar lower, upper: (rows,), bounds of g.
+    :ivar cost_scale: cost of the problem over that of the program.
     """
 
     def __init__(self, unknowns: int, rows: int, constants: int) -> None:
@@ -129,24 +113,13 @@ def build_ipopt(use: str, nlp: Mapping[str, Any], *, watch: Watch | None = None,
     """
     Build a solver of a nonlinear program.
 
-    Parameters
-    ----------
-    use : str
-        'far', 'near' or 'warm' for the start of a transcription, 'phases', or 'static'.
-    nlp : mapping
-        x, f, g and, if there are constants, p.
-    watch : Watch, optional
-        Called in each iteration.
-    derivatives : mapping, optional
-        grad_f, jac_g and hess_lag in place of CasADi's. Multipliers of p are not computed then.
-    time_limit : float
-        Limit of the wall-clock time [s].
-
-    Returns
-    -------
-    casadi.Function
-        For `run_ipopt`.
-
+    :param use: 'far', 'near' or 'warm' for the start of a transcription, 'phases', or 'static'.
+    :param nlp: x, f, g and, if there are constants, p.
+    :param watch: called in each iteration.
+    :param derivatives: grad_f, jac_g and hess_lag in place of CasADi's. Multipliers of p are not
+        computed then.
+    :param time_limit: limit of the wall-clock time [s].
+    :return: for `run_ipopt`.
     """
     options: dict[str, Any] = {
         'print_time': False, 'error_on_fail': False, 'show_eval_warnings': False,
@@ -167,24 +140,12 @@ def run_ipopt(solver: ca.Function, start: Array, bounds: tuple[Array, Array],
     """
     Run a solver.
 
-    Parameters
-    ----------
-    solver : casadi.Function
-        From `build_ipopt`.
-    start : ndarray
-        First iterate.
-    bounds, rows : pair of ndarray
-        Lower and upper bounds of x and of g.
-    constants : ndarray, optional
-        Value of p.
-    multipliers : pair of ndarray, optional
-        Initial `lam_w` and `lam_g`.
-
-    Returns
-    -------
-    Found
-        Its iterations are undefined if IPOPT refused the program.
-
+    :param solver: from `build_ipopt`.
+    :param start: first iterate.
+    :param bounds, rows: lower and upper bounds of x and of g.
+    :param constants: value of p.
+    :param multipliers: initial `lam_w` and `lam_g`.
+    :return: its iterations are undefined if IPOPT refused the program.
     """
     arguments: dict[str, Any] = {
         'x0': start, 'lbx': bounds[0], 'ubx': bounds[1], 'lbg': rows[0], 'ubg': rows[1]}

@@ -16,26 +16,17 @@ class Meter:
     Work is counted in iterations times `each`, so that it does not depend on the load of the
     machine.
 
-    Attributes
-    ----------
-    stopped : str
-        '' while work goes on, then 'cancelled', 'timed_out' or, for a part of the work, 'spent'.
-    trace : Trace
-        What is tried, for reports and for the solution.
-    iterations, most : int
-        So far, and at which the present solve ends. `stopped` stays '' then.
-    each : int
-        Work of one iteration.
-    effort : int
-        Work of the solves that led to outcomes, from `credit`: by it a search compares how much
-        its parts took. Failed attempts before a second one, phases and other parts are left out.
-    deadline : float
-        On the monotonic clock [s].
-    kept : float
-        Time after the deadline for a certificate and a path within the bounds [s].
-    max_intervals : int
-        Maximum number of intervals of a mesh.
-
+    :ivar stopped: '' while work goes on, then 'cancelled', 'timed_out' or, for a part of the work,
+        'spent'.
+    :ivar trace: what is tried, for reports and for the solution.
+    :ivar iterations, most: so far, and at which the present solve ends. `stopped` stays '' then.
+    :ivar each: work of one iteration.
+    :ivar effort: work of the solves that led to outcomes, from `credit`: by it a search compares
+        how much its parts took. Failed attempts before a second one, phases and other parts are
+        left out.
+    :ivar deadline: on the monotonic clock [s].
+    :ivar kept: time after the deadline for a certificate and a path within the bounds [s].
+    :ivar max_intervals: maximum number of intervals of a mesh.
     """
 
     def __init__(self, time_limit: float = math.inf, report: Report | None = None,
@@ -59,13 +50,8 @@ class Meter:
         """
         Limit the next solve.
 
-        Parameters
-        ----------
-        iterations : int
-            Maximum number of iterations.
-        each : int
-            Work of one iteration: intervals, with collocation times 1 + stages.
-
+        :param iterations: maximum number of iterations.
+        :param each: work of one iteration: intervals, with collocation times 1 + stages.
         """
         self.most, self.each = self.iterations + iterations, each
 
@@ -88,13 +74,8 @@ class Meter:
         """
         Return a meter that begins at zero, with its own budget, which also counts for this one.
 
-        Parameters
-        ----------
-        work : float
-            Budget, after which `stopped` is 'spent'; without limit if left out.
-        time_limit : float
-            [s], so that a slow machine keeps time for the rest.
-
+        :param work: budget, after which `stopped` is 'spent'; without limit if left out.
+        :param time_limit: [s], so that a slow machine keeps time for the rest.
         """
         return _Part(self, work, min(time_limit, self.remaining()))
 
@@ -102,11 +83,7 @@ class Meter:
         """
         Return a meter of the time that was kept beyond the deadline, for after it.
 
-        Parameters
-        ----------
-        least : float
-            Part of it that is left for the certificate [s].
-
+        :param least: part of it that is left for the certificate [s].
         """
         return _Overtime(self, self.remaining() + self.kept - least, self._report)
 
@@ -121,16 +98,8 @@ class Meter:
         """
         Count an iteration.
 
-        Parameters
-        ----------
-        cost, infeasibility : float
-            Of the iterate: cost, and largest violation of a constraint.
-
-        Returns
-        -------
-        bool
-            Whether to stop.
-
+        :param cost, infeasibility: of the iterate: cost, and largest violation of a constraint.
+        :return: whether to stop.
         """
         self.trace.spend(self.each)
         if self._report is not None and self._report(

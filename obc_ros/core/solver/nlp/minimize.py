@@ -46,20 +46,12 @@ class Minimum:
     """
     The solution of a static problem.
 
-    Attributes
-    ----------
-    status : Status
-    message : str
-        The result or the reason for failure, in words.
-    x : ndarray, shape (n,)
-        The minimiser.
-    objective : float
-        F there.
-    lam, mu : ndarray, shape (k,), (l,)
-        Multipliers: grad F + lam' grad G + mu' grad g = 0 inside the bounds, mu >= 0.
-    certificate : Certificate or None
-        stationarity, feasibility, signs, complementarity, second_order, attained.
-
+    :ivar message: the result or the reason for failure, in words.
+    :ivar x: (n,), the minimiser.
+    :ivar objective: F there.
+    :ivar lam, mu: (k,), (l,), multipliers: grad F + lam' grad G + mu' grad g = 0 inside the
+        bounds, mu >= 0.
+    :ivar certificate: stationarity, feasibility, signs, complementarity, second_order, attained.
     """
 
     status: Status
@@ -96,29 +88,16 @@ def minimize(statement: object, *, time_limit: float = 10.0,
     """
     Minimise a function of several variables.
 
-    Parameters
-    ----------
-    statement : mapping
-        ``variables``: names. ``parameters``: name -> number or expression of earlier ones.
-        ``cost``: expression F. ``equalities``, ``inequalities``: lists of expressions G = 0 and
-        g <= 0. ``bounds``: name -> [lower, upper], null for none. ``guess``: initial point, n
+    :param statement: ``variables``: names. ``parameters``: name -> number or expression of earlier
+        ones. ``cost``: expression F. ``equalities``, ``inequalities``: lists of expressions G = 0
+        and g <= 0. ``bounds``: name -> [lower, upper], null for none. ``guess``: initial point, n
         numbers; STARTS points are tried without it.
-    time_limit : float
-        Limit of the wall-clock time [s].
-    report : callable, optional
-        Called between runs; True cancels.
-
-    Returns
-    -------
-    Minimum
-        ``solved`` only if the certificate passes. The minimum is global for a convex quadratic
-        problem, otherwise the lowest one found.
-
-    Raises
-    ------
-    StatementError
-        If the statement is malformed; the message begins with the key at fault.
-
+    :param time_limit: limit of the wall-clock time [s].
+    :param report: called between runs; True cancels.
+    :return: ``solved`` only if the certificate passes. The minimum is global for a convex
+        quadratic problem, otherwise the lowest one found.
+    :raises StatementError: if the statement is malformed; the message begins with the key at
+        fault.
     """
     question = _question(statement)
     deadline = time.monotonic() + time_limit

@@ -22,18 +22,9 @@ def leave_saddle(work: Interior, end: Iterate, goal: StoppingRule,
     """
     Return the last iterate of a run; from a saddle, continue along negative curvature.
 
-    Parameters
-    ----------
-    work, end : Interior, Iterate
-        The run and its last iterate.
-    goal, watch : StoppingRule, callable
-        As in `solve_program`.
-
-    Returns
-    -------
-    Iterate
-        `end`, or a converged iterate of lower cost; `iterations` counts those of all runs.
-
+    :param work, end: the run and its last iterate.
+    :param goal, watch: as in `solve_program`.
+    :return: `end`, or a converged iterate of lower cost; `iterations` counts those of all runs.
     """
     for _ in range(3):   # saddles in a row
         way = _down(work, end) if end.converged else None

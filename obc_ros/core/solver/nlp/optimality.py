@@ -28,24 +28,13 @@ def measure_optimality(w: Array, bounds: tuple[Array, Array], rows: tuple[Array,
     terms, l = |df/dw_j| + sum |dg_i/dw_j| |lam_i|; that of complementarity is the cost |f|, or
     1e-3 l as in the certificate. No unit is below 1e-2.
 
-    Parameters
-    ----------
-    w : ndarray, shape (n,)
-        The iterate.
-    bounds, rows : pair of ndarray, shape (n,), (l,)
-        Lower and upper bounds of w and of g; may be infinite.
-    values : tuple
-        f, g (l,) and the gradient of f (n,).
-    jacobian : tuple of ndarray
-        Rows, columns and values of the entries of dg/dw.
-    multipliers : pair of ndarray, shape (n,), (l,)
-        Of w and g: df/dw + J'lam_g + lam_w = 0, positive at upper bounds.
-
-    Returns
-    -------
-    float
-        Infinite if a number is not finite.
-
+    :param w: (n,), the iterate.
+    :param bounds, rows: (n,), (l,), lower and upper bounds of w and of g; may be infinite.
+    :param values: f, g (l,) and the gradient of f (n,).
+    :param jacobian: rows, columns and values of the entries of dg/dw.
+    :param multipliers: (n,), (l,), of w and g: df/dw + J'lam_g + lam_w = 0, positive at upper
+        bounds.
+    :return: infinite if a number is not finite.
     """
     (f, g, slope), (rows_of, columns, J), (lam_w, lam_g) = values, jacobian, multipliers
 

@@ -53,16 +53,7 @@ def explain_contradiction(problem: Problem) -> str:
     """
     Return which parts of a problem provably exclude each other.
 
-    Parameters
-    ----------
-    problem : Problem
-        Any problem.
-
-    Returns
-    -------
-    str
-        The first contradiction as a sentence; '' if none is found.
-
+    :return: the first contradiction as a sentence; '' if none is found.
     """
     for check in CONTRADICTIONS:
         for sentence in check(problem):

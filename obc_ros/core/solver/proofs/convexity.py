@@ -57,21 +57,10 @@ def is_convex_problem(problem: Problem) -> bool:
     convex, and path constraints are convex and depend on the states alone or the inputs alone.
     States with constant rates are functions of time, on which all of these may depend.
 
-    Parameters
-    ----------
-    problem : Problem
-        Any problem.
-
-    Returns
-    -------
-    bool
-        False if nothing is proved.
-
-    References
-    ----------
     O. L. Mangasarian, Sufficient conditions for the optimal control of nonlinear systems, SIAM J.
     Control 4, 1966.
 
+    :return: False if nothing is proved.
     """
     if problem.final_time.free:
         return False

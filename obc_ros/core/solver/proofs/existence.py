@@ -44,16 +44,7 @@ def explain_no_minimum(problem: Problem) -> str:
     """
     Return why the cost provably has no lower bound, if an input without bounds is the reason.
 
-    Parameters
-    ----------
-    problem : Problem
-        Any problem.
-
-    Returns
-    -------
-    str
-        A sentence that names the input; '' if nothing is proved.
-
+    :return: a sentence that names the input; '' if nothing is proved.
     """
     free = _unlimited(problem)
     if not free.any():
@@ -73,16 +64,7 @@ def find_growing_inputs(problem: Problem) -> list[str]:
     """
     Return the inputs without bounds in which H is linear.
 
-    Parameters
-    ----------
-    problem : Problem
-        Any problem.
-
-    Returns
-    -------
-    list of str
-        Names of inputs.
-
+    :return: names of inputs.
     """
     free = _unlimited(problem)
     free &= _curvature(problem).linear if free.any() else free
@@ -93,16 +75,7 @@ def advise_bounds(problem: Problem) -> str:
     """
     Return the advice to bound the inputs that the cost does not limit.
 
-    Parameters
-    ----------
-    problem : Problem
-        Any problem.
-
-    Returns
-    -------
-    str
-        A clause that names the inputs; '' if there are none.
-
+    :return: a clause that names the inputs; '' if there are none.
     """
     names = find_growing_inputs(problem)
     return (f'the cost does not limit {", ".join(names)} (it is linear in '
@@ -114,16 +87,7 @@ def find_constant_cost(problem: Problem) -> float | None:
     """
     Return L if all paths cost the same, so that all multipliers are 0.
 
-    Parameters
-    ----------
-    problem : Problem
-        Any problem.
-
-    Returns
-    -------
-    float or None
-        The constant L; None if L or V is not constant, or if L is not 0 and T is free.
-
+    :return: the constant L; None if L or V is not constant, or if L is not 0 and T is free.
     """
     if problem.L.is_constant() and problem.V.is_constant():
         L = float(problem.L)
@@ -135,16 +99,8 @@ def state_least_effort(problem: Problem) -> Problem:
     """
     Return a problem with a minimum, to select a path if all paths cost the same.
 
-    Parameters
-    ----------
-    problem : Problem
-        A problem with a constant cost.
-
-    Returns
-    -------
-    Problem
-        The problem with the cost integral of 1 + `measure_effort`.
-
+    :param problem: a problem with a constant cost.
+    :return: the problem with the cost integral of 1 + `measure_effort`.
     """
     return replace(problem, structure='', V=ca.SX(0), L=1 + measure_effort(problem))
 
@@ -196,18 +152,9 @@ def read_exactly(problem: Problem, expressions: ca.SX) -> list[Polynomial]:
     Here terms cancel exactly. CasADi sums the constants of derivatives in doubles, so that the
     second derivative of 0.3 u^2 - 0.2 u^2 - 0.1 u^2 is below 0 there.
 
-    Parameters
-    ----------
-    problem : Problem
-        Whose symbols and values of parameters are used.
-    expressions : casadi.SX
-        A column.
-
-    Raises
-    ------
-    TooHardError
-        If there are too many terms, or a number is not finite.
-
+    :param problem: whose symbols and values of parameters are used.
+    :param expressions: a column.
+    :raises TooHardError: if there are too many terms, or a number is not finite.
     """
     function = ca.Function('exact', [problem.x, problem.u, problem.p], [ca.densify(expressions)])
     return read_polynomials(

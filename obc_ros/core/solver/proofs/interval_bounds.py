@@ -54,16 +54,7 @@ def bound_rates(problem: Problem) -> list[Interval]:
     """
     Return bounds of the derivative of each state.
 
-    Parameters
-    ----------
-    problem : Problem
-        Any problem.
-
-    Returns
-    -------
-    list of Interval
-        Bounds of dx_i/dt for all states and inputs within their bounds, rounded outward.
-
+    :return: bounds of dx_i/dt for all states and inputs within their bounds, rounded outward.
     """
     return _rates(problem, find_lower_bounds(problem), problem.x_upper)
 

@@ -26,18 +26,10 @@ def add_optimality(problem: Problem, found: Solution) -> Solution:
     """
     Add the `optimality` of a certified solution.
 
-    Parameters
-    ----------
-    problem : Problem
-        The problem that was solved.
-    found : Solution
-        Its solution; `optimality` may describe a search.
-
-    Returns
-    -------
-    Solution
-        `optimality` is 'global' if that is proved, otherwise 'local'; None without certificate.
-
+    :param problem: the problem that was solved.
+    :param found: its solution; `optimality` may describe a search.
+    :return: `optimality` is 'global' if that is proved, otherwise 'local'; None without
+        certificate.
     """
     if not found.certified:
         return replace(found, optimality=None)
@@ -55,21 +47,11 @@ def describe_local(starts: int, best: float, others: Iterable[float]) -> Optimal
     """
     Return the result of a search from several initial guesses.
 
-    Parameters
-    ----------
-    starts : int
-        Number of initial guesses.
-    best : float
-        Cost of the solution.
-    others : iterable of float
-        Costs of other minima. Those that are not higher, or nearly equal to a lower one, are
-        duplicates or were not confirmed; they are left out.
-
-    Returns
-    -------
-    Optimality
-        Of the kind 'local'.
-
+    :param starts: number of initial guesses.
+    :param best: cost of the solution.
+    :param others: costs of other minima. Those that are not higher, or nearly equal to a lower
+        one, are duplicates or were not confirmed; they are left out.
+    :return: of the kind 'local'.
     """
     minima = [best]
     for cost in sorted(others):

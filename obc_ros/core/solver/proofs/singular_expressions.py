@@ -43,18 +43,10 @@ def explain_undefined(problem: Problem, t: Array, x: Array, u: Array) -> str:
     """
     Return which expression is undefined on a path, at what time and why.
 
-    Parameters
-    ----------
-    problem : Problem
-        The problem with the expressions.
-    t, x, u : ndarray, shape (N,), (N, n), (N, m)
-        The path. A divisor that changes its sign between points counts as zero there.
-
-    Returns
-    -------
-    str
-        A sentence; '' if all expressions are defined.
-
+    :param problem: the problem with the expressions.
+    :param t, x, u: (N,), (N, n), (N, m), the path. A divisor that changes its sign between points
+        counts as zero there.
+    :return: a sentence; '' if all expressions are defined.
     """
     first: tuple[int, str] | None = None
     suspects = [(each, each.value) for each in find_suspects(problem)]
@@ -79,16 +71,8 @@ def explain_kink(problem: Problem, t: Array, x: Array, u: Array) -> str:
 
     At the kink the costate equation does not determine dlam/dt.
 
-    Parameters
-    ----------
-    problem, t, x, u
-        As for `explain_undefined`.
-
-    Returns
-    -------
-    str
-        A sentence; '' if there is none.
-
+    :param problem, t, x, u: as for `explain_undefined`.
+    :return: a sentence; '' if there is none.
     """
     found = [(where, operands[0]) for where, operation, operands in chain(
                  _operations(problem), ((_AT_END, *each) for each in _done_in(problem, problem.V)))
@@ -114,16 +98,8 @@ def explain_steep_root(problem: Problem, t: Array, x: Array, u: Array) -> str:
 
     Its derivative is infinite there, and so is dlam/dt.
 
-    Parameters
-    ----------
-    problem, t, x, u
-        As for `explain_undefined`.
-
-    Returns
-    -------
-    str
-        A sentence; '' if there is none.
-
+    :param problem, t, x, u: as for `explain_undefined`.
+    :return: a sentence; '' if there is none.
     """
     for where, value, row in _follow(problem, list(find_roots(problem)), x, u):
         size = float(np.abs(row).max())
@@ -145,18 +121,9 @@ def explain_level_terminal(problem: Problem, x: Array) -> str:
     multiplies the residual by (1 - 1/k)^k, which is 1/4 or more. The steps begin near x(T), where
     the residual is far above rounding.
 
-    Parameters
-    ----------
-    problem : Problem
-        The problem with the constraints.
-    x : ndarray, shape (n,)
-        A state near one that meets them, x(T).
-
-    Returns
-    -------
-    str
-        A sentence; '' if there is none.
-
+    :param problem: the problem with the constraints.
+    :param x: (n,), a state near one that meets them, x(T).
+    :return: a sentence; '' if there is none.
     """
     if not problem.q or not np.isfinite(x).all():
         return ''
@@ -201,19 +168,10 @@ def explain_escape(problem: Problem, T: float) -> str:
     """
     Return a sentence if the states diverge before T for every constant input tried.
 
-    Parameters
-    ----------
-    problem : Problem
-        Any problem. The inputs tried are the corners of the input bounds and their middle; a
-        missing bound is replaced by 1 or -1.
-    T : float
-        Final time [s].
-
-    Returns
-    -------
-    str
-        '' if the states stay below 1e6 times 1 + |x(0)| for an input.
-
+    :param problem: any problem. The inputs tried are the corners of the input bounds and their
+        middle; a missing bound is replaced by 1 or -1.
+    :param T: final time [s].
+    :return: '' if the states stay below 1e6 times 1 + |x(0)| for an input.
     """
     f = ca.Function('f', [problem.x, problem.u, problem.p], [problem.f])
     low = np.where(np.isfinite(problem.u_lower), problem.u_lower, np.minimum(-1, problem.u_upper))
@@ -311,16 +269,8 @@ def find_suspects(problem: Problem) -> list[Suspect]:
     """
     Return the divisors and the arguments of logarithms and roots in all expressions.
 
-    Parameters
-    ----------
-    problem : Problem
-        Any problem; terminal cost and terminal constraints are not examined.
-
-    Returns
-    -------
-    list of Suspect
-        Operands that are not constant.
-
+    :param problem: any problem; terminal cost and terminal constraints are not examined.
+    :return: operands that are not constant.
     """
     found = [each for where, operation, operands in _operations(problem)
              for each in _of(operation, operands, where)]

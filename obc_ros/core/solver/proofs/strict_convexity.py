@@ -29,16 +29,7 @@ def has_one_mean_input(problem: Problem) -> bool:
     """
     Return whether all solutions of the relaxed problem have the same mean input.
 
-    Parameters
-    ----------
-    problem : Problem
-        Any problem.
-
-    Returns
-    -------
-    bool
-        False if nothing is proved.
-
+    :return: False if nothing is proved.
     """
     x, u = problem.x, problem.u
     rows = ca.vertcat(ca.jacobian(problem.f, ca.vertcat(x, u)), ca.horzcat(

@@ -285,26 +285,13 @@ def search_rollouts(problem: Problem, integrator: CostateIntegrator, T: float,
     """
     Search for rollouts that end near psi = 0, by the cross-entropy method.
 
-    Parameters
-    ----------
-    problem, integrator : Problem, CostateIntegrator
-        With terminal constraints; steps of its structure.
-    T : float
-        Final time, or the guess of a free one [s].
-    most : float
-        Maximum cost.
-    rest : ndarray, shape (m,), optional
-        Input of low cost: half of the samples are near it.
-    short : bool
-        With less effort.
-    settings : Options
-        Of the search.
-
-    Returns
-    -------
-    list of Path
-        The nearest to psi = 0 first.
-
+    :param problem, integrator: with terminal constraints; steps of its structure.
+    :param T: final time, or the guess of a free one [s].
+    :param most: maximum cost.
+    :param rest: (m,), optional, input of low cost: half of the samples are near it.
+    :param short: with less effort.
+    :param settings: of the search.
+    :return: the nearest to psi = 0 first.
     """
     options, far = settings.rollouts, settings.windows.reach
     look = _choose_effort(options, short=short)

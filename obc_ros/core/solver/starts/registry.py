@@ -54,22 +54,11 @@ def try_starts(stage: StartStage, bench: Bench, pool: StartPool, known: Known) -
     """
     Try the starts of a stage in turn, until one has solved the problem on its own mesh.
 
-    Parameters
-    ----------
-    stage : StartStage
-        Which starts.
-    bench : Bench
-        Of the search.
-    pool : StartPool
-        The initial guesses are added to it.
-    known : Known
-        What the starts use.
-
-    Returns
-    -------
-    Proposal
-        The outcomes if there are any, and the number of initial guesses that are worth a try.
-
+    :param stage: which starts.
+    :param bench: of the search.
+    :param pool: the initial guesses are added to it.
+    :param known: what the starts use.
+    :return: the outcomes if there are any, and the number of initial guesses that are worth a try.
     """
     wanted = 0
     for start in STARTS:

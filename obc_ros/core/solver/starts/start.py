@@ -28,21 +28,12 @@ class Known:
     """
     What is known when a start is tried.
 
-    Attributes
-    ----------
-    outcome : TranscriptionOutcome or None
-        That of the first initial guess.
-    best : Candidate or None
-        That of the first descent, in multistart.
-    floor : float
-        Its cost on the coarse mesh.
-    begun : int
-        Work of the search before multistart.
-    uneven : bool
-        Whether the cost may have several local minima in the states.
-    bent : bool
-        Whether the dynamics are so nonlinear that they may cause other local minima.
-
+    :ivar outcome: that of the first initial guess.
+    :ivar best: that of the first descent, in multistart.
+    :ivar floor: its cost on the coarse mesh.
+    :ivar begun: work of the search before multistart.
+    :ivar uneven: whether the cost may have several local minima in the states.
+    :ivar bent: whether the dynamics are so nonlinear that they may cause other local minima.
     """
 
     outcome: TranscriptionOutcome | None = None
@@ -58,19 +49,11 @@ class Proposal:
     """
     What a start proposes.
 
-    Attributes
-    ----------
-    outcomes : tuple of TranscriptionOutcome
-        Already solved, with a small discretisation error; the stage ends with them.
-    first : iterator of Path or None
-        Initial guesses that are used before all others.
-    rest : iterator of Path or None
-        Initial guesses in place of those of the pool, which it may contain.
-    wanted : int
-        Number of further initial guesses that are worth a try because of this.
-    why : str
-        For the trace.
-
+    :ivar outcomes: already solved, with a small discretisation error; the stage ends with them.
+    :ivar first: initial guesses that are used before all others.
+    :ivar rest: initial guesses in place of those of the pool, which it may contain.
+    :ivar wanted: number of further initial guesses that are worth a try because of this.
+    :ivar why: for the trace.
     """
 
     outcomes: tuple[TranscriptionOutcome, ...] = ()
@@ -90,19 +73,11 @@ class Start:
     """
     A source of initial guesses, besides those that every search uses.
 
-    Attributes
-    ----------
-    name : str
-        As users see it in the trace, unique. Its initial guesses have it, too.
-    stage : StartStage
-        When it is tried.
-    when : str
-        When it applies, in one sentence.
-    applies : callable
-        Whether it applies.
-    run : callable
-        Makes the proposal.
-
+    :ivar name: as users see it in the trace, unique. Its initial guesses have it, too.
+    :ivar stage: when it is tried.
+    :ivar when: when it applies, in one sentence.
+    :ivar applies: whether it applies.
+    :ivar run: makes the proposal.
     """
 
     name: str

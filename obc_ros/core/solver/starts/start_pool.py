@@ -18,20 +18,10 @@ class StartPool:
     """
     Initial guesses in the order in which they are used, without end.
 
-    Parameters
-    ----------
-    problem : Problem
-        In the symbols of `programs`.
-    programs : ProgramCache
-        Programs and functions built for the structure of the problem.
-
-    Attributes
-    ----------
-    known_minima : LocalMinima
-        Record of the local minima found on the coarse mesh.
-    periods : ndarray, shape (m,)
-        Periods of inputs that are angles, else infinite.
-
+    :param problem: in the symbols of `programs`.
+    :param programs: programs and functions built for the structure of the problem.
+    :ivar known_minima: record of the local minima found on the coarse mesh.
+    :ivar periods: (m,), periods of inputs that are angles, else infinite.
     """
 
     def __init__(self, problem: Problem, programs: ProgramCache) -> None:

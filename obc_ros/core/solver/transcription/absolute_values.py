@@ -28,17 +28,11 @@ class Twin:
     """
     The smooth reformulation of the problems of one structure.
 
-    Attributes
-    ----------
-    u, p : SX
-        Inputs and parameters of the smooth problem; the last parameter is eps.
-    expressions : tuple of SX
-        f, L, path, psi and V of the smooth problem.
-    split : tuple of (int, int)
-        For each smooth input the stated input that it is a part of, and its sign; 0: the whole.
-    kinks : Function
-        c (m, 1) of the inputs that are split, of the stated parameters.
-
+    :ivar u, p: inputs and parameters of the smooth problem; the last parameter is eps.
+    :ivar expressions: f, L, path, psi and V of the smooth problem.
+    :ivar split: for each smooth input the stated input that it is a part of, and its sign; 0: the
+        whole.
+    :ivar kinks: c (m, 1) of the inputs that are split, of the stated parameters.
     """
 
     u: ca.SX
@@ -51,13 +45,8 @@ class Twin:
         """
         Return the smooth problem with the numbers of a stated one.
 
-        Parameters
-        ----------
-        stated : Problem
-            Of the structure.
-        turn : int
-            Number of the refinement, which gives eps; -1: the smallest eps.
-
+        :param stated: of the structure.
+        :param turn: number of the refinement, which gives eps; -1: the smallest eps.
         """
         f, L, path, psi, V = self.expressions
         eps = _ROUNDNESS[min(turn, len(_ROUNDNESS) - 1)]
@@ -85,13 +74,8 @@ class Twin:
         """
         Return an outcome with the stated inputs.
 
-        Parameters
-        ----------
-        outcome : TranscriptionOutcome
-            Of the smooth problem.
-        stated : Problem
-            The problem as stated.
-
+        :param outcome: of the smooth problem.
+        :param stated: the problem as stated.
         """
         matrix = np.zeros((len(self.split), stated.m))
         for row, (index, sign) in enumerate(self.split):
@@ -108,16 +92,8 @@ def build_smooth_twin(problem: Problem) -> Twin | None:
     """
     Build the smooth reformulation of a problem.
 
-    Parameters
-    ----------
-    problem : Problem
-        Its expressions are used, not its numbers.
-
-    Returns
-    -------
-    Twin or None
-        None if no absolute value occurs.
-
+    :param problem: its expressions are used, not its numbers.
+    :return: None if no absolute value occurs.
     """
     instructions = Instructions(ca.Function('stated', [problem.x, problem.u, problem.p], [
         ca.densify(each) for each in (

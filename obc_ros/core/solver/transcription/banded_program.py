@@ -27,21 +27,13 @@ class Stages:
     """
     A banded program of intervals and an end, with their rows between the unknowns of mesh points.
 
-    Parameters
-    ----------
-    interval, end : Whole
-        Functions of an interval and of the end.
-    index, own : ndarray, shape (N, nv) and (N, .)
-        Places of the local variables of each interval in [w; c], and of its constants in c.
-    last : ndarray, shape (n,)
-        Places of x(T) in w.
-    points : ndarray, shape (N + 1, n + m)
-        Places of the unknowns of each mesh point in w.
-    unknowns : int
-        Length of w: the unknowns of the points, and at most one more.
-    shared : int
-        Number of constants that all intervals share, which come first.
-
+    :param interval, end: functions of an interval and of the end.
+    :param index, own: (N, nv) and (N, .), places of the local variables of each interval in [w;
+        c], and of its constants in c.
+    :param last: (n,), places of x(T) in w.
+    :param points: (N + 1, n + m), places of the unknowns of each mesh point in w.
+    :param unknowns: length of w: the unknowns of the points, and at most one more.
+    :param shared: number of constants that all intervals share, which come first.
     """
 
     def __init__(self, interval: Whole, end: Whole, index: Index, own: Index, last: Index,
@@ -141,27 +133,13 @@ class Stages:
         """
         Solve the program by the interior-point method.
 
-        Parameters
-        ----------
-        w : ndarray
-            Initial unknowns.
-        bounds : pair of ndarray
-            Lower and upper bounds of w.
-        goal : StoppingRule
-            Tolerances and limits.
-        watch : callable
-            Called with cost and infeasibility; True stops.
-        near : bool
-            Whether the start is near the solution.
-        multipliers : pair of ndarray, optional
-            Initial `lam_w` and `lam_g`; the method estimates `lam_w` anew.
-        mu : float, optional
-            Barrier parameter at which these were found.
-
-        Returns
-        -------
-        Found
-
+        :param w: initial unknowns.
+        :param bounds: lower and upper bounds of w.
+        :param goal: tolerances and limits.
+        :param watch: called with cost and infeasibility; True stops.
+        :param near: whether the start is near the solution.
+        :param multipliers: initial `lam_w` and `lam_g`; the method estimates `lam_w` anew.
+        :param mu: barrier parameter at which these were found.
         """
         y, lower = np.zeros(self.size), np.full(self.size, -np.inf)
         upper = -lower

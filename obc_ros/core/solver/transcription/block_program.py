@@ -25,13 +25,8 @@ class Piece:
     """
     Rows g and a cost, functions of local variables v and constants, with their derivatives.
 
-    Parameters
-    ----------
-    v, own, shared : casadi.SX
-        Local variables (nv,), constants of one copy, constants of all copies.
-    g, cost : casadi.SX
-        Rows (r,) and cost (1,).
-
+    :param v, own, shared: local variables (nv,), constants of one copy, constants of all copies.
+    :param g, cost: rows (r,) and cost (1,).
     """
 
     def __init__(self, v: ca.SX, own: ca.SX, shared: ca.SX, g: ca.SX, cost: ca.SX) -> None:
@@ -94,18 +89,11 @@ class Whole:
     """
     A piece and its derivatives for many rows of local variables at once.
 
-    Attributes
-    ----------
-    r : int
-        Number of rows of g.
-    slope, jacobian, curvature : ndarray, or pair of ndarray
-        Rows, or rows and columns, of the entries of the derivatives.
-    batch : VectorizedFunction
-        From v, own, shared, factor and lam to g, the cost, its gradient, the gradient of
+    :ivar r: number of rows of g.
+    :ivar slope, jacobian, curvature: rows, or rows and columns, of the entries of the derivatives.
+    :ivar batch: from v, own, shared, factor and lam to g, the cost, its gradient, the gradient of
         factor cost + lam' g, and the entries of the Jacobian of g and of the Hessian.
-    values : VectorizedFunction
-        From v, own and shared to g and the cost.
-
+    :ivar values: from v, own and shared to g and the cost.
     """
 
     r: int
@@ -121,14 +109,9 @@ class Block:
     """
     K copies of a piece.
 
-    Attributes
-    ----------
-    piece : Piece
-    index : ndarray, shape (K, nv)
-        Place of each local variable in [w; c], the unknowns and then the constants.
-    own_index : ndarray, shape (K, number of own)
-        Places of the constants of each copy in c.
-
+    :ivar index: (K, nv), place of each local variable in [w; c], the unknowns and then the
+        constants.
+    :ivar own_index: (K, number of own), places of the constants of each copy in c.
     """
 
     piece: Piece
@@ -185,15 +168,10 @@ def assemble(blocks: Sequence[Block], unknowns: int, shared: int, constants: int
     """
     Assemble the program of all blocks.
 
-    Parameters
-    ----------
-    blocks : sequence of Block
-        In the order of their rows.
-    unknowns : int
-        Length of w.
-    shared, constants : int
-        Number of constants shared by all copies, which come first in c, and length of c.
-
+    :param blocks: in the order of their rows.
+    :param unknowns: length of w.
+    :param shared, constants: number of constants shared by all copies, which come first in c, and
+        length of c.
     """
     w, c = ca.MX.sym('w', unknowns), ca.MX.sym('c', constants)
     both = ca.vertcat(w, c)

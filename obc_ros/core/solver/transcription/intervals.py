@@ -35,15 +35,9 @@ class Pieces:
     """
     An interval, both ends and the path constraints of a problem, scaled, with their derivatives.
 
-    Parameters
-    ----------
-    problem : Problem
-        Its expressions are used, not its numbers.
-    stages : int
-        Gauss points in an interval; 0: an explicit Runge-Kutta step.
-    free : bool
-        Whether lengths of phases are unknown; the derivatives are much longer then.
-
+    :param problem: its expressions are used, not its numbers.
+    :param stages: Gauss points in an interval; 0: an explicit Runge-Kutta step.
+    :param free: whether lengths of phases are unknown; the derivatives are much longer then.
     """
 
     def __init__(self, problem: Problem, stages: int, free: bool) -> None:

@@ -40,15 +40,9 @@ class LocalMinima:
         """
         Record the end of the present solve.
 
-        Parameters
-        ----------
-        cost, infeasibility : float
-            Of the last iterate.
-        path : Path or None
-            The path if the solve converged.
-        rollout : bool
-            Whether it began at a rollout of random inputs, see `Path`.
-
+        :param cost, infeasibility: of the last iterate.
+        :param path: the path if the solve converged.
+        :param rollout: whether it began at a rollout of random inputs, see `Path`.
         """
         self._iterates.update(self._now)
         self._now = []

@@ -24,14 +24,9 @@ class Phase:
     """
     Consecutive intervals, and the form of each input in them.
 
-    Attributes
-    ----------
-    intervals : int
-        Number of intervals.
-    modes : tuple of str, length m
-        LINEAR (continuous, linear in each interval), STEPPED (constant in each interval) or HELD
-        (at a given value).
-
+    :ivar intervals: number of intervals.
+    :ivar modes: length m, LINEAR (continuous, linear in each interval), STEPPED (constant in each
+        interval) or HELD (at a given value).
     """
 
     intervals: int
@@ -73,17 +68,11 @@ class Mesh:
     """
     A layout with its numbers.
 
-    Attributes
-    ----------
-    layout : Layout
-        Phases, intervals and scheme.
-    fractions : ndarray, shape (N,)
-        Length of each interval as a part of its phase.
-    held : ndarray, shape (phases, m)
-        Values of the inputs that are HELD.
-    on : ndarray, shape (phases, n + l), optional
-        Bounds of (x, c) on which phases begin and end: 1 upper, -1 lower, 0 none.
-
+    :ivar layout: phases, intervals and scheme.
+    :ivar fractions: (N,), length of each interval as a part of its phase.
+    :ivar held: (phases, m), values of the inputs that are HELD.
+    :ivar on: (phases, n + l), optional, bounds of (x, c) on which phases begin and end: 1 upper,
+        -1 lower, 0 none.
     """
 
     layout: Layout
@@ -112,24 +101,14 @@ class Path:
     """
     States and inputs over time: an initial guess or a solution.
 
-    Attributes
-    ----------
-    t : ndarray, shape (N + 1,)
-        Mesh points [s].
-    x : ndarray, shape (N + 1, n)
-        States at the mesh points.
-    inner : ndarray, shape (N, s, n)
-        States at the Gauss points; s is 0 for Runge-Kutta steps.
-    ua, ub : ndarray, shape (N, m)
-        Inputs at the start and at the end of each interval.
-    durations : ndarray, shape (phases,)
-        Lengths of the phases [s].
-    origin : str
-        Of an initial guess: how it was made, in words.
-    rollout : bool
-        Whether it is a rollout of random inputs: a solve that fails from it says little about the
-        problem.
-
+    :ivar t: (N + 1,), mesh points [s].
+    :ivar x: (N + 1, n), states at the mesh points.
+    :ivar inner: (N, s, n), states at the Gauss points; s is 0 for Runge-Kutta steps.
+    :ivar ua, ub: (N, m), inputs at the start and at the end of each interval.
+    :ivar durations: (phases,), lengths of the phases [s].
+    :ivar origin: of an initial guess: how it was made, in words.
+    :ivar rollout: whether it is a rollout of random inputs: a solve that fails from it says little
+        about the problem.
     """
 
     t: Array
@@ -167,17 +146,9 @@ class Path:
         Times that differ from a mesh point by rounding only are that point, so that rounding does
         not decide which side of a jump is returned.
 
-        Parameters
-        ----------
-        times : ndarray, shape (K,)
-            Times [s].
-        after : bool
-            At a mesh point, return the input after it, else before it.
-
-        Returns
-        -------
-        ndarray, shape (K, m)
-
+        :param times: (K,), times [s].
+        :param after: at a mesh point, return the input after it, else before it.
+        :return: (K, m).
         """
         same = 1e-10 * self.t[-1]   # rounding
         found = (np.searchsorted(self.t, times + same, 'right') if after
@@ -192,13 +163,8 @@ def build_path(t: Array, x: Array, ua: Array, ub: Array, durations: Array | None
     """
     Return a path without states inside of intervals.
 
-    Parameters
-    ----------
-    t, x, ua, ub : ndarray
-        As in `Path`.
-    durations : ndarray, optional
-        Lengths of the phases [s]; one phase without them.
-
+    :param t, x, ua, ub: as in `Path`.
+    :param durations: lengths of the phases [s]; one phase without them.
     """
     return Path(t, x, np.zeros((len(ua), 0, x.shape[1])), ua, ub,
                 t[-1:] if durations is None else durations)
@@ -214,15 +180,10 @@ def build_uniform_mesh(problem: Problem, intervals: int, stages: int, mode: str 
     """
     Return a mesh of one phase with equal intervals.
 
-    Parameters
-    ----------
-    problem : Problem
-        Gives m, and whether T is free.
-    intervals, stages : int
-        Number of intervals, and of Gauss points in each (0: Runge-Kutta steps).
-    mode : str
-        LINEAR or STEPPED, for all inputs.
-
+    :param problem: gives m, and whether T is free.
+    :param intervals, stages: number of intervals, and of Gauss points in each (0: Runge-Kutta
+        steps).
+    :param mode: LINEAR or STEPPED, for all inputs.
     """
     phase = Phase(intervals, (mode,) * problem.m)
     layout = Layout((phase,), stages, problem.final_time.free)
@@ -233,13 +194,8 @@ def split(mesh: Mesh, counts: Index) -> Mesh:
     """
     Cut the intervals of a mesh into equal parts.
 
-    Parameters
-    ----------
-    mesh : Mesh
-        With N intervals.
-    counts : ndarray of int, shape (N,)
-        Number of parts of each.
-
+    :param mesh: with N intervals.
+    :param counts: (N,), number of parts of each.
     """
     number = np.bincount(mesh.layout.phase_of, weights=counts).astype(int)
     phases = tuple(replace(p, intervals=int(k))

@@ -51,32 +51,22 @@ class TranscriptionOutcome:
     """
     The result of a transcription.
 
-    Attributes
-    ----------
-    mesh, path : Mesh, Path
-        The mesh, and the last iterate on it.
-    converged, status : bool, str
-        Whether the tolerances are met, and why the solve ended.
-    objective, infeasibility : float
-        Cost, and largest scaled violation of a row.
-    iterations : int
-        Number of iterations.
-    nu : ndarray, shape (q,)
-        Multipliers of psi.
-    costates : ndarray, shape (N + 1, n)
-        At mesh points, before any jump there; the first row is nan without collocation.
-    node_bounds, inner_bounds : ndarray, shape (N + 1, n), (N, s, n)
-        Multipliers of the bounds of x at mesh points and Gauss points, > 0 at an upper bound.
-    node_path, inner_path : ndarray, shape (N + 1, l), (N, s, l)
-        The same for the path constraints; the last row is that at T.
-    sides_path : ndarray, shape (N, 2, l)
-        Multipliers of the path constraints at the start and at the end of each interval, which
-        differ at the ends of phases.
-    w, lam_w, lam_g, mu
-        Unknowns, multipliers and barrier parameter of the program, for a warm start.
-    scales : ProblemScales, optional
-        Scales of these.
-
+    :ivar mesh, path: the mesh, and the last iterate on it.
+    :ivar converged, status: whether the tolerances are met, and why the solve ended.
+    :ivar objective, infeasibility: cost, and largest scaled violation of a row.
+    :ivar iterations: number of iterations.
+    :ivar nu: (q,), multipliers of psi.
+    :ivar costates: (N + 1, n), at mesh points, before any jump there; the first row is nan without
+        collocation.
+    :ivar node_bounds, inner_bounds: (N + 1, n), (N, s, n), multipliers of the bounds of x at mesh
+        points and Gauss points, > 0 at an upper bound.
+    :ivar node_path, inner_path: (N + 1, l), (N, s, l), the same for the path constraints; the last
+        row is that at T.
+    :ivar sides_path: (N, 2, l), multipliers of the path constraints at the start and at the end of
+        each interval, which differ at the ends of phases.
+    :ivar w, lam_w, lam_g, mu: unknowns, multipliers and barrier parameter of the program, for a
+        warm start.
+    :ivar scales: scales of these.
     """
 
     mesh: Mesh
@@ -115,15 +105,9 @@ class TranscriptionOutcome:
         """
         Return the multiplier impulses of the bounds of x, by which lam drops.
 
-        Parameters
-        ----------
-        parts : int
-            Parts of each interval. Multipliers at Gauss points belong to the nearest end of one.
-
-        Returns
-        -------
-        ndarray, shape (N * parts + 1, n)
-
+        :param parts: parts of each interval. Multipliers at Gauss points belong to the nearest end
+            of one.
+        :return: (N * parts + 1, n).
         """
         mass = np.zeros((len(self.path.ua) * parts + 1, self.path.x.shape[1]))
         mass[::parts] = self.node_bounds
@@ -148,17 +132,10 @@ class SolveEffort:
     """
     How much is done for a solve of a program.
 
-    Attributes
-    ----------
-    most : int
-        Maximum number of iterations.
-    rough : float
-        Relative error of the cost at which the iteration may end; 0: the usual tolerance.
-    once : bool
-        Try the faster method only.
-    known : LocalMinima, optional
-        Local minima; the iteration ends once it is seen to lead to one of them.
-
+    :ivar most: maximum number of iterations.
+    :ivar rough: relative error of the cost at which the iteration may end; 0: the usual tolerance.
+    :ivar once: try the faster method only.
+    :ivar known: local minima; the iteration ends once it is seen to lead to one of them.
     """
 
     most: int = 500
@@ -172,17 +149,10 @@ class Nearby:
     """
     What is known of a solution near the initial guess.
 
-    Attributes
-    ----------
-    scales : ProblemScales, optional
-        Scales of the unknowns and of the cost; estimated from the guess if left out.
-    warm : TranscriptionOutcome, optional
-        Outcome of a neighbouring problem on this mesh: initial point and multipliers.
-    guide : TranscriptionOutcome, optional
-        Outcome of this problem on another mesh, from which multipliers are interpolated.
-    shortest : ndarray, shape (phases,), or float
-        Lower bound of the lengths of the phases [s].
-
+    :ivar scales: scales of the unknowns and of the cost; estimated from the guess if left out.
+    :ivar warm: outcome of a neighbouring problem on this mesh: initial point and multipliers.
+    :ivar guide: outcome of this problem on another mesh, from which multipliers are interpolated.
+    :ivar shortest: (phases,), or float, lower bound of the lengths of the phases [s].
     """
 
     scales: ProblemScales | None = None
@@ -198,16 +168,9 @@ class Transcription:
     """
     The nonlinear program of a problem on a layout, for any numbers.
 
-    Parameters
-    ----------
-    problem : Problem
-        Its symbols and expressions are used, not its numbers.
-    layout : Layout
-        Phases, intervals and scheme.
-    pieces : Pieces, optional
-        Of the same problem and scheme, for any other layout.
-
-
+    :param problem: its symbols and expressions are used, not its numbers.
+    :param layout: phases, intervals and scheme.
+    :param pieces: of the same problem and scheme, for any other layout.
     """
 
     def __init__(self, problem: Problem, layout: Layout, pieces: Pieces | None = None) -> None:
@@ -338,17 +301,10 @@ class Transcription:
         """
         Return the unknowns of an initial guess.
 
-        Parameters
-        ----------
-        mesh : Mesh
-            Of this layout.
-        guess : Path
-            Stretched in time to the given final time.
-        durations : ndarray, shape (phases,)
-            Lengths of the phases [s].
-        scales : ProblemScales
-            Scales of the unknowns.
-
+        :param mesh: of this layout.
+        :param guess: stretched in time to the given final time.
+        :param durations: (phases,), lengths of the phases [s].
+        :param scales: scales of the unknowns.
         """
         t = self.times(mesh, durations)
         stretch = guess.t[-1] / t[-1]
@@ -455,11 +411,7 @@ class Transcription:
         """
         Return whether there are at least as many unknowns as equations.
 
-        Parameters
-        ----------
-        problem, mesh : Problem, Mesh
-            Of this structure and layout.
-
+        :param problem, mesh: of this structure and layout.
         """
         layout = self.layout
         equations = self.n * (layout.stages + 1) * layout.intervals + self.q
@@ -510,28 +462,15 @@ class Transcription:
         """
         Solve the program for the numbers of a problem of the same structure.
 
-        Parameters
-        ----------
-        problem, mesh : Problem, Mesh
-            Of the structure and the layout this was built for; their numbers are used.
-        start : ndarray
-            Unknowns, from `start` or of an earlier outcome.
-        scales : ProblemScales
-            Scales of the unknowns and of the cost.
-        limits : TightenedLimits
-            Bounds besides those of the problem.
-        meter : Meter
-            Counts every iteration and may end the solve; it knows their maximum.
-        near : Nearby, optional
-            If the start is near the solution.
-        effort : SolveEffort
-            How much is done; `once`: IPOPT is not called if the banded program applies, and the
-            solve ends at known minima.
-
-        Returns
-        -------
-        TranscriptionOutcome
-
+        :param problem, mesh: of the structure and the layout this was built for; their numbers are
+            used.
+        :param start: unknowns, from `start` or of an earlier outcome.
+        :param scales: scales of the unknowns and of the cost.
+        :param limits: bounds besides those of the problem.
+        :param meter: counts every iteration and may end the solve; it knows their maximum.
+        :param near: if the start is near the solution.
+        :param effort: how much is done; `once`: IPOPT is not called if the banded program applies,
+            and the solve ends at known minima.
         """
         lower, upper = self._bounds(problem, mesh, scales, limits)
         warm, guide = (near.warm, near.guide) if near else (None, None)

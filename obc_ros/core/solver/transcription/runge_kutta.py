@@ -33,17 +33,10 @@ def step(rate: Callable[[ca.SX, ca.SX], ca.SX], x: ca.SX, inputs: tuple[ca.SX, c
     """
     Return x after a step, and the integral of L over it, as expressions.
 
-    Parameters
-    ----------
-    rate : callable
-        Returns (f, L), stacked, as a function of (x, cost), stacked, and of u.
-    x : casadi.SX
-        State at the start.
-    inputs : pair of casadi.SX
-        Input at the start and at the end.
-    h : casadi.SX
-        Length of the step.
-
+    :param rate: returns (f, L), stacked, as a function of (x, cost), stacked, and of u.
+    :param x: state at the start.
+    :param inputs: input at the start and at the end.
+    :param h: length of the step.
     """
     start, slopes = ca.vertcat(x, 0), list[ca.SX]()
     for row, u in zip(BUTCHER.A, _called(_along(inputs[0].numel()), *inputs), strict=True):
@@ -81,16 +74,9 @@ def step_of(problem: Problem) -> ca.Function:
     """
     Return the step of a problem as a function, cached.
 
-    Parameters
-    ----------
-    problem : Problem
-        Its expressions are used, not its numbers.
-
-    Returns
-    -------
-    casadi.Function
-        From x, u at the start, u at the end, h and p to x after the step and the integral of L.
-
+    :param problem: its expressions are used, not its numbers.
+    :return: from x, u at the start, u at the end, h and p to x after the step and the integral of
+        L.
     """
     ua, ub = ca.SX.sym('ua', problem.m), ca.SX.sym('ub', problem.m)
     h = ca.SX.sym('h')
@@ -104,15 +90,8 @@ def compute_amplification(z: NDArray[np.complex128]) -> Array:
     """
     Return the absolute factors by which a step changes the solutions of dx/dt = lambda x.
 
-    Parameters
-    ----------
-    z : ndarray of complex, shape (n,)
-        lambda times the length of the step.
-
-    Returns
-    -------
-    ndarray, shape (n,)
-
+    :param z: (n,), lambda times the length of the step.
+    :return: (n,).
     """
     slopes = np.zeros((len(BUTCHER.c), len(z)), dtype=complex)
     for k, row in enumerate(BUTCHER.A):

@@ -15,17 +15,10 @@ class TightenedLimits:
     """
     Bounds of a program besides those of its problem.
 
-    Attributes
-    ----------
-    shortest, longest : ndarray, shape (phases,)
-        Bounds of the lengths of the phases [s].
-    margin : ndarray, shape (n + l,)
-        Tightening of the bounds of x and of the path constraints, >= 0.
-    pinned : ndarray of bool, shape (n,)
-        Components of x(T) that psi fixes, which need no bounds at T.
-    end : ndarray, shape (n,)
-        These, and a given time among the states; nan for the other components.
-
+    :ivar shortest, longest: (phases,), bounds of the lengths of the phases [s].
+    :ivar margin: (n + l,), tightening of the bounds of x and of the path constraints, >= 0.
+    :ivar pinned: (n,), components of x(T) that psi fixes, which need no bounds at T.
+    :ivar end: (n,), these, and a given time among the states; nan for the other components.
     """
 
     shortest: Array
@@ -41,17 +34,9 @@ class TightenedLimits:
         It vanishes towards an end at which x is given on a bound, since large inputs would be
         needed to reach it within a short interval.
 
-        Parameters
-        ----------
-        problem : Problem
-            With x(0) and the bounds.
-        s : ndarray, shape (K,)
-            Times as parts of the horizon.
-
-        Returns
-        -------
-        ndarray, shape (K, n)
-
+        :param problem: with x(0) and the bounds.
+        :param s: (K,), times as parts of the horizon.
+        :return: (K, n).
         """
         margin, s = self.margin[:problem.n], s[:, None]
         beside = np.minimum(problem.x0 - problem.x_lower, problem.x_upper - problem.x0)
