@@ -11,12 +11,7 @@ from obc_ros.core.numerics.arrays import Array
 
 @cache
 def compute_gauss_points(stages: int) -> Array:
-    """
-    Return the Gauss points on the unit interval.
-
-    :param stages: number of points s, >= 0.
-    :return: (s,), increasing, in (0, 1).
-    """
+    """Return the Gauss points on the unit interval, (stages,), increasing, in (0, 1)."""
     if not stages:
         return np.zeros(0)
     return np.asarray((np.polynomial.legendre.leggauss(stages)[0] + 1) / 2)
@@ -26,8 +21,6 @@ def evaluate_lagrange(points: Array, at: Array | float, order: int = 0) -> Array
     """
     Evaluate the Lagrange polynomials, each of which is 1 at its point and 0 at the others.
 
-    :param points: (s,), Distinct.
-    :param at: Arguments.
     :param order: order of the derivative; 0: the values.
     :return: (..., s).
     """

@@ -102,7 +102,6 @@ def bind_buffers(function: ca.Function, given: Array, found: Array
     """
     Bind the input and the output of a function to arrays.
 
-    :param function: with one input and one output.
     :param given, found: Contiguous. Copying some rows into them takes less time than passing their
         address.
     :return: evaluate: evaluates the function; buffer: to be kept as long as it is called.

@@ -16,11 +16,7 @@ _NOTHING = 1e-300   # added to a sum of squares: changes no result that is not 0
 
 
 class Instructions:
-    """
-    The instructions of a function of SX.
-
-    :param function: a function of SX.
-    """
+    """The instructions of a function of SX."""
 
     def __init__(self, function: ca.Function) -> None:
         self._lengths = [function.nnz_out(i) for i in range(function.n_out())]
@@ -111,7 +107,6 @@ def make_norms_differentiable(expressions: Sequence[ca.SX], arguments: Sequence[
     derivative of sqrt(a^2 + b^2) a, and one of Clarke's generalized gradients of the root. A
     root of anything else, as sqrt(a), remains.
 
-    :param expressions: Columns.
     :param arguments: columns of all symbols that occur.
     :param but: symbols whose roots remain as they are.
     :return: the same objects if no such root occurs.

@@ -36,12 +36,7 @@ class TooHardError(Exception):
 
 
 def convert_to_rational(value: float) -> Fraction:
-    """
-    Return the rational number of the shortest decimal of a double.
-
-    :param value: 0.1 is read as 1/10.
-    :raises TooHardError: if the value is not finite.
-    """
+    """Return the rational number of the shortest decimal of a double: of 0.1, 1/10."""
     if not isfinite(value):
         raise TooHardError
     return Fraction(repr(float(value)))
@@ -182,11 +177,7 @@ class Algebra:
 
 
 def make_constant(value: int | Fraction) -> Polynomial:
-    """
-    Return a number as a polynomial.
-
-    :param value: the number; 0 is the empty polynomial.
-    """
+    """Return a number as a polynomial; 0 is the empty one."""
     return {_ONE: Fraction(value)} if value else {}
 
 
@@ -212,7 +203,6 @@ def read_polynomials(function: ca.Function, values: Sequence[Sequence[float | No
     """
     Return the entries of the output of a function of SX as polynomials.
 
-    :param function: a function of SX with columns as inputs and one output.
     :param values: the entries of each input: a number, or None for a symbol. Symbols are numbered
         in this order.
     :return: algebra: the generators of the polynomials; polynomials: one for each nonzero of the
@@ -237,8 +227,6 @@ def split_affine(a: Polynomial, symbols: int) -> tuple[list[Fraction], Fraction]
     """
     Split an affine polynomial into coefficients and constant.
 
-    :param a: the polynomial.
-    :param symbols: number of symbols, the first generators.
     :return: coefficients of the symbols, and the constant; None if `a` is not affine in the
         symbols.
     """
@@ -257,7 +245,6 @@ def reduce_rows(rows: Sequence[RationalRow]) -> dict[int, RationalRow]:
     """
     Return the reduced row echelon form.
 
-    :param rows: nonzero entries by column.
     :return: rows by the column of their pivot, which is 1 and the only entry of that column.
     """
     found: dict[int, RationalRow] = {}
@@ -277,13 +264,7 @@ def reduce_rows(rows: Sequence[RationalRow]) -> dict[int, RationalRow]:
 
 
 def find_null_space(rows: Sequence[RationalRow], columns: int) -> list[RationalRow]:
-    """
-    Return a basis of the null space of a matrix.
-
-    :param rows: nonzero entries of each row by column.
-    :param columns: number of columns.
-    :return: nonzero entries of each vector by column.
-    """
+    """Return a basis of the null space of a matrix whose rows are given by column."""
     found = reduce_rows(rows)
     return [{free: Fraction(1)} | {pivot: -row[free] for pivot, row in found.items()
                                    if free in row}

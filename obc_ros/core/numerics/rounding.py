@@ -15,11 +15,7 @@ COMFORTABLE = 1e3  # times the rounding error; above it no sharper bound is comp
 
 
 def norm(M: Array) -> float:
-    """
-    Return the Frobenius norm.
-
-    :param M: of any shape.
-    """
+    """Return the Frobenius norm of an array of any shape."""
     return math.sqrt(float(np.vdot(M, M)))
 
 
@@ -33,7 +29,6 @@ def compute_mode_tolerance(M: Array, gap: Callable[[NDArray[np.complex128]], Arr
     M + c E has no eigenvalue there if the spectral radius of this bound times c |E| is below 1.
     The result does not depend on the units of the states. Rounding of V is neglected.
 
-    :param M: (n, n), the matrix.
     :param gap: returns the distances of eigenvalues (n,) from the stability boundary, positive if
         stable.
     :param rounding: (n, n), bound of the absolute error of each entry of M.

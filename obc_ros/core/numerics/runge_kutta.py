@@ -68,9 +68,7 @@ def take_step(tableau: Tableau, f: Slope, x: ca.SX, s: ca.SX, h: ca.SX) -> tuple
     """
     Return x at s + h, and its difference from the step of lower order.
 
-    :param tableau: the method.
     :param f: f(x, s), shape (n, 1).
-    :param x, s, h: state (n, 1), time and step.
     :return: x, difference: (n, 1), the difference is 0 if the method has no step of lower order.
     """
     slopes: list[ca.SX] = []

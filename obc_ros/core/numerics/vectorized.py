@@ -24,9 +24,7 @@ class VectorizedFunction:
     are passed by address: the conversion of a thousand rows to `casadi.DM` takes longer than their
     evaluation. After `_MANY` rows they are evaluated by columns. Not thread-safe.
 
-    :param inputs: columns of symbols.
     :param outputs: expressions of the symbols; a matrix is taken column by column.
-    :param few: rows of a batch.
     """
 
     def __init__(self, inputs: Sequence[ca.SX], outputs: Sequence[ca.SX],
@@ -40,13 +38,7 @@ class VectorizedFunction:
         self._seen = 0
 
     def __call__(self, *arguments: Array) -> tuple[Array, ...]:
-        """
-        Return the outputs.
-
-        :param *arguments: (K, length) or (length,), one for each input; a single row is used for
-            all K.
-        :return: (K, length), one for each output.
-        """
+        """Return outputs (K, length) for inputs (K, length), or (length,) used for all K."""
         result = self.joined(*arguments)
         return tuple(result[:, start:end] for start, end in pairwise(self._outputs))
 
@@ -108,7 +100,6 @@ class Chain:
     """
     A recursion z_(k+1) = F(z_k, w_k), evaluated for the rows w_k of arrays.
 
-    :param z: column of symbols.
     :param given: columns of symbols, together w.
     :param after: F, an expression of these symbols of the shape of z.
     """

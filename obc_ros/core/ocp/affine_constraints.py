@@ -106,7 +106,6 @@ def eliminate_rows(rows: dict[int, RationalRow], n: int) -> tuple[dict[int, Rati
     Bring linear equations into echelon form and find a contradiction between them.
 
     :param rows: the equations A x + b = 0 by their numbers; b is in column n.
-    :param n: number of unknowns.
     :return: echelon: independent rows by the columns of their pivots; entries behind column n are
         weights; clash: the first contradiction, if there is one.
     """

@@ -48,9 +48,7 @@ class Augmentation:
         """
         Add a state with a constant rate.
 
-        :param name, symbol: its name and its symbol.
         :param start: initial guess, lower and upper bound of its initial value.
-        :param rate: its derivative.
         """
         self.x[name] = symbol
         for values, value in zip((self.x0, self.lower, self.upper), start, strict=True):
@@ -58,11 +56,7 @@ class Augmentation:
         self._rates.append(rate)
 
     def keep_initial(self, expressions: Iterable[ca.SX]) -> list[ca.SX]:
-        """
-        Return expressions of x(0) as expressions of additional states, which are added.
-
-        :param expressions: of the symbols of the states, which stand for x(0).
-        """
+        """Return expressions of x(0), of the symbols of the states, in additional states."""
         given = list(expressions)
         own = list(self.x.items())[:len(self.x) - len(self._rates)]
         used = [(i, name, symbol) for i, (name, symbol) in enumerate(own)
@@ -121,11 +115,7 @@ def hide_added_states(problem: Problem, solution: Solution) -> Solution:
 
 
 def name_attempts(problem: Problem, attempts: Iterable[Attempt]) -> tuple[Attempt, ...]:
-    """
-    Return the attempts of a search in the words of the statement.
-
-    :param attempts: what was tried to solve it.
-    """
+    """Return the attempts of a search in the words of the statement."""
     if problem.phases is None:
         return tuple(attempts)
     name = problem.phases.name_phases

@@ -117,7 +117,7 @@ def _new_form(problem: Problem) -> _Form:
 
 def get_final_time(problem: Problem) -> float:
     """
-    Return the given final time, or the initial guess of a free one.
+    Return the given final time [s], or the initial guess of a free one.
 
     :return: T [s]; if it is free, the guess of the problem, clipped to the bounds. Without a
         guess, the geometric mean of the bounds.

@@ -10,10 +10,8 @@ NAMES = (AUTO, 'riccati', 'time_optimal', 'reeds_shepp', 'transcription', 'arcs'
 
 def get_method(value: object) -> str:
     """
-    Return the name of a method.
+    Return the name of a method as a user wrote it; None and '' mean 'auto'.
 
-    :param value: a name, as a user wrote it; None and '' mean 'auto'.
-    :return: one of `NAMES`.
     :raises StatementError: if there is no such method.
     """
     if value is None or value == '':

@@ -94,7 +94,6 @@ def state_as_one_phase(given: Mapping[Any, Any]) -> tuple[dict[str, Any], PhaseL
     """
     Return the statement with one phase that is equivalent to one with phases.
 
-    :param given: with the key `phases`; see docs/problems.md.
     :return: statement: without it; layout: what its states and inputs are.
     :raises StatementError: if the phases are invalid.
     """

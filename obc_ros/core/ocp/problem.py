@@ -86,8 +86,6 @@ class Problem:
         of it.
     :ivar x_lower, x_upper, u_lower, u_upper, path_lower, path_upper: bounds; -inf and inf for
         none.
-    :ivar final_time: final time [s].
-    :ivar guess: initial guess.
     :ivar angles: for each state, whether it wraps; used for guesses only.
     :ivar structure: equal for two problems that differ only in numbers.
     :ivar method: method to solve it with, one of `method_names.NAMES`.
@@ -186,11 +184,7 @@ class Problem:
         return np.asarray(lower == upper)
 
     def pin_start(self, x: Array) -> 'Problem':
-        """
-        Return the problem whose x(0) is given: that of a path where it is free.
-
-        :param x: (n,), initial state of the path.
-        """
+        """Return the problem whose x(0) is given: where it is free, that of a path, x (n,)."""
         if self.start is None:
             return self
         return replace(self, start=None, x0=np.where(self.given_at_start, self.x0, x))

@@ -178,8 +178,6 @@ def load_file(path: str | Path) -> list[dict[str, Any]]:
     """
     Read the mappings in a YAML file: one, or a list of them.
 
-    :param path: the file.
-    :return: a mapping without `name` gets the name of the file (and its number in a list).
     :raises StatementError: if the file cannot be read, is too long, is not YAML, or contains a key
         twice, or if an entry is not a mapping.
     """

@@ -12,11 +12,7 @@ from obc_ros.core.ocp.problem import Problem
 
 
 def find_switching_inputs(problem: Problem) -> tuple[bool, ...]:
-    """
-    Return for each input whether H is affine in it for constant other inputs.
-
-    :return: length m.
-    """
+    """Return for each input whether H is affine in it for constant other inputs."""
     lam = ca.SX.sym('lam', problem.n)
     H = problem.L + ca.dot(lam, problem.f)
     return tuple(
@@ -51,11 +47,7 @@ def find_deciding_inputs(problem: Problem) -> Mask:
 
 
 def find_shared_inputs(problem: Problem) -> Mask:
-    """
-    Return which inputs appear in path constraints.
-
-    :return: (m,).
-    """
+    """Return which inputs appear in path constraints, (m,)."""
     return np.asarray(find_dependence(problem.path, problem.u).any(axis=0))
 
 

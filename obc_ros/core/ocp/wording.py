@@ -14,22 +14,12 @@ _ONE = 1e-9   # distance of a factor from 1 up to which it is left out
 
 
 def format_number(value: float) -> str:
-    """
-    Return a number as text.
-
-    :param value: a number.
-    :return: six significant digits; '0' if its magnitude is at most 1e-12.
-    """
+    """Return six significant digits of a number; '0' if its magnitude is at most 1e-12."""
     return f'{value:.6g}' if abs(value) > 1e-12 else '0'
 
 
 def describe_terminal(problem: Problem, row: int) -> str:
-    """
-    Return a terminal constraint as text.
-
-    :param row: index of the constraint.
-    :return: an equation such as ``x = 2`` or ``x + 2*v = 9`` if it is affine, else its key.
-    """
+    """Return a terminal constraint: as ``x + 2*v = 9`` if it is affine, else as its key."""
     rows = find_affine_rows(problem)
     if rows is None or not rows.affine[row]:
         return problem.ends[row]
@@ -40,13 +30,7 @@ def describe_terminal(problem: Problem, row: int) -> str:
 
 
 def state_bound(problem: Problem, index: int, upper: bool) -> str:
-    """
-    Return a state bound as text.
-
-    :param index: index of the state.
-    :param upper: whether the upper bound is meant.
-    :return: such as ``v <= 1``.
-    """
+    """Return a state bound as text, such as ``v <= 1``."""
     bound = (problem.x_upper if upper else problem.x_lower)[index]
     return f'{problem.states[index]} {"<=" if upper else ">="} {format_number(bound)}'
 
@@ -61,13 +45,7 @@ class AffineRows:
 
 
 def describe_sum(terms: Iterable[tuple[str, float]], times: str = '*') -> str:
-    """
-    Return a sum as text.
-
-    :param terms: names, and their factors; a factor of 1 is left out.
-    :param times: what stands between a factor and a name.
-    :return: such as ``2*x - y``.
-    """
+    """Return a sum of names times factors as text, such as ``2*x - y``."""
     text = ''
     for name, factor in terms:
         size = '' if abs(abs(factor) - 1) < _ONE else f'{format_number(abs(factor))}{times}'

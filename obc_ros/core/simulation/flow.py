@@ -42,8 +42,6 @@ class PlantFlow:
     """
     A state, its input and its disturbance.
 
-    :param system: the system with its parameter values.
-    :param conditions: fitted to the system.
     :ivar edges: start and end of the gust [steps]; empty if there is none.
     """
 

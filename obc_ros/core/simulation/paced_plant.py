@@ -63,9 +63,6 @@ def choose_step(dt: float, publish_rate: float) -> tuple[float, int]:
     """
     Return the step, at most dt, and the number of steps in a publishing period.
 
-    :param dt: maximum step [s].
-    :param publish_rate: states per simulated second [Hz].
-    :return: step: [s]; steps.
     :raises StatementError: if there are more than `MOST_STEPS` steps.
     """
     steps = max(1, math.ceil(1.0 / (publish_rate * dt) - 1e-9))
@@ -79,8 +76,6 @@ class PacedPlant:
     """
     A simulator that a node polls; the first state must be published at once.
 
-    :param now: steady time [s].
-    :param wall: time of the node's clock [ns].
     :ivar sample: (n,), the last published state, with noise.
     :ivar stamp: its stamp [ns].
     :ivar answered: whether a command for it has arrived.
@@ -190,8 +185,6 @@ class PacedPlant:
         Receive a command.
 
         :param stamp: stamp of the state that the command is for [ns]; 0: none.
-        :param u: (m,), the command.
-        :param now: steady time [s].
         :return: why it is dropped; empty: it is accepted.
         """
         reason = self._stale(stamp)

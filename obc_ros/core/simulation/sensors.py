@@ -64,7 +64,6 @@ class Sensors:
     :param outputs: by the name of the output; outputs without a rate are not measured.
     :param state_rate: states per simulated second [Hz], a multiple of each rate.
     :param seed: seed of noise and drop-outs.
-    :raises StatementError: if a rate does not divide that of the states.
     :ivar settings: what the measurements depend on, to compare two objects.
     """
 

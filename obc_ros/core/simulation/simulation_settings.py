@@ -61,11 +61,7 @@ class Conditions:
     seed: int = 0
 
     def fitted(self, system: System) -> 'Conditions':
-        """
-        Return these conditions with every list at its full length.
-
-        :raises StatementError: if a list has a wrong length or a value is out of its range.
-        """
+        """Return these conditions with every list at its full length."""
         if self.integrator not in INTEGRATORS:
             raise StatementError(f"integrator = '{self.integrator}': wanted "
                                  f'{" or ".join(map(repr, INTEGRATORS))}')

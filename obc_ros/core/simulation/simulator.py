@@ -92,11 +92,7 @@ class Simulator:
         self._flow.deliver(self.target)
 
     def configure(self, system: System, conditions: Conditions) -> None:
-        """
-        Change parameters and conditions from now on; state and time stay as they are.
-
-        :raises ObcError: if a condition has a wrong length or value, or the signals or dt differ.
-        """
+        """Change parameters and conditions, not dt, from now on; state and time stay."""
         if (system.state_names, system.input_names, conditions.dt) != (
                 self.system.state_names, self.system.input_names, self.conditions.dt):
             raise StatementError('the states, the inputs and dt of a simulator cannot change')
@@ -111,11 +107,7 @@ class Simulator:
         self._limits = any(math.isfinite(limit) for limit in (*system.u_min, *system.u_max))
 
     def command(self, u: NumberList) -> None:
-        """
-        Receive a command u (m,): clip it, and apply it after the input delay.
-
-        :raises StatementError: if it is not m finite numbers; the command is ignored.
-        """
+        """Receive a command u (m,): clip it, and apply it after the input delay."""
         values = self._limited(u)
         delay = self.conditions.input_delay / self.conditions.dt
         if delay or self._waiting:

@@ -43,8 +43,6 @@ def make_slalom(t: Array, amplitude: float = 1.0, frequency: float = 1.0, fade: 
 
     The fade has three continuous derivatives, so that the steering is continuous.
 
-    :param t: (N,), times [s]; the slalom lasts from 0 to `end`.
-    :param amplitude, frequency: [m], [Hz].
     :param fade, end: duration of fading in and of fading out [s]; end of the slalom [s].
     :return: y, dy, ddy: (N,), [m], [m/s], [m/s^2].
     """

@@ -49,7 +49,6 @@ def find_equilibrium(
     """
     Find the equilibrium at a set point by Newton's method.
 
-    :param system: with the parameter values in use.
     :param x: (n,), optional, set point; default: that of the system.
     :param u: (m,), optional, initial guess of the input; default: that of the system. Inputs that
         the set point does not determine (the speed of a vehicle) keep these values.
@@ -76,10 +75,6 @@ def find_nearest_equilibrium(system: System, x: Array, u: Array) -> Equilibrium:
     Find the equilibrium next to a state that nearly is one, such as the end of a solution.
 
     Newton's method solves first for the inputs alone, then for states and inputs.
-
-    :param system: with the parameter values in use.
-    :param x, u: (n,) and (m,), state and input to start from.
-    :raises DynamicsError: if no equilibrium is found.
     """
     inputs, held = np.arange(system.n + system.m) >= system.n, ~_may_move_on(system)
     best = _solve(system, np.concatenate([x, u]), inputs, held)
@@ -89,11 +84,8 @@ def find_nearest_equilibrium(system: System, x: Array, u: Array) -> Equilibrium:
 
 def linearize(system: System, x: Array, u: Array) -> tuple[Array, Array]:
     """
-    Return A = df/dx and B = df/du.
+    Return A = df/dx (n, n) and B = df/du (n, m), all finite.
 
-    :param system: with the parameter values in use.
-    :param x, u: (n,) and (m,), state and input.
-    :return: A, B: (n, n) and (n, m).
     :raises DynamicsError: if a derivative is not finite there.
     """
     A, B = system.jacobians(x, u)
@@ -108,16 +100,7 @@ def linearize(system: System, x: Array, u: Array) -> tuple[Array, Array]:
 
 def check_numbers(what: str, given: Sequence[float] | Array, names: Sequence[str],
                   wrong: type[ObcError] = StatementError) -> Array:
-    """
-    Check that there is one finite number for each name, and return them as an array.
-
-    :param what: description of the numbers, with which a message begins.
-    :param given: the numbers.
-    :param names: names of the N entries.
-    :param wrong: class of the error.
-    :return: (N,).
-    :raises ObcError: of the class `wrong`, if the numbers are not N or not finite.
-    """
+    """Return one finite number for each name as an array; raise an error otherwise."""
     try:
         values = np.array(given, dtype=float)
     except (TypeError, ValueError):
@@ -154,7 +137,6 @@ def _may_move_on(system: System) -> Mask:
 
 
 def _solve(system: System, start: Array, loose: Mask, held: Mask) -> _Found:
-    """Return the first equilibrium found from `start`, or from shifted starts (zero slopes)."""
     best = _newton(system, start, loose, held)
     for shift in (1e-3, -1e-3, 1.0, -1.0):
         if best.holds:

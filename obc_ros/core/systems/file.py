@@ -54,7 +54,6 @@ def load_system(path: str | Path) -> System:
     Limits and the set point may be expressions of the parameters, and a parameter may be an
     expression of earlier ones. They are evaluated again when a parameter changes.
 
-    :param path: the file; it contains one mapping of keys.
     :raises StatementError: if the file cannot be read, a key is unknown, or a value is malformed.
         The message begins with the file and the key.
     """
@@ -65,9 +64,7 @@ def load_plant(path: str | Path) -> dict[str, Any]:
     """
     Read the keys of a system from a YAML file, for `build_system` in another process.
 
-    :param path: the file.
     :return: keys of a system without those of a task; they are valid, and ``name`` is among them.
-    :raises StatementError: as `load_system`.
     """
     system, given = _load(path)
     return {key: given[key] for key in PLANT if key in given} | {'name': system.name}

@@ -68,15 +68,7 @@ def get_system(name: str, parameters: Mapping[str, Any] | None = None, **options
 
 def get_registered(name: str, parameters: Mapping[str, Any] | None = None,
                    **options: Any) -> System:
-    """
-    Return a system by its registered name, as `get_system` but never from a file.
-
-    :param name: the registered name.
-    :param parameters: as in `get_system`.
-    :param options: as in `get_system`.
-    :raises DynamicsError: if the system is unknown or cannot be loaded, or a parameter is unknown
-        or out of range.
-    """
+    """Return a system by its registered name, as `get_system` but never from a file."""
     factory = _factory(name)
     known = inspect.signature(factory).parameters
     unknown = [option for option in options if option not in known]
@@ -97,13 +89,7 @@ def get_registered(name: str, parameters: Mapping[str, Any] | None = None,
 
 
 def get_options(name: str) -> dict[str, Any]:
-    """
-    Return the arguments that define a system, with their defaults.
-
-    :param name: registered name or path of a file.
-    :return: default of each option by name; empty for a file.
-    :raises DynamicsError: if the system is unknown or cannot be loaded.
-    """
+    """Return the arguments that define a system, with their defaults; none for a file."""
     if is_file(name):
         return {}
     return {option.name: option.default

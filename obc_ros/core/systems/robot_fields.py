@@ -72,8 +72,6 @@ def read_robot_fields(given: Mapping[str, Any], plane: str, states: Symbols, inp
     :param given: ``cmd_vel``, ``wrench`` and ``odom``, each a mapping of fields to texts or
         expressions.
     :param plane: as in `System`; empty: the plane of the fields of ``odom``.
-    :param states, inputs, parameters: symbols by name, in the order of the system.
-    :param units: units by name, as far as they are known.
     :raises StatementError: if a message, a field or an expression is unknown; the message begins
         with ``ros``.
     """
@@ -96,12 +94,7 @@ def read_robot_fields(given: Mapping[str, Any], plane: str, states: Symbols, inp
 
 
 def suggest_command_line(message: str, inputs: Sequence[tuple[str, str]]) -> str:
-    """
-    Return the line by which a system file says which inputs a message carries.
-
-    :param message: a key of `COMMANDS`.
-    :param inputs: name and unit of each input.
-    """
+    """Return the line of a system file that says which inputs, (name, unit), a message carries."""
     wanted = {'linear.x': 'm/s', 'angular.z': 'rad/s'} if message == 'cmd_vel' else {
         'force.x': 'N', 'torque.z': 'N m'}
     fields = {key: next((name for name, of in inputs if of == unit), 'EXPRESSION')

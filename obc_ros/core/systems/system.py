@@ -48,7 +48,6 @@ class System:
     """
     A system dx/dt = f(x, u; p).
 
-    :ivar name: name of the system.
     :ivar states, inputs: in the order of x (n,) and u (m,). The limits of an input are those of
         the actuator.
     :ivar parameters: in the order of p, with the values in use.
@@ -149,7 +148,7 @@ class System:
     def _jacobians(self) -> ca.Function:
         fx, fu = ca.jacobian(self.xdot, self.x), ca.jacobian(self.xdot, self.u)
         return ca.Function('jacobians', [self.x, self.u, self.p], [
-            ca.densify(each) for each in (fx, fu, self.xdot)])
+            ca.densify(each) for each in (fx, fu)])
 
     @cached_property
     def _h(self) -> ca.Function:
@@ -168,13 +167,8 @@ class System:
 
     def jacobians(self, x: Array, u: Array) -> tuple[Array, Array]:
         """Return (df/dx, df/du), shapes (n, n) and (n, m), at state x and input u."""
-        fx, fu, _ = self._jacobians(x, u, self.p_value)
+        fx, fu = self._jacobians(x, u, self.p_value)
         return fx.full(), fu.full()
-
-    def linearize(self, x: Array, u: Array) -> tuple[Array, Array]:
-        """Return dx/dt, shape (n,), and df/dx, shape (n, n), at state x and input u."""
-        fx, _, xdot = self._jacobians(x, u, self.p_value)
-        return xdot.full().ravel(), fx.full()
 
     def measure(self, x: Array, u: Array) -> tuple[Array, Array]:
         """Return y = h(x, u), shape (q,), and dh/dx, shape (q, n), at state x and input u."""
@@ -222,8 +216,6 @@ def define(
     Return the system dx/dt = f(x, u; p) whose f is `dynamics`.
 
     :param name, description, plane, rebuild: as in `System`.
-    :param states, inputs: in the order of x (n,) and u (m,).
-    :param parameters: in the order of p.
     :param dynamics: called with the symbols of states, inputs and parameters; returns the n
         expressions dx/dt.
     :param setpoint, setpoint_input: default: zeros.

@@ -80,9 +80,6 @@ def define_brockett(m: int = 3) -> System:
     The states are q1 .. qm and the entries of Y above its diagonal, row by row: y1_2, y1_3, ...
 
     Book, Exercise 2.2, with Y' = -Y.
-
-    :param m: number of inputs, 2 to `MAX_M`.
-    :raises DynamicsError: if m is not a whole number in this range.
     """
     if isinstance(m, bool) or not isinstance(m, int) or not 2 <= m <= MAX_M:
         raise DynamicsError(f'brockett.m = {m}: wanted a whole number from 2 to {MAX_M}')

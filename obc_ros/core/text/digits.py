@@ -9,10 +9,7 @@ def format_distinct(*values: float, digits: int = 4, unit: str = '') -> list[str
     """
     Return numbers as text, so that those that differ are printed differently.
 
-    :param *values: the numbers that a sentence compares, such as a value and its limit.
     :param digits: significant digits, if they are enough; otherwise the fewest that are.
-    :param unit: unit of all; empty: none.
-    :return: one text for each number.
     """
     while True:
         texts = [f'{value:.{digits}g}' for value in values]

@@ -40,9 +40,7 @@ def quote(text: str, longest: int | None = 60) -> str:
     """
     Return a text from outside in a form that is safe in a message.
 
-    :param text: any text, such as part of a request.
     :param longest: largest number of characters kept; None: all.
-    :return: the text on one line; characters that are not printable are escaped.
     """
     if longest is not None and len(text) > longest:
         text = text[:longest - 3] + '...'
@@ -52,24 +50,13 @@ def quote(text: str, longest: int | None = 60) -> str:
 
 
 def suggest_name(name: str, known: Collection[str]) -> str:
-    """
-    Return a suggestion for a misspelt name, to be appended to a message.
-
-    :param name: the name that was given.
-    :param known: the names that exist.
-    :return: `` (did you mean 'x'?)`` for the most similar known name; empty if none is similar.
-    """
+    """Return `` (did you mean 'x'?)`` for the most similar known name; '' if none is similar."""
     matches = difflib.get_close_matches(name[:64], known, n=1)
     return f" (did you mean '{matches[0]}'?)" if matches else ''
 
 
 def describe_type(value: object) -> str:
-    """
-    Return a description of a value for a message about its type.
-
-    :param value: the value, of any type.
-    :return: such as ``a mapping``, ``a list of 3`` or ``str 'abc'``.
-    """
+    """Return what a value is, such as ``a mapping``, ``a list of 3`` or ``str 'abc'``."""
     if value is None:
         return 'nothing'
     if isinstance(value, Mapping):

@@ -103,10 +103,8 @@ def parse_lifted(text: object, symbols: Mapping[str, ca.SX],
     Two texts that differ only in these numbers give the same expression. Numbers in exponents, and
     those of an expression of CasADi, are not replaced.
 
-    :param text, symbols, where: as in `parse_expression`.
     :return: expression: in `symbols` and the symbols of the numbers; literals: symbol and value of
         each number.
-    :raises StatementError: as in `parse_expression`.
     """
     algebra = _Lifting(symbols, where)
     if isinstance(text, ca.SX):
@@ -152,8 +150,6 @@ def check_name(name: object, where: str) -> str:
     """
     Return `name` if it is a valid name of a state, input or parameter.
 
-    :param name: the name that was given.
-    :param where: its key, with which every message begins.
     :raises StatementError: if it is not an ASCII identifier of at most 64 characters, or is a
         keyword of Python, a function or a constant.
     """

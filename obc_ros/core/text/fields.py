@@ -33,14 +33,7 @@ Given = Mapping[Any, Any]
 
 def read_mapping(value: object, where: str, wanted: str = 'a mapping of keys to values',
                  most: int = MAX_COUNT) -> Given:
-    """
-    Check that a value is a mapping of limited size, and return it.
-
-    :param where: the key, with which a message begins.
-    :param wanted: description of a valid value, for the message.
-    :param most: largest number of entries.
-    :raises StatementError: if it is not a mapping, or larger.
-    """
+    """Return a value that is a mapping of limited size."""
     if not isinstance(value, Mapping):
         raise StatementError(f'{where}: wanted {wanted}, found {describe_type(value)}')
     if len(value) > most:
@@ -50,14 +43,7 @@ def read_mapping(value: object, where: str, wanted: str = 'a mapping of keys to 
 
 def list_of(value: object, where: str, wanted: str = 'a list', most: int = MAX_COUNT
             ) -> list[Any]:
-    """
-    Check that a value is a list or tuple of limited size, and return it as a list.
-
-    :param where: the key, with which a message begins.
-    :param wanted: description of a valid value, for the message.
-    :param most: largest number of entries.
-    :raises StatementError: if it is not a list or tuple, or larger.
-    """
+    """Return a list or tuple of limited size as a list."""
     if not isinstance(value, (list, tuple)):
         raise StatementError(f'{where}: wanted {wanted}, found {describe_type(value)}')
     if len(value) > most:
@@ -66,29 +52,14 @@ def list_of(value: object, where: str, wanted: str = 'a list', most: int = MAX_C
 
 
 def read_section(given: Given, key: str, most: int = MAX_COUNT) -> Given:
-    """
-    Return the mapping at a key, which may be absent.
-
-    :param given: the mapping that contains it.
-    :param most: largest number of entries.
-    :return: empty if the key is absent or its value is None.
-    :raises StatementError: if the value is not a mapping, or larger.
-    """
+    """Return the mapping at a key; empty if the key is absent or its value is None."""
     value = given.get(key)
     return {} if value is None else read_mapping(value, key, most=most)
 
 
 def check_keys(given: Given, known: Sequence[str], others: Sequence[str] = (), where: str = ''
                ) -> None:
-    """
-    Check that a mapping has no unknown key.
-
-    :param given: the mapping.
-    :param known: keys that the message lists.
-    :param others: further keys that are accepted.
-    :param where: key of the mapping itself; empty at the top level.
-    :raises StatementError: if a key is neither known nor one of the others.
-    """
+    """Check that a mapping has only known keys, which a message lists, and others."""
     for key in given:
         if key not in known and key not in others:
             place = f'{where}.{quote(str(key))}' if where else quote(str(key))
@@ -99,14 +70,7 @@ def check_keys(given: Given, known: Sequence[str], others: Sequence[str] = (), w
 
 
 def read_names(given: Given, key: str, most: int = MAX_COUNT) -> tuple[str, ...]:
-    """
-    Return the list of names at a key: one or more, all different.
-
-    :param given: the mapping that contains it.
-    :param most: largest number of names.
-    :raises StatementError: if the list is absent, empty or larger, or a name is invalid or occurs
-        twice.
-    """
+    """Return the list of names at a key: one or more, all different."""
     if given.get(key) is None:
         raise StatementError(f'{key}: missing; wanted a list of names')
     names = tuple(check_name(name, key) for name in list_of(given[key], key, most=most))
@@ -117,27 +81,14 @@ def read_names(given: Given, key: str, most: int = MAX_COUNT) -> tuple[str, ...]
 
 
 def check_unique(names: Sequence[str], where: str) -> None:
-    """
-    Check that no name occurs twice.
-
-    :param where: the key, with which a message begins.
-    :raises StatementError: if a name occurs twice.
-    """
+    """Check that no name occurs twice."""
     for index, name in enumerate(names):
         if name in names[:index]:
             raise StatementError(f"{where}: '{name}' occurs twice")
 
 
 def read_bounds(value: object, values: Mapping[str, float], where: str) -> tuple[float, float]:
-    """
-    Return the bounds of a list [lower, upper].
-
-    :param value: the list; its entries are numbers, expressions of `values`, or None for no bound.
-    :param values: the number of each name.
-    :param where: the key, with which a message begins.
-    :return: lower, upper: -inf and inf for no bound.
-    :raises StatementError: if it is not such a list, or lower > upper.
-    """
+    """Return the bounds of a list [lower, upper] as `evaluate_limits` does."""
     pair = list_of(value, where, '[lower, upper]')
     if len(pair) != 2:
         raise StatementError(f'{where}: wanted [lower, upper], found {len(pair)} entries')
@@ -150,10 +101,7 @@ def evaluate_limits(lower: object, upper: object, values: Mapping[str, float], w
     Return the values of two bounds.
 
     :param lower, upper: numbers, expressions of `values`, or None for no bound.
-    :param values: the number of each name.
-    :param where: the key, with which a message begins.
     :return: lower, upper: -inf and inf for no bound.
-    :raises StatementError: if a bound is malformed or infinite, or lower > upper.
     """
     for bound, side in ((lower, 'lower'), (upper, 'upper')):
         if isinstance(bound, float) and math.isinf(bound):

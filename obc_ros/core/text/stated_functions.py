@@ -72,11 +72,9 @@ def call_functions(given: Mapping[Any, Any], keys: Collection[str], x: _Symbols,
     """
     Return a statement in which functions are replaced by what they return.
 
-    :param given: the statement.
     :param keys: the keys that may be functions: 'dynamics' or `STATED_FUNCTIONS`.
     :param x, u, p: the symbols of states, inputs and parameters, in order.
     :param t: the time; None if its name has another meaning.
-    :return: with expressions and numbers in place of functions.
     :raises StatementError: if a function has other arguments, raises an error, or returns
         something else. The message begins with the key.
     """
@@ -95,9 +93,6 @@ def call_with_symbols(function: Callable[..., Any], *symbols: Any) -> Any:
 
     CasADi warns if the function calls one of NumPy, such as numpy.sin. The expression is the same
     as with the function of CasADi.
-
-    :param function: the function; its errors are those of this function.
-    :param *symbols: its arguments.
     """
     with warnings.catch_warnings():
         warnings.filterwarnings('ignore', r'\s*casadi: a numpy function', FutureWarning)

@@ -26,11 +26,6 @@ def check_symbolic(value: ca.SX, symbols: Mapping[str, ca.SX], where: str, large
     """
     Return an expression if it is one that a text over the same symbols could state.
 
-    :param value: the expression.
-    :param symbols: the symbols that it may contain.
-    :param where: its key, with which every message begins.
-    :param largest: largest magnitude of a number in it.
-    :return: the expression, dense.
     :raises StatementError: if it is not one expression, contains another symbol, an operation that
         a text cannot contain, or a number that is not finite or too large.
     """

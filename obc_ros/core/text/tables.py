@@ -13,13 +13,7 @@ ZERO = 1e-9
 
 
 def format_table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    """
-    Return a table as lines of text.
-
-    :param header: names of the columns.
-    :param rows: cells; their characters that are not printable are escaped.
-    :return: aligned columns, without a newline at the end.
-    """
+    """Return a table as aligned columns of text, with what is not printable escaped."""
     cells = [[quote(cell, None) for cell in row] for row in (header, *rows)]
     widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
     cells.insert(1, ['-' * width for width in widths])
@@ -29,14 +23,7 @@ def format_table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
 
 def format_html_table(header: Sequence[str], rows: Iterable[Sequence[str]],
                       caption: str = '') -> str:
-    """
-    Return a table as HTML; all texts are escaped.
-
-    :param header: names of the columns.
-    :param rows: Cells.
-    :param caption: a sentence above the table.
-    :return: A ``<table>`` element.
-    """
+    """Return a table as HTML, with a caption above it; all texts are escaped."""
     head = ''.join(f'<th>{_clean(name)}</th>' for name in header)
     body = ''.join('<tr>' + ''.join(f'<td>{_clean(cell)}</td>' for cell in row) + '</tr>'
                    for row in rows)
@@ -45,13 +32,7 @@ def format_html_table(header: Sequence[str], rows: Iterable[Sequence[str]],
 
 
 def format_value(value: float, digits: int = 10, scale: float = 1.0) -> str:
-    """
-    Return a number for a table.
-
-    :param value: the number.
-    :param digits: significant digits.
-    :param scale: magnitude to which the number is compared: below `ZERO` times this it is 0.
-    """
+    """Return a number for a table: '0' if it is below `ZERO` times a scale."""
     return '0' if abs(value) < ZERO * scale else f'{value:.{digits}g}'
 
 

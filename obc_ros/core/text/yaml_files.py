@@ -63,7 +63,6 @@ def read_yaml(path: str | Path, *, exponents: bool = False) -> Any:
     """
     Return the contents of a YAML file.
 
-    :param path: the file.
     :param exponents: whether ``1e-9`` is a number, as in YAML 1.2; in YAML 1.1, only ``1.0e-9`` is
         one.
     :return: mappings, lists and scalars; None for an empty file.
@@ -143,7 +142,6 @@ def read_entries(path: str | Path) -> list[tuple[str, FileEntry]]:
     """
     Return the mappings of a YAML file, each with its place.
 
-    :param path: the file; it contains one mapping or a list of mappings.
     :return: the place is the file, with the number of the entry in a list: ``several.yaml, entry
         2``. A mapping without `name` gets that of the file, with its number in a list. An entry
         that is not a mapping is returned as an error.

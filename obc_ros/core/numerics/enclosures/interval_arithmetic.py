@@ -39,12 +39,10 @@ WHOLE = Interval(-inf, inf)
 def enclose_outputs(function: ca.Function | Instructions,
                     boxes: list[tuple[Array, Array]]) -> list[Interval]:
     """
-    Return an interval for each entry of the output of a function of SX.
+    Return an interval for each nonzero of the output, for bounds of each argument.
 
     :param function: a function of SX with columns as inputs and one output; its instructions are
         faster.
-    :param boxes: bounds of each argument, arrays of its length.
-    :return: one for each nonzero of the output.
     """
     def apply(operation: int, operands: list[Interval]) -> Interval:
         enclose = _OPERATIONS.get(operation)
@@ -59,20 +57,12 @@ def enclose_outputs(function: ca.Function | Instructions,
 
 
 def add_intervals(a: Interval, b: Interval) -> Interval:
-    """
-    Return an interval that contains x + y for all x in a and y in b.
-
-    :param a, b: the ends may be infinite.
-    """
+    """Return an interval that contains x + y for all x in a and y in b."""
     return Interval(_sum(a.low, b.low, -inf), _sum(a.high, b.high, inf))
 
 
 def multiply_intervals(a: Interval, b: Interval) -> Interval:
-    """
-    Return an interval that contains x y for all x in a and y in b.
-
-    :param a, b: the ends may be infinite.
-    """
+    """Return an interval that contains x y for all x in a and y in b."""
     if _EXACT.isdisjoint(a + b):
         products = a.low * b.low, a.low * b.high, a.high * b.low, a.high * b.high
         low, high = min(products), max(products)

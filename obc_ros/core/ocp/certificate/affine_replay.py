@@ -101,10 +101,8 @@ class AffineReplay:
         """
         Return the matrices for values of the parameters; None if the problem is not affine.
 
-        :param p: values of the parameters.
         :param scale: (n,), scaling factors of x.
         :param w: (., k), some values of w, for its units.
-        :param h: lengths of the intervals.
         """
         if self._read is None:
             return None
@@ -133,12 +131,10 @@ def replay_affine(rates: Rates, h: Array, x: Array, w: tuple[Array, Array], lam:
     """
     Return (x, lam, J) at equal parts of K intervals, shape (K, parts + 1, 2 n + 1).
 
-    :param rates: of the problem.
     :param h: (K,), Lengths.
     :param x, w: (K, n), pair of (K, k), the states at the start; w at the start and at the end.
     :param lam: (K, n), the costates at the end if `back`, else at the start.
     :param parts: number of equal parts.
-    :param back: whether costates are followed from the end to the start.
     """
     K, n = x.shape
     slope = (w[1] - w[0]) / h[:, None] / (rates.w * rates.slope)

@@ -43,11 +43,7 @@ class Summands:
 
 
 class CostSummands:
-    """
-    The summands of a cost, for any path and numbers.
-
-    :param problem: its symbols, L and V are used.
-    """
+    """The summands of the cost of a problem, for any path and numbers."""
 
     def __init__(self, problem: Problem) -> None:
         parts = [split_sum(each) for each in (problem.L, problem.V)]
@@ -60,12 +56,7 @@ class CostSummands:
             summands, found])
 
     def measure(self, t: Array, x: Array, u: Array, p: Array) -> Summands:
-        """
-        Return the summands along a path.
-
-        :param t, x, u: (N,), (N, n) and (N, m), the path.
-        :param p: the numbers.
-        """
+        """Return the summands along a path t (N,), x (N, n), u (N, m)."""
         leaves, = self._leaves(x, u, p)
 
         def add_up(rows: Array) -> Array:

@@ -29,9 +29,7 @@ def find_correction(problem: Problem, x: Array, u: Array, h: Array, jumps: Array
     """
     Return the smallest change of the inputs, root mean square, that corrects jumps of x.
 
-    :param problem: its dynamics are linearised.
     :param x, u: (K, n), (K, m), states and inputs in the middle of each interval.
-    :param h: (K,), lengths of the intervals.
     :param jumps: (K, n), jumps of x at the ends of the intervals.
     :param ends: (q, n), (q,), slopes of the terminal constraints, and their sizes.
     :param u_scale: (m,), scaling factors of u.

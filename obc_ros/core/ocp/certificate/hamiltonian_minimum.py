@@ -123,13 +123,7 @@ class InputMinimum:
             self._H, problem.path, H_u, ca.diag(ca.jacobian(H_u, u))])
 
     def points(self, problem: Problem, x: Array, u: Array, lam: Array, mu: Array) -> Points:
-        """
-        Return H, its terms and its derivatives at K points.
-
-        :param problem: a problem of the structure that this was built for; its numbers are used.
-        :param x, u, lam, mu: (K, n), (K, m), (K, n), (K, l), states, inputs, costates, multipliers
-            of the path constraints.
-        """
+        """Return H, its terms and its derivatives at K points."""
         f, c, L, H, size, slope, curvature = self._points(x, u, lam, mu, problem.p_value)
         return Points(
             x=x, u=u, lam=lam, mu=mu, f=f, c=c, L=L[:, 0], H=H[:, 0], size=size[:, 0],
@@ -140,7 +134,6 @@ class InputMinimum:
         """
         Return H less its minimum over the input set.
 
-        :param problem: a problem of the structure that this was built for; its numbers are used.
         :param at: with path constraints on inputs, the gap of the quadratic model of H + mu' c
             plus mu' (b - c) counts if it is larger.
         :param searched: the points at which groups without closed form are searched over the whole

@@ -125,8 +125,6 @@ def polish_minimum(program: StaticProgram, x: Array) -> KktPoint:
     """
     Return a stationary point near x by Newton's method on the active constraints.
 
-    :param program: the problem.
-    :param x: (n,), where to start.
     :return: its multipliers are fitted by least squares, with mu >= 0. A step that does not reduce
         the residual is not taken.
     """
@@ -145,7 +143,6 @@ def certify_minimum(program: StaticProgram, point: KktPoint) -> Certificate:
     """
     Return the residuals of the conditions at the head of this file.
 
-    :param program: the problem.
     :param point: its x, lam and mu are read, nothing else.
     :return: stationarity and signs are relative to the largest term of grad l, complementarity to
         this term and the size of g, second_order to the Hessian. attained is the Newton step
@@ -185,8 +182,6 @@ def measure_violation(program: StaticProgram, x: Array, c: Array, J: Array) -> f
     """
     Return the largest violation of a constraint or bound, relative to the size of its terms.
 
-    :param program: the problem.
-    :param x: (n,), the point.
     :param c, J: (k + l,), (k + l, n), values of (G, g) there, and their Jacobian.
     """
     k = program.k
@@ -200,12 +195,7 @@ def _sizes(x: Array, J: Array) -> Array:
 
 
 def fit_multipliers(program: StaticProgram, x: Array) -> KktPoint:
-    """
-    Return x with the multipliers that minimise |grad l|, mu >= 0, and 0 if inactive.
-
-    :param program: the problem.
-    :param x: (n,), the point.
-    """
+    """Return x with the multipliers that minimise |grad l|, mu >= 0, and 0 if inactive."""
     _, c, gradient, J = program.values(x)
     k = program.k
     vanishing = _vanishing(program, x, J)

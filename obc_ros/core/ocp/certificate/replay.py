@@ -71,13 +71,7 @@ class Intervals:
 
 
 def build_intervals(problem: Problem, solution: Solution, k: Index) -> Intervals:
-    """
-    Return the intervals of a solution that begin at some samples.
-
-    :param solution: with all states and costates of the problem.
-    :param k: (K,), indices of the samples; the next sample is later.
-    :return: for `ReplayIntegrator`.
-    """
+    """Return the intervals of a solution that begin at the samples k (K,)."""
     ends = k if solution.interpolation == 'zoh' else k + 1
     none = np.zeros((len(solution.t), problem.path.numel()))
     s, m = solution.state_multipliers, solution.path_multipliers
@@ -126,12 +120,9 @@ class ReplayIntegrator:
         """
         Return the values of every interval, integrated from its start.
 
-        :param intervals: values at the start, inputs and multiplier densities.
-        :param p: values of the parameters.
         :param scale: (2 n,), scaling factors of x and lam. That of the cost is the cost found, or
             `least`.
         :param tolerance: (2 n + 1,), largest scaled error of x, lam and cost in an interval.
-        :param least: smallest scaling factor of the cost.
         :return: intervals that miss the tolerance with `MOST_STEPS` steps are in `failed`.
         """
         K, n = intervals.x.shape
