@@ -16,9 +16,8 @@ import math
 
 import control
 import numpy as np
-from obc_ros.core.estimation.consistency import compute_band, compute_normalized_error
 from obc_ros.core.estimation.delayed_filter import DelayedFilter
-from obc_ros.core.estimation.filter import Belief, KalmanFilter
+from obc_ros.core.estimation.filter import Belief, compute_band, KalmanFilter
 from obc_ros.core.estimation.kalman_gain import discretize_noise, dlqe, lqe
 from obc_ros.core.lqr.sampled import sampled_lqr
 from obc_ros.core.lqr.weights import Weights
@@ -68,7 +67,8 @@ def measure_linear_consistency() -> float:
             x = Ad @ x + u * np.array([T * T / 2, T]) + rng.multivariate_normal(np.zeros(2), Qd)
             y = x + rng.multivariate_normal(np.zeros(2), Rv)
             belief = kalman.update(kalman.predict(belief, u, T), u, [0, 1], y).belief
-        total += compute_normalized_error(belief.x - x, belief.P)
+        e = belief.x - x
+        total += float(e @ np.linalg.solve(belief.P, e))
     return total / RUNS
 
 
@@ -89,14 +89,15 @@ def fly(seed: int, seconds: float, estimates: bool) -> tuple[Array, Array, float
             delayed.measure(reading.stamp, reading.names, reading.y)
         if delayed.newest is not None:
             found = delayed.estimate(stamp)
-            mean, nees = found.x, compute_normalized_error(found.x - x, found.P)
+            mean, e = found.x, found.x - x
+            nees = float(e @ np.linalg.solve(found.P, e))
         states.append(x)
         errors.append(mean - x)
         u = held.u - K @ ((mean if estimates else x) - held.x)
         delayed.command(stamp, u)
         noise = discretize_noise(system.jacobians(x, u)[0], QW, period)[1]
         x = step(system, x, u, period) + rng.multivariate_normal(np.zeros(6), noise)
-    return np.array(states), np.array(errors), nees, delayed.monitor.assess().ratio
+    return np.array(states), np.array(errors), nees, delayed.consistency.ratio
 
 
 def step(system: System, x: Array, u: Array, h: float) -> Array:

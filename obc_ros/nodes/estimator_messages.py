@@ -44,7 +44,7 @@ class EstimateMessages:
 
     def fill_estimate(self, mean: delayed_filter.Estimate, delayed: DelayedFilter) -> None:
         """Write what `state` does not contain into `estimate`, after `fill_state`."""
-        message, consistency = self.estimate, delayed.monitor.assess()
+        message, consistency = self.estimate, delayed.consistency
         message.x, message.covariance = self.state.x, array('d', mean.P.tobytes())
         message.restarts = self.state.restarts
         message.consistency = consistency.ratio
@@ -88,7 +88,7 @@ def estimator_status(name: str, candidate: EstimatorCandidate, delayed: DelayedF
     :param delayed: the filter.
     :param now, before: until now, and until the last diagnostics.
     """
-    consistency = delayed.monitor.assess()
+    consistency = delayed.consistency
     level, words = _explain_silence(candidate, now, before) or _judge(
         candidate, delayed, now.counts - before.counts)
     values = {
@@ -136,7 +136,7 @@ def _explain_silence(candidate: EstimatorCandidate, now: Traffic, before: Traffi
 def _judge(candidate: EstimatorCandidate, delayed: DelayedFilter, grown: Counter[str]
            ) -> tuple[bytes, str]:
     """Return level and words while estimates are published."""
-    consistency = delayed.monitor.assess()
+    consistency = delayed.consistency
     unseen = [each for each in candidate.outputs if each not in delayed.measured]
     dropped = ', '.join(f'{grown[kind]} {kind}' for kind in DROPPED if grown[kind])
     for words in (

@@ -25,7 +25,7 @@ from obc_ros.cli.console.tables import print_table
 from obc_ros.cli.demo.flight import Flight, FlightEvent, fly, make_gust
 from obc_ros.cli.demo.report import report_loop
 from obc_ros.cli.flight_client import Pilot, Samples
-from obc_ros.core.estimation.consistency import Consistency
+from obc_ros.core.estimation.filter import Consistency
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.systems.equilibrium import find_equilibrium
 from obc_ros.core.systems.registry import get_system

@@ -9,7 +9,7 @@ the same measurements in order. What is older than the longest lag is dropped. E
 counted.
 
 The filter begins anew after a gap, if the time of a sensor goes back, and if outliers show that
-it has lost the plant (see `rival`). `restarts` counts these jumps of the estimate.
+it has lost the plant (see `_Rival`). `restarts` counts these jumps of the estimate.
 
 Nothing is filtered on arrival, but once before the next result is read. Filtering on arrival
 would repeat what follows for each late measurement: the later they come, the longer each takes,
@@ -25,15 +25,21 @@ import math
 
 import numpy as np
 from obc_ros.core.closed_loop.clock import StampClock, Tick
-from obc_ros.core.estimation.consistency import InnovationMonitor
-from obc_ros.core.estimation.filter import Belief, KalmanFilter, Update
-from obc_ros.core.estimation.rival import ENOUGH, Rival, widen
+from obc_ros.core.estimation.filter import (
+    assess_innovations,
+    Belief,
+    Consistency,
+    KalmanFilter,
+    Update,
+)
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.text.errors import DynamicsError, quote, StatementError
 
 NANOSECONDS = 1_000_000_000
+ENOUGH = 20          # outliers that agree with each other
 MOST_LATE = 20       # measurements in a row, all too late, after which the filter begins anew
 NOTHING = Belief(np.zeros(0), np.zeros((0, 0)))   # before an event is filtered
+_KEPT = 200          # innovations of which the consistency is told
 _INTERVALS = 21      # whose median is the period of a sensor
 
 
@@ -54,6 +60,41 @@ class _Event:
 
 
 @dataclass(eq=False)
+class _Rival:
+    """
+    The hypothesis that a filter has lost the plant, against the one that outliers are wrong.
+
+    A row of outliers alone decides nothing: a receiver that is wrong for a while sends one too.
+    Wrong measurements need not agree with each other, with the other sensors, or for long; those
+    of a lost plant do. A rival is a second estimate that begins at an outlier with a wide
+    covariance and takes all measurements. It is given up when
+
+    - a measurement passes the test of the filter but not its own,
+    - the sensor that began it passes the test of the filter again,
+    - of the outliers since then it has refused more than it has explained.
+
+    It wins when it has explained `ENOUGH` outliers, for the longest gap.
+
+    :ivar origin: the outlier at which it begins.
+    :ivar start: before the outlier.
+    :ivar explained, refused: how many outliers of the filter since then pass its test, and do not.
+    """
+
+    origin: _Event
+    start: Belief
+    explained: int = 0
+    refused: int = 0
+
+    def vote(self, sensor: tuple[int, ...], of_filter: Update, own: Update) -> bool:
+        """Count a measurement after the first one; return whether the rival is kept."""
+        if not of_filter.is_outlier:
+            return not own.is_outlier and sensor != self.origin.sensor
+        self.refused += own.is_outlier
+        self.explained += not own.is_outlier
+        return self.refused <= self.explained
+
+
+@dataclass(eq=False)
 class _Sensor:
     """What is known of the measurements of one group of outputs."""
 
@@ -64,13 +105,7 @@ class _Sensor:
 
 @dataclass(frozen=True, eq=False)
 class Estimate:
-    """
-    The estimate at an instant.
-
-    :ivar stamp: [ns].
-    :ivar x: (n,), Mean.
-    :ivar P: (n, n), covariance of the error.
-    """
+    """The estimate at an instant: its stamp [ns], mean x (n,) and covariance P (n, n)."""
 
     stamp: int
     x: Array
@@ -81,9 +116,8 @@ class DelayedFilter:
     """
     The estimate of a system from inputs and measurements with stamps.
 
-    :param kalman: the filter; it may be replaced by `adopt`.
-    :param x0: (n,), mean before the first measurement.
-    :param P0: (n, n), its covariance; also used when the filter restarts.
+    :param x0, P0: mean (n,) before the first measurement, and its covariance (n, n), also used
+        when the filter restarts.
     :param u0: (m,), input before the first command.
     :param longest_lag: [s] A measurement that is older than the newest one by more is dropped.
     :param longest_gap: [s] After a longer time without measurements the filter restarts; also
@@ -106,9 +140,9 @@ class DelayedFilter:
         self._names = {name: i for i, name in enumerate(kalman.system.output_names)}
         self._outputs = frozenset(outputs or self._names)
         self._counts: Counter[str] = Counter()
-        self._monitor = InnovationMonitor()
+        self._squares: deque[tuple[float, int]] = deque(maxlen=_KEPT)
         self._last: tuple[tuple[str, ...], Update] | None = None
-        self._rival: Rival | None = None
+        self._rival: _Rival | None = None
         self._too_late = 0
         self.reason = ''
 
@@ -125,10 +159,10 @@ class DelayedFilter:
         return self._counts
 
     @property
-    def monitor(self) -> InnovationMonitor:
-        """Return the statistics of the innovations."""
+    def consistency(self) -> Consistency:
+        """Return the consistency of the last innovations."""
         self._catch_up()
-        return self._monitor
+        return assess_innovations(self._squares)
 
     @property
     def last(self) -> tuple[tuple[str, ...], Update] | None:
@@ -158,7 +192,8 @@ class DelayedFilter:
         """Use another filter from the newest measurement on; x0, P0, outputs as for the class."""
         self._catch_up()
         self._outputs = frozenset(outputs or self._names)
-        self._kalman, self._monitor, self._rival = kalman, InnovationMonitor(), None
+        self._kalman, self._rival = kalman, None
+        self._squares.clear()
         self._limits = kalman.system.u_min, kalman.system.u_max
         self._x0, self._P0 = np.array(x0), np.array(P0)
 
@@ -189,8 +224,8 @@ class DelayedFilter:
         Receive a measurement.
 
         :param stamp: instant of the measurement [ns].
-        :param names: the measured outputs.
-        :param y: their values; an entry that is not finite is left out.
+        :param names, y: the measured outputs and their values; an entry that is not finite is left
+            out.
         :return: whether it is used; otherwise it has been counted.
         :raises StatementError: if a name is unknown or stands twice, or the lengths differ;
             nothing changes.
@@ -313,7 +348,7 @@ class DelayedFilter:
         self._rival = None
         for sensor in self._sensors.values():
             sensor.is_proven = False
-        self._monitor = InnovationMonitor()
+        self._squares.clear()
 
     def _insert(self, event: _Event) -> None:
         """Put an event in its place; what follows has to be filtered again."""
@@ -371,7 +406,7 @@ class DelayedFilter:
         """Count a new measurement, and its vote on the rival."""
         event.is_counted = True
         self._counts['outliers' if update.is_outlier else 'used'] += 1
-        self._monitor.add(update.nis, len(event.at))
+        self._squares.append((update.nis, len(event.at)))
         self._last = tuple(self._kalman.system.output_names[i] for i in event.at), update
         sensor, rival = self._sensors[event.sensor], self._rival
         sensor.is_proven = sensor.is_proven or not update.is_outlier
@@ -382,7 +417,7 @@ class DelayedFilter:
                 self._begin_rival(event, update)
             return
         # What has never been used since the beginning is no evidence against the rival.
-        lasted = event.stamp - rival.stamp
+        lasted = event.stamp - rival.origin.stamp
         if (event.rival is not None and rival.explained >= ENOUGH
                 and lasted >= self._gap * sensor.is_proven):
             self._note_restart(f'{rival.explained} outliers have agreed with each other for '
@@ -390,12 +425,22 @@ class DelayedFilter:
             self._begin(event.stamp, event.rival, event.input_after)
 
     def _begin_rival(self, event: _Event, update: Update) -> None:
-        """Begin a rival at an outlier."""
-        start = widen(self._kalman, event.after.x, event.input_after, event.at,
-                      update.innovation, self._P0)
-        if start is not None:
-            self._rival = Rival(event, event.stamp, event.sensor, start)
-            event.rival = start
+        """
+        Begin a rival at an outlier.
+
+        Its covariance is the one of a restart, multiplied until no entry of the innovation is
+        above its standard deviation. There is no rival if that exceeds double precision.
+        """
+        mean, innovation = event.after.x, update.innovation
+        C = self._kalman.system.measure(mean, event.input_after)[1][list(event.at)]
+        variances = np.einsum('ij,jk,ik->i', C, self._P0, C)
+        seen = variances > 0.0   # the others are functions of the input alone
+        with np.errstate(over='ignore'):
+            ratio = float((innovation[seen]**2 / variances[seen]).max(initial=1.0))
+            P = self._P0 * ratio
+        if np.isfinite(P).all():
+            event.rival = Belief(mean, P)
+            self._rival = _Rival(event, event.rival)
 
     def _forget(self) -> None:
         """Remove events that no accepted measurement can precede, but one."""

@@ -9,29 +9,35 @@ system with a held input. For a nonlinear one the mean follows the Rosenbrock-Eu
 error in a step is of third order in h. Update: Joseph's form, which keeps P symmetric and positive
 semidefinite.
 
+Consistency: if model and noise are right, the normalised innovation squared v'S^-1 v (NIS) is
+chi-square with as many degrees of freedom as v has entries. A sum of N independent ones is
+chi-square with the sum of the degrees.
+
 A step has |A| h <= 1, so that the series of the exponential needs no scaling. For the few states
 of a plant the calls take more time than the arithmetic: CasADi evaluates into fixed buffers, and
 NumPy is called rarely.
+
+Y. Bar-Shalom, X. R. Li, T. Kirubarajan, Estimation with Applications to Tracking and Navigation,
+2001, section 5.4.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, lru_cache
 import math
 from typing import Any
 
 import casadi as ca
 import numpy as np
-from obc_ros.core.estimation.consistency import compute_chi_square_quantile
-from obc_ros.core.numerics.arrays import Array, lapack
-from obc_ros.core.numerics.rounding import norm
+from obc_ros.core.numerics.arrays import Array, lapack, special
+from obc_ros.core.numerics.rounding import EPS, norm
 from obc_ros.core.riccati.checks import check_definite, check_semidefinite
 from obc_ros.core.systems.system import System
 from obc_ros.core.text.errors import DynamicsError, StatementError
 
 LARGEST_STEP = 0.02    # [s] of a linearisation of a nonlinear system
 _MOST_STEPS = 2000     # of one prediction
-_ROUNDING = float(np.finfo(float).eps)
+_TAIL = 0.5 * (1.0 - 0.95)
 
 
 def _is_finite(M: Array) -> bool:
@@ -73,13 +79,7 @@ class Update:
 
 
 class _Evaluator:
-    """
-    A function of x, u and p that CasADi evaluates into arrays, which each call overwrites.
-
-    :param system: with x, u and p.
-    :param matrix: the first result; `matrix` (rows, columns).
-    :param vector: the second result; `vector` (rows,).
-    """
+    """A function of x, u and p that CasADi evaluates into arrays, which each call overwrites."""
 
     def __init__(self, system: System, matrix: ca.SX, vector: ca.SX) -> None:
         function = ca.Function('evaluate', [system.x, system.u, system.p], [
@@ -98,6 +98,59 @@ class _Evaluator:
         self._evaluate()
 
 
+@dataclass(frozen=True)
+class Consistency:
+    """
+    The mean of the last normalised squares, relative to their degrees of freedom.
+
+    `ratio` is near 1 for a consistent estimator, above `upper` if the estimator trusts itself too
+    much, below `lower` if too little; `count` is the number of measurements in the mean.
+    """
+
+    ratio: float
+    lower: float
+    upper: float
+    count: int
+
+    def __str__(self) -> str:
+        """Return the verdict in words."""
+        if not self.count:
+            return 'no innovation yet'
+        band = f'{self.ratio:.2f}, 95 % band {self.lower:.2f} to {self.upper:.2f}'
+        if self.ratio > self.upper:
+            return f'inconsistent: innovations are larger than Qw and Rv say ({band})'
+        if self.ratio < self.lower:
+            return f'cautious: innovations are smaller than Qw and Rv say ({band})'
+        return f'consistent ({band})'
+
+
+def assess_innovations(squares: Sequence[tuple[float, int]]) -> Consistency:
+    """Return the consistency of normalised innovations squared with their degrees of freedom."""
+    if not squares:
+        return Consistency(1.0, 1.0, 1.0, 0)
+    degrees = sum([each for _, each in squares])
+    lower, upper = compute_band(degrees)
+    ratio = sum([nis for nis, _ in squares]) / degrees
+    return Consistency(ratio, lower / degrees, upper / degrees, len(squares))
+
+
+@lru_cache
+def compute_band(degrees: float, count: int = 1) -> tuple[float, float]:
+    """
+    Return the interval that holds the mean of normalised squares with 95 %, with equal tails.
+
+    :param degrees: degrees of freedom of each.
+    :param count: number of independent ones.
+    """
+    low, high = (compute_chi_square_quantile(p, degrees * count) for p in (_TAIL, 1.0 - _TAIL))
+    return low / count, high / count
+
+
+def compute_chi_square_quantile(probability: float, degrees: float) -> float:
+    """Return the value below which a chi-square variable is with a probability."""
+    return float(2.0 * special.gammaincinv(0.5 * degrees, probability))
+
+
 @dataclass(frozen=True, eq=False)
 class _Selection:
     """Some of the outputs: their indices, covariance, threshold, and which are angles."""
@@ -114,7 +167,6 @@ class KalmanFilter:
 
     One thread at a time may use it.
 
-    :param system: the plant, with its outputs y = h(x, u).
     :param Qw: (n, n), intensity of the process noise, in squared units of the states per second;
         >= 0.
     :param Rv: (q, q), covariance of a measurement of all outputs; > 0.
@@ -132,7 +184,7 @@ class KalmanFilter:
         self.system, n = system, system.n
         self.Qw = check_semidefinite('Qw', Qw, n)
         self.Rv = check_definite('Rv', Rv, len(system.outputs))
-        self.largest = np.sqrt(self.Rv.diagonal()) / _ROUNDING
+        self.largest = np.sqrt(self.Rv.diagonal()) / EPS
         self._thresholds = [math.inf if gate == 1.0 else compute_chi_square_quantile(gate, q)
                             for q in range(1, len(system.outputs) + 1)]
         self._is_angle = np.array([signal.angle for signal in system.outputs])
@@ -172,10 +224,8 @@ class KalmanFilter:
         """
         Return the first n rows of the exponential of h [[A, Qw, f], [0, -A', 0], [0, 0, 0]].
 
-        :param h: step [s].
-        :param size: |A| h, at most 1.
-        :return: (n, 2 n + 1), exp(A h); the integral of exp(A s) Qw exp(A's), times exp(-A'h); the
-            integral of exp(A s) f.
+        These (n, 2 n + 1) are exp(A h); the integral of exp(A s) Qw exp(A's), times exp(-A'h); the
+        integral of exp(A s) f. `size` is |A| h, at most 1.
         """
         flow, n = self._flow, self.system.n
         flow[:n, :n], flow[:n, n:-1] = self._slope.matrix, self.Qw
@@ -187,7 +237,7 @@ class KalmanFilter:
         total[:, :n] += self._identity
         # The k-th term of the second block is below |Qw| h (2 size)^(k - 1) / k!.
         bound, k = 1.0, 1
-        while bound > _ROUNDING:
+        while bound > EPS:
             k += 1
             bound *= 2.0 * size / k
             term = term @ flow
@@ -203,10 +253,8 @@ class KalmanFilter:
         """
         Return the estimate after a measurement of some outputs.
 
-        :param belief: at the instant of the measurement.
-        :param u: (m,), input then.
+        :param belief, u: estimate and input (m,) at the instant of the measurement.
         :param at: indices of the measured outputs, at least one.
-        :param y: their values.
         :raises numpy.linalg.LinAlgError: if the covariance of the innovation is not positive
             definite: P has lost its digits.
         """

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from obc_ros.core.lqr.lqr import dlqr, lqr, LqrDesign
+from obc_ros.core.lqr.lqr import check_period, dlqr, lqr, LqrDesign
 from obc_ros.core.lqr.margins import compute_margins
 from obc_ros.core.lqr.sampled import discretize_cost
 from obc_ros.core.lqr.stabilizability import explain_no_estimator
@@ -150,29 +150,13 @@ def sampled_lqe(A: ArrayLike, C: ArrayLike, Qw: ArrayLike, Rv: ArrayLike, period
     """
     Return the steady Kalman filter of dx/dt = A x + w that is measured once in each period.
 
-    Parameters
-    ----------
-    A, C : array_like, shape (n, n) and (q, n)
-        The plant in continuous time.
-    Qw : array_like, shape (n, n)
-        Intensity of the process noise.
-    Rv : array_like, shape (q, q)
-        Covariance of each measurement.
-    period : float
-        Time between measurements [s].
-    outputs : tuple of str, optional
-        As for `lqe`.
+    It is that of the plant and noise of `discretize_noise`.
 
-    Returns
-    -------
-    KalmanDesign
-        Of the plant and noise of `discretize_noise`.
-
-    Raises
-    ------
-    StatementError, RefusedDesignError
-        As `lqe`; also if the period cannot be used.
-
+    :param A, C, Qw: (n, n), (q, n), (n, n), plant and process noise in continuous time.
+    :param Rv: (q, q), covariance of each measurement.
+    :param period: [s].
+    :param outputs: as for `lqe`.
+    :raises StatementError, RefusedDesignError: as `lqe`; also if the period cannot be used.
     """
     check_period(period)
     A, C, Qw, Rv = _check(A, C, Qw, Rv, outputs, 0.0)
@@ -184,34 +168,15 @@ def discretize_noise(A: Array, Qw: Array, period: float) -> tuple[Array, Array]:
     """
     Return Ad = exp(A period) and the covariance of the noise that arrives in a period.
 
-    Parameters
-    ----------
-    A, Qw : ndarray, shape (n, n)
-        The plant in continuous time and the intensity of its noise.
-    period : float
-        [s]
+    The covariance (n, n) is the integral of exp(A s) Qw exp(A's) over the period [s]. It is
+    computed over a short time by one exponential (Van Loan 1978) and doubled, without growing
+    exponentials.
 
-    Returns
-    -------
-    Ad, Qd : ndarray, shape (n, n)
-        Qd is the integral of exp(A s) Qw exp(A's) over the period. It is computed over a short
-        time by one exponential (Van Loan 1978) and doubled, without growing exponentials.
-
-    Raises
-    ------
-    StatementError
-        If a state within the period exceeds the range of double precision.
-
+    :raises StatementError: if a state within the period exceeds the range of double precision.
     """
     none = np.zeros((len(A), 0))
     Ad, _, sampled = discretize_cost(A.T, none, Weights(Qw, np.zeros((0, 0))), period)
     return Ad.T, sampled.Qx
-
-
-def check_period(period: float) -> None:
-    """Raise StatementError if a sampling period [s] is not positive and finite."""
-    if not (np.isfinite(period) and period > 0.0):
-        raise StatementError(f'period = {period:g}: wanted a positive number of seconds')
 
 
 def _check(A: ArrayLike, C: ArrayLike, Qw: ArrayLike, Rv: ArrayLike, outputs: tuple[str, ...],

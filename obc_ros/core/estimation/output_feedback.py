@@ -16,10 +16,10 @@ from dataclasses import dataclass
 import math
 
 import numpy as np
-from obc_ros.core.estimation.kalman_gain import check_period, KalmanDesign, lqe, sampled_lqe
-from obc_ros.core.lqr.lqr import LqrDesign
+from obc_ros.core.estimation.kalman_gain import KalmanDesign, lqe, sampled_lqe
+from obc_ros.core.lqr.lqr import check_period, LqrDesign
 from obc_ros.core.lqr.margins import compute_margins, Figures
-from obc_ros.core.lqr.sampled import compute_spectral_radius, discretize_plant
+from obc_ros.core.lqr.sampled import discretize_plant
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.riccati.checks import check_matrix
 from obc_ros.core.text.errors import RefusedDesignError, StatementError
@@ -33,20 +33,13 @@ class OutputFeedback:
     """
     A regulator with a steady Kalman filter in the loop.
 
-    :ivar K: (m, n), gain of the regulator.
     :ivar figures: margins at the plant's inputs of the loop with the estimator.
     :ivar full_state: those of the regulator with the whole state.
     """
 
-    K: Array
     estimator: KalmanDesign
     figures: Figures
     full_state: Figures
-
-    @property
-    def keeps_margins(self) -> bool:
-        """Return whether no disk margin falls below half of that with the whole state."""
-        return self.share >= LITTLE
 
     @property
     def share(self) -> float:
@@ -65,7 +58,7 @@ class OutputFeedback:
 
     def __str__(self) -> str:
         """Return the margins in words, and what to do if they are lost."""
-        if self.keeps_margins:
+        if self.share >= LITTLE:
             return f'with the estimator {self.words}'
         return (f'the estimator loses the margins: with the estimator {self.words}; try '
                 'recover_loop_transfer')
@@ -75,7 +68,6 @@ def combine(regulator: LqrDesign, estimator: KalmanDesign) -> OutputFeedback:
     """
     Return the margins of u = -K xe.
 
-    :param regulator: the gain K of the plant.
     :param estimator: the filter of the same plant; in discrete time its predictor form, u_k = -K
         xe_k|k-1.
     :raises StatementError: if the two are not of the same plant.
@@ -87,14 +79,21 @@ def combine(regulator: LqrDesign, estimator: KalmanDesign) -> OutputFeedback:
         raise StatementError(f'the regulator has the period {regulator.period:g} s, the estimator '
                              f'{estimator.period:g} s')
     A, B, K = regulator.A, regulator.B, regulator.K
-    n = len(A)
     L, C = estimator.L, estimator.C
-    # The state (x, xe) with the loop opened at the plant's input: the plant's input is the only
-    # input, and the output is K xe.
-    loop = np.block([[A, np.zeros((n, n))], [L @ C, A - B @ K - L @ C]])
+    return _close(A, B, K, estimator, [L @ C, A - B @ K - L @ C], [np.zeros_like(K), K])
+
+
+def _close(A: Array, B: Array, K: Array, estimator: KalmanDesign, moved: list[Array],
+           output: list[Array]) -> OutputFeedback:
+    """
+    Return the margins of a loop that is opened at the plant's input, which is its only input.
+
+    :param moved, output: how the estimate moves, and what the regulator sends, over (x, xe).
+    """
+    loop = np.block([[A, np.zeros_like(A)], moved])
     figures = compute_margins(loop, np.concatenate([B, np.zeros_like(B)]),
-                              np.concatenate([np.zeros_like(K), K], axis=1), regulator.period)
-    return OutputFeedback(K, estimator, figures, compute_margins(A, B, K, regulator.period))
+                              np.concatenate(output, axis=1), estimator.period)
+    return OutputFeedback(estimator, figures, compute_margins(A, B, K, estimator.period))
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,14 +115,13 @@ class Recovery:
 
 
 def recover_loop_transfer(regulator: LqrDesign, C: Array, Qw: Array, Rv: Array, *,
-                          share: float = LITTLE, outputs: Sequence[str] = ()) -> Recovery:
+                          share: float = LITTLE) -> Recovery:
     """
     Return the least added process noise for which margins of the full state are recovered.
 
     :param regulator: in continuous time.
     :param C, Qw, Rv: (q, n), (n, n), (q, q), outputs and noise, as for `lqe`.
     :param share: wanted share of the disk margins of the full state.
-    :param outputs: names of the outputs.
     :return: if the share is not reached (a plant that is not of minimum phase), the best that was
         found, with `recovered` False.
     :raises StatementError, RefusedDesignError: as `lqe` for the given noise; StatementError also
@@ -131,8 +129,7 @@ def recover_loop_transfer(regulator: LqrDesign, C: Array, Qw: Array, Rv: Array, 
     """
     if regulator.period:
         raise StatementError('loop transfer recovery: wanted a regulator in continuous time')
-    A, names = regulator.A, tuple(outputs)
-    return _find_noise(lambda noise: combine(regulator, lqe(A, C, noise, Rv, outputs=names)),
+    return _find_noise(lambda noise: combine(regulator, lqe(regulator.A, C, noise, Rv)),
                        np.asarray(Qw, dtype=float), regulator.B, share)
 
 
@@ -144,9 +141,8 @@ def recover_sampled_loop(A: Array, B: Array, K: Array, C: Array, Qw: Array, Rv: 
 
     :param A, B, K: (n, n), (n, m) and (m, n), the plant in continuous time, and the gain of the
         regulator.
-    :param C, Qw, Rv, period: (q, n), (n, n), (q, q), and float, outputs, noise and sampling period
-        [s], as for `sampled_lqe`.
-    :param share, outputs: as for `recover_loop_transfer`.
+    :param C, Qw, Rv, period, outputs: as for `sampled_lqe`.
+    :param share: as for `recover_loop_transfer`.
     :return: of the loop in filter form.
     :raises StatementError, RefusedDesignError: as `sampled_lqe` for the given noise;
         StatementError also if K has a wrong size or does not stabilise the sampled plant.
@@ -154,7 +150,7 @@ def recover_sampled_loop(A: Array, B: Array, K: Array, C: Array, Qw: Array, Rv: 
     check_period(period)
     K = check_matrix('K', K, (B.shape[1], len(A)))
     Ad, Bd = discretize_plant(A, B, period)
-    if compute_spectral_radius(Ad - Bd @ K) >= 1.0:
+    if np.abs(np.linalg.eigvals(Ad - Bd @ K)).max() >= 1.0:
         raise StatementError(f'K does not stabilise the plant that is sampled every {period:g} s; '
                              'wanted the gain of the regulator in use')
     names = tuple(outputs)
@@ -166,14 +162,11 @@ def recover_sampled_loop(A: Array, B: Array, K: Array, C: Array, Qw: Array, Rv: 
 
 def _close_filter_form(A: Array, B: Array, K: Array, estimator: KalmanDesign) -> OutputFeedback:
     """Return the margins of u_k = -K xe_k for a sampled plant."""
-    n = len(A)
     seen = estimator.M @ estimator.C
-    kept = np.eye(n) - seen
-    # The state is (x, estimate before the measurement), see `combine`.
-    loop = np.block([[A, np.zeros((n, n))], [(A - B @ K) @ seen, (A - B @ K) @ kept]])
-    figures = compute_margins(loop, np.concatenate([B, np.zeros_like(B)]),
-                              np.concatenate([K @ seen, K @ kept], axis=1), estimator.period)
-    return OutputFeedback(K, estimator, figures, compute_margins(A, B, K, estimator.period))
+    kept = np.eye(len(A)) - seen
+    # The state is (x, estimate before the measurement).
+    return _close(A, B, K, estimator, [(A - B @ K) @ seen, (A - B @ K) @ kept],
+                  [K @ seen, K @ kept])
 
 
 def _find_noise(close: Callable[[Array], OutputFeedback], Qw: Array, B: Array, share: float

@@ -180,8 +180,7 @@ def dlqr(A: ArrayLike, B: ArrayLike, Qx: ArrayLike, Qu: ArrayLike, *,
     """
     A, B, Qx, Qu, cross = checks.check_matrices(A, B, Qx, Qu, cross)
     _check_stability(stability)
-    if not (math.isfinite(period) and period > 0.0):
-        raise StatementError(f'period = {period:g}: wanted a positive number of seconds')
+    check_period(period)
     growth = math.exp(min(stability * period, 200.0))
     L, Ac, Qc, sees_all = checks.remove_cross_term(A, B, Qx, Qu, cross)
     Ac = growth * Ac
@@ -218,6 +217,12 @@ def dlqr(A: ArrayLike, B: ArrayLike, Qx: ArrayLike, Qu: ArrayLike, *,
     return LqrDesign(A=A, B=B, Qx=Qx, Qu=Qu, cross=cross, stability=stability, K=K, P=P, E=E,
                      residual=solution.residual, error=solution.error, robustness=robust,
                      period=period)
+
+
+def check_period(period: float) -> None:
+    """Raise StatementError if a sampling period [s] is not positive and finite."""
+    if not (math.isfinite(period) and period > 0.0):
+        raise StatementError(f'period = {period:g}: wanted a positive number of seconds')
 
 
 def _check_stability(stability: float) -> None:

@@ -8,9 +8,8 @@ import math
 from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
-from obc_ros.core.estimation.delayed_filter import DelayedFilter, spread_deviations
+from obc_ros.core.estimation.delayed_filter import DelayedFilter, ENOUGH, spread_deviations
 from obc_ros.core.estimation.filter import Belief, KalmanFilter
-from obc_ros.core.estimation.rival import ENOUGH
 from obc_ros.core.systems.registry import get_system
 from obc_ros.core.text.errors import StatementError
 import pytest
