@@ -9,8 +9,7 @@ from importlib import import_module
 from typing import Any
 
 import numpy as np
-from obc_ros.api.figures.path import draw_path
-from obc_ros.api.figures.search import draw_search
+from obc_ros.api.figures.path import draw_path, draw_search
 from obc_ros.api.interpolation import interpolate
 from obc_ros.api.json_values import convert_to_json
 from obc_ros.api.search_tree import SearchTree
@@ -172,14 +171,14 @@ class Answer:
         except (TypeError, ValueError):
             raise ObcError(f'at: wanted a time or a list of times, found {describe_type(t)}'
                            ) from None
-        found = interpolate(problem, self.solution, times.ravel())
+        x, u, lam = interpolate(problem, self.solution, times.ravel())
 
         def select(names: tuple[str, ...], values: Array) -> dict[str, Any]:
             return {name: values[:, k].reshape(times.shape)[()] for k, name in enumerate(names)
                     if values.size or not times.size}
 
-        return PathPoint(times[()], select(self.states, found.x), select(self.inputs, found.u),
-                         select(self.states, found.lam))
+        return PathPoint(times[()], select(self.states, x), select(self.inputs, u),
+                         select(self.states, lam))
 
     def to_dataframe(self) -> Any:
         """

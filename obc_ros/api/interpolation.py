@@ -8,7 +8,7 @@ solution returns (`ocp/certificate/replay.py`). Where the costates then miss the
 because their equation is unstable in this direction, they are integrated from there.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import casadi as ca
 import numpy as np
@@ -24,39 +24,15 @@ _MISSED = 1e-6    # relative to the largest costate: a sample that costates miss
 _AT_ONCE = 4096   # times, so that the memory of an integration stays below some 100 MB
 
 
-@dataclass(frozen=True, eq=False)
-class PathValues:
-    """Values at some times: `t` (M,), `x` (M, n), `u` (M, m), `lam` (M, n) or (M, 0)."""
-
-    t: Array
-    x: Array
-    u: Array
-    lam: Array
-
-
-def interpolate(problem: Problem, solution: Solution, times: Array) -> PathValues:
+def interpolate(problem: Problem, solution: Solution, times: Array
+                ) -> tuple[Array, Array, Array]:
     """
-    Return states, inputs and costates of a solution at given times.
+    Return states (M, n), inputs (M, m) and costates of a solution at times (M,) of its path [s].
 
-    Parameters
-    ----------
-    problem : Problem
-        The problem that was solved.
-    solution : Solution
-        With a path.
-    times : ndarray, shape (M,)
-        Within the times of the path [s]. At a jump the value after it is returned.
+    At a sample these are its values, at a jump those after it. Between samples, they are those of
+    the integration from the sample before.
 
-    Returns
-    -------
-    PathValues
-        At a sample its values. Between samples, those of the integration from the sample before.
-
-    Raises
-    ------
-    ObcError
-        If a time is outside of the path or not a number.
-
+    :raises ObcError: if a time is outside of the path or not a number.
     """
     if problem.phases is not None:
         raise ObcError('at: a problem with phases has values at the samples `t` only')
@@ -76,7 +52,7 @@ def interpolate(problem: Problem, solution: Solution, times: Array) -> PathValue
         if integrator is not None:
             x[part], u[part], lam[part] = _integrate(
                 integrator, problem, solution, times[part], k[part])
-    return PathValues(times, x[:, :n], u, lam[:, :0 if without else n])
+    return x[:, :n], u, lam[:, :0 if without else n]
 
 
 def _integrate(integrator: ReplayIntegrator, problem: Problem, solution: Solution, times: Array,
@@ -95,41 +71,23 @@ def _integrate(integrator: ReplayIntegrator, problem: Problem, solution: Solutio
     # As in the certificate, costates pass through their samples.
     lam = lam - part * missed
     if bad.size:
-        rest = rest.some(bad)
-        rest = Intervals(**{**vars(rest), 'x': x[bad]})
-        lam[bad] = _from_the_end(integrator, rest, solution.lam[k[bad] + 1], run)
+        rest = Intervals(**{**vars(rest.some(bad)), 'x': x[bad]})
+        _, defect = integrator.there_and_back(
+            integrator.replay(rest, *run), rest, solution.lam[k[bad] + 1], *run, back=True)
+        lam[bad] = rest.lam - defect   # at the starts of the intervals
     return x, u, lam
-
-
-def _from_the_end(integrator: ReplayIntegrator, rest: Intervals, lam_end: Array,
-                  run: tuple[Array, Array, float]) -> Array:
-    """Return the costates at the start of intervals, integrated from those at the ends."""
-    course = integrator.replay(rest, *run)
-    _, defect = integrator.there_and_back(course, rest, lam_end, *run, back=True)
-    return np.asarray(rest.lam - defect)
 
 
 def restore_added_costates(problem: Problem, solution: Solution) -> Solution:
     """
-    Return a solution with all states and costates of the problem.
+    Return a solution with all states and costates of the problem, and H of all states.
 
     The costates of additional states, the time and constants, follow from the others: nothing
     depends on them, so that dlam/dt = -dH/dx is a quadrature, and at T they are
     dV/dx + nu' dpsi/dx.
 
-    Parameters
-    ----------
-    problem : Problem
-        The problem.
-    solution : Solution
-        With the states of the statement, and costates; nu is found by least squares if it is
-        missing.
-
-    Returns
-    -------
-    Solution
-        With H of all states.
-
+    :param solution: with the states of the statement, and costates; nu is found by least squares
+        if it is missing.
     """
     n, found = problem.stated, restore_added_states(problem, solution)
     if not problem.added or solution.x.shape[1] == problem.n:
@@ -161,4 +119,3 @@ def _split(whole: Intervals, part: Array) -> tuple[Intervals, Intervals]:
                          **{f'{name}b': value for name, value in middle.items()}})
     return ahead, Intervals(**{**vars(whole), 'h': (1 - part[:, 0]) * h,
                                **{f'{name}a': value for name, value in middle.items()}})
-

@@ -8,20 +8,7 @@ from typing import Any
 
 
 def convert_to_json(value: Any) -> Any:
-    """
-    Return a value with None in place of all numbers that are not finite, for JSON.
-
-    Parameters
-    ----------
-    value : mapping, sequence, str, bool, number or None
-        Sequences are lists and tuples.
-
-    Returns
-    -------
-    dict, list, str, bool, number or None
-        Nested in the same way; tuples become lists.
-
-    """
+    """Return a value with None in place of numbers that are not finite, and lists for tuples."""
     if isinstance(value, Mapping):
         return {key: convert_to_json(each) for key, each in value.items()}
     if isinstance(value, (list, tuple)):

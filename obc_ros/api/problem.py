@@ -163,18 +163,9 @@ def require_problem(problem: object, keys: Mapping[str, Any]) -> Problem:
     """
     Return the problem that a function was called with.
 
-    Parameters
-    ----------
-    problem : Problem, mapping or None
-        The problem or its statement.
-    keys : mapping
-        Keys of a statement; changes of the problem, or all of it.
-
-    Raises
-    ------
-    StatementError
-        If it is something else, or the statement is invalid.
-
+    :param problem: a Problem, its statement, or None.
+    :param keys: changes of the statement, or all of it.
+    :raises StatementError: if it is something else, or the statement is invalid.
     """
     if isinstance(problem, Problem) and not keys:
         return problem
@@ -182,20 +173,7 @@ def require_problem(problem: object, keys: Mapping[str, Any]) -> Problem:
 
 
 def combine_statement(problem: object, keys: Mapping[str, Any]) -> dict[str, Any]:
-    """
-    Return the statement that a function was called with, unchecked.
-
-    Parameters
-    ----------
-    problem, keys
-        As those of `require_problem`.
-
-    Raises
-    ------
-    StatementError
-        If the problem is neither a Problem nor a mapping nor None.
-
-    """
+    """Return the statement that a function was called with, unchecked; see `require_problem`."""
     if problem is None:
         return dict(keys)
     if isinstance(problem, Problem):
@@ -210,20 +188,9 @@ def choose_entry(entries: list[tuple[str, FileEntry]], where: str, name: str | N
     """
     Return the entry of a file with a name, or its only one.
 
-    Parameters
-    ----------
-    entries : list of (str, dict or StatementError)
-        As `read_entries` returns them.
-    where : str
-        The file, for errors.
-    name : str, optional
-        Its name; None: the only entry.
-
-    Raises
-    ------
-    StatementError
-        If there is no such entry, or more than one.
-
+    :param entries: as `read_entries` returns them.
+    :param where: the file, for errors.
+    :raises StatementError: if there is no such entry, or more than one.
     """
     found = []
     for _, entry in entries:
@@ -242,15 +209,7 @@ def choose_entry(entries: list[tuple[str, FileEntry]], where: str, name: str | N
 
 
 def convert_numbers(value: Any) -> Any:
-    """
-    Return a statement with lists and numbers of Python in place of those of NumPy.
-
-    Parameters
-    ----------
-    value : object
-        Of mappings, lists, tuples, arrays and others; those are returned as they are.
-
-    """
+    """Return a statement with lists and numbers of Python in place of those of NumPy."""
     if isinstance(value, Mapping):
         return {key: convert_numbers(each) for key, each in value.items()}
     if isinstance(value, (list, tuple)):

@@ -29,18 +29,9 @@ class SearchTree(tuple[Attempt, ...]):
 
     def format(self, width: int | None = None) -> str:
         """
-        Return a table whose first column is a tree.
+        Return a table whose first column is a tree, without control characters in its lines.
 
-        Parameters
-        ----------
-        width : int, optional
-            Longest line; the rest is cut off.
-
-        Returns
-        -------
-        str
-            Without control characters in its lines.
-
+        :param width: longest line; the rest is cut off.
         """
         if not self:
             return 'nothing: the request was answered without a search'

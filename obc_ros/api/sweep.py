@@ -80,19 +80,11 @@ class SweepSettings:
     """
     How the points of a sweep are solved.
 
-    Attributes
-    ----------
-    seed : int
-        Of the random numbers, at least 0.
-    chunk : int
-        Largest number of points that are solved one after the other.
-    time_limit : float
-        Of each point [s].
-    method : str
-        One of `method_names.NAMES`; empty: that of the problem.
-    options : tuple of str
-        Numbers that steer the search, as ``multistart.most=20``.
-
+    :ivar seed: of the random numbers, at least 0.
+    :ivar chunk: largest number of points that are solved one after the other.
+    :ivar time_limit: of each point [s].
+    :ivar method: one of `method_names.NAMES`; empty: that of the problem.
+    :ivar options: numbers that steer the search, as ``multistart.most=20``.
     """
 
     seed: int = 0
@@ -121,20 +113,8 @@ class SweepQuestion:
     """
     A problem, the points at which it is to be solved, and how.
 
-    Attributes
-    ----------
-    numbers : ProblemNumbers or RegulatorNumbers
-    axes : tuple of SweepAxis
-    draws : tuple of RandomNumber
-    count : int
-        Number of samples.
-    settings : SweepSettings
-
-    Raises
-    ------
-    StatementError
-        If a key is unknown, or the points or the settings are invalid.
-
+    :ivar count: number of samples.
+    :raises StatementError: if a key is unknown, or the points or the settings are invalid.
     """
 
     numbers: ProblemNumbers | RegulatorNumbers
@@ -213,17 +193,8 @@ class Sweep:
     """
     The points of a question, solved or not.
 
-    Parameters
-    ----------
-    question : SweepQuestion
-    folder : Path, optional
-        Of journal and dataset. Without one, nothing is kept on the disk.
-
-    Raises
-    ------
-    ObcError
-        If xarray is not installed.
-
+    :param folder: of journal and dataset. Without one, nothing is kept on the disk.
+    :raises ObcError: if xarray is not installed.
     """
 
     def __init__(self, question: SweepQuestion, folder: Path | None = None) -> None:
@@ -252,15 +223,7 @@ class Sweep:
                 for index, row in rows[:most]]
 
     def check(self, resume: bool) -> None:
-        """
-        Check whether the folder can take the sweep; nothing is changed.
-
-        Raises
-        ------
-        StatementError
-            See `journal.check_folder`.
-
-        """
+        """Check whether the folder can take the sweep, as `check_folder`; nothing is changed."""
         if self.folder is None:
             if resume:
                 raise StatementError('resume: wanted the folder of the sweep')
@@ -272,20 +235,11 @@ class Sweep:
         """
         Solve all points that are not solved yet.
 
-        Parameters
-        ----------
-        workers : callable
-            Solves chunks, and yields their numbers and answers as they are finished.
-        resume : bool
-            Whether to go on with the sweep in the folder.
-        report : callable
-            Called after each chunk.
-
-        Raises
-        ------
-        ObcError, OSError
-            If the folder cannot be used, or the workers are lost. What is done is kept.
-
+        :param workers: solves chunks, and yields their numbers and answers as they are finished.
+        :param resume: whether to go on with the sweep in the folder.
+        :param report: called after each chunk.
+        :raises ObcError, OSError: if the folder cannot be used, or the workers are lost. What is
+            done is kept.
         """
         self.check(resume)
         if self.folder is None:
@@ -410,18 +364,10 @@ def sweep(problem: Problem | Mapping[str, Any] | str | Path,
 def load_numbers(problem: Problem | Mapping[str, Any] | str | Path
                  ) -> ProblemNumbers | RegulatorNumbers:
     """
-    Return the numbers of a problem, or of a regulator, that can be varied.
+    Return the numbers of a problem, or of a case of `obc lqr`, that can be varied.
 
-    Parameters
-    ----------
-    problem : Problem, mapping, str or Path
-        A problem, a statement, or a case of `obc lqr`, or a YAML file with one.
-
-    Raises
-    ------
-    ObcError
-        If it is malformed, or if the file cannot be read or has several entries.
-
+    :param problem: the problem, its statement, or a YAML file with one.
+    :raises ObcError: if it is malformed, or if the file cannot be read or has several entries.
     """
     if isinstance(problem, Problem | Mapping):
         statement = dict(problem.statement if isinstance(problem, Problem) else problem)
@@ -439,18 +385,9 @@ def load_numbers(problem: Problem | Mapping[str, Any] | str | Path
 
 def choose_workers(scheduler: str, workers: int) -> Workers:
     """
-    Return what solves chunks.
+    Return what solves chunks; for the arguments see `sweep`.
 
-    Parameters
-    ----------
-    scheduler, workers
-        As for `sweep`.
-
-    Raises
-    ------
-    StatementError
-        If the address is malformed, or the number is negative or too large.
-
+    :raises StatementError: if the address is malformed, or the number is negative or too large.
     """
     if scheduler not in ('', WITHOUT_DASK):
         check_address(scheduler)

@@ -4,7 +4,7 @@
 
 import math
 
-from obc_ros.api.figures.search import draw_search
+from obc_ros.api.figures.path import draw_search
 from obc_ros.api.search_tree import SearchTree, TREE_HEADER
 from obc_ros.core.ocp.solution import Attempt, Optimality, Solution, Status, Verdict
 import pytest

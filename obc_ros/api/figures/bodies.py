@@ -27,146 +27,72 @@ _FIN = np.array([(-0.012, 0.165), (-0.006, 0.36), (0.006, 0.36), (0.012, 0.165)]
 
 
 def draw_aircraft(axes: Axes, x: float, y: float, theta: float,
-                  forces: Sequence[float] | None = None, *, arm: float = ARM,
-                  plume: float = PLUME, alpha: float = 1.0, zorder: float = 3.0) -> list[Any]:
+                  forces: Sequence[float] | None = None, *, arm: float = ARM, plume: float = PLUME
+                  ) -> list[Any]:
     """
     Draw the aircraft of Figure 2.3 from the front, with the exhaust of its thrust.
 
-    Parameters
-    ----------
-    axes : Axes
-        With equal scales.
-    x, y, theta : float
-        Centre of mass [m] and attitude [rad], counter-clockwise.
-    forces : sequence of float, optional
-        (f1, f2) [N] on the aircraft, along its x and its y axis. The exhaust is opposite to them.
-    arm : float
-        Distance of the thrust from the centre of mass [m].
-    plume : float
-        Length of the exhaust [m/N].
-    alpha : float
-        Opacity.
-    zorder : float
-        Of the drawing among other artists.
-
-    Returns
-    -------
-    list of Artist
-        All that was drawn.
-
+    :param x, y, theta: centre of mass [m] and attitude [rad], counter-clockwise.
+    :param forces: f1 and f2 [N], along its x and its y axis. The exhaust is opposite to them.
+    :param arm: distance of the thrust from the centre of mass [m].
+    :param plume: length of the exhaust [m/N].
     """
     scale = arm / ARM
     nozzle = np.array([(0.055, -0.16), (0.035, -ARM), (-0.035, -ARM), (-0.055, -0.16)])
     hull = np.vstack([_HALF, _HALF[::-1] * [-1, 1]])
     parts = [(_FIN, SKIN), (nozzle, '#7a828c'), (hull, SKIN), (_CANOPY, GLASS)]
-    drawn = [_fill(axes, place_points(scale * shape, x, y, theta), colour, alpha, zorder)
+    drawn = [_fill(axes, place_points(scale * shape, x, y, theta), colour)
              for shape, colour in parts]
     if forces is not None:
         thrust = -plume * np.asarray(forces, dtype=float)
         side = 0.035 * scale * np.array([-thrust[1], thrust[0]]) / max(np.hypot(*thrust), 1e-12)
         flame = np.array([0.0, -arm]) + np.array([side, thrust, -side])
         drawn.insert(0, axes.add_patch(Polygon(
-            place_points(flame, x, y, theta), facecolor=FIRE, edgecolor='none', alpha=0.85 * alpha,
-            zorder=zorder - 0.1)))
+            place_points(flame, x, y, theta), facecolor=FIRE, edgecolor='none', alpha=0.85,
+            zorder=2.9)))
     return drawn
 
 
-def draw_vehicle(axes: Axes, x: float, y: float, theta: float, phi: float = 0.0, *,
-                 length: float = WHEELBASE, alpha: float = 1.0, zorder: float = 3.0
-                 ) -> list[Any]:
+def draw_vehicle(axes: Axes, x: float, y: float, theta: float, phi: float = 0.0) -> list[Any]:
     """
     Draw the vehicle of Example 1.1 from above.
 
-    Parameters
-    ----------
-    axes : Axes
-        With equal scales.
-    x, y, theta : float
-        Middle of the rear axle [m] and heading [rad].
-    phi : float
-        Angle of the front wheels [rad], positive to the left.
-    length : float
-        Wheelbase [m].
-    alpha : float
-        Opacity.
-    zorder : float
-        Of the drawing among other artists.
-
-    Returns
-    -------
-    list of Artist
-        All that was drawn.
-
+    :param x, y, theta: middle of the rear axle [m] and heading [rad].
+    :param phi: angle of the front wheels [rad], positive to the left.
     """
-    body = length * np.array([(-0.22, -0.2), (1.1, -0.2), (1.22, -0.1), (1.22, 0.1), (1.1, 0.2),
-                              (-0.22, 0.2)])
-    window = length * np.array([(0.62, -0.15), (0.8, -0.17), (0.8, 0.17), (0.62, 0.15)])
-    wheel = length * np.array([(-0.14, -0.04), (0.14, -0.04), (0.14, 0.04), (-0.14, 0.04)])
-    drawn = []
-    for px, py, angle in ((0, -0.24, 0), (0, 0.24, 0), (1, -0.24, phi), (1, 0.24, phi)):
-        turned = place_points(wheel, length * px, length * py, angle)
-        drawn.append(_fill(axes, place_points(turned, x, y, theta), INK, alpha, zorder))
-    return drawn + [_fill(axes, place_points(shape, x, y, theta), colour, alpha, zorder)
-                    for shape, colour in ((body, SKIN), (window, GLASS))]
+    body = WHEELBASE * np.array([(-0.22, -0.2), (1.1, -0.2), (1.22, -0.1), (1.22, 0.1),
+                                 (1.1, 0.2), (-0.22, 0.2)])
+    window = WHEELBASE * np.array([(0.62, -0.15), (0.8, -0.17), (0.8, 0.17), (0.62, 0.15)])
+    wheel = WHEELBASE * np.array([(-0.14, -0.04), (0.14, -0.04), (0.14, 0.04), (-0.14, 0.04)])
+    wheels = [place_points(wheel, WHEELBASE * px, WHEELBASE * py, angle) for px, py, angle in (
+        (0, -0.24, 0), (0, 0.24, 0), (1, -0.24, phi), (1, 0.24, phi))]
+    return [_fill(axes, place_points(shape, x, y, theta), colour) for shape, colour in (
+        *((each, INK) for each in wheels), (body, SKIN), (window, GLASS))]
 
 
 def draw_two_wheeled(axes: Axes, x: float, y: float, theta: float, *, width: float = 0.5,
-                     colour: str = LINE_COLOURS[5], alpha: float = 1.0, zorder: float = 3.0
-                     ) -> list[Any]:
+                     colour: str = LINE_COLOURS[5]) -> list[Any]:
     """
     Draw the two-wheeled robot of Exercise 2.6 from above; its platform points forward.
 
-    Parameters
-    ----------
-    axes : Axes
-        With equal scales.
-    x, y, theta : float
-        Middle of the axle [m] and heading [rad].
-    width : float
-        Distance of the wheels [m].
-    colour : str
-        Of the platform.
-    alpha : float
-        Opacity.
-    zorder : float
-        Of the drawing among other artists.
-
-    Returns
-    -------
-    list of Artist
-        All that was drawn.
-
+    :param x, y, theta: middle of the axle [m] and heading [rad].
+    :param width: distance of the wheels [m].
+    :param colour: of the platform.
     """
     wheel = width * np.array([(-0.3, -0.08), (0.3, -0.08), (0.3, 0.08), (-0.3, 0.08)])
     platform = width * np.array([(-0.25, -0.36), (0.15, -0.36), (0.5, 0.0), (0.15, 0.36),
                                  (-0.25, 0.36)])
     shapes = [(wheel + [0, side * width / 2], INK) for side in (-1, 1)] + [(platform, colour)]
-    return [_fill(axes, place_points(shape, x, y, theta), colour, alpha, zorder)
-            for shape, colour in shapes]
+    return [_fill(axes, place_points(shape, x, y, theta), colour) for shape, colour in shapes]
 
 
 def place_points(points: Array, x: float, y: float, theta: float) -> Array:
-    """
-    Return points of a body in the coordinates of the plane.
-
-    Parameters
-    ----------
-    points : ndarray, shape (N, 2)
-        In the frame of the body [m].
-    x, y, theta : float
-        Origin [m] and angle [rad] of that frame.
-
-    Returns
-    -------
-    ndarray, shape (N, 2)
-        The points, turned by theta and moved to (x, y).
-
-    """
+    """Return points (N, 2) of a body, turned by theta and moved to (x, y)."""
     c, s = np.cos(theta), np.sin(theta)
     placed: Array = points @ np.array([[c, s], [-s, c]]) + np.array([x, y])
     return placed
 
 
-def _fill(axes: Axes, corners: Array, colour: str, alpha: float, zorder: float) -> Any:
+def _fill(axes: Axes, corners: Array, colour: str) -> Any:
     return axes.add_patch(Polygon(corners, facecolor=colour, edgecolor=INK, linewidth=0.8,
-                                  joinstyle='round', alpha=alpha, zorder=zorder))
+                                  joinstyle='round', zorder=3.0))

@@ -23,23 +23,9 @@ _IN_FILES = {'pdf.fonttype': 42, 'svg.fonttype': 'path', 'svg.hashsalt': 'obc_ro
 
 def parse_formats(text: str) -> tuple[str, ...]:
     """
-    Return the formats of files that a text names.
+    Return the formats that a text names with commas between them, as ``pdf,svg``, each once.
 
-    Parameters
-    ----------
-    text : str
-        Names with commas between them: ``pdf,svg``. Capitals and spaces do not matter.
-
-    Returns
-    -------
-    tuple of str
-        Each format once, in the order of the text.
-
-    Raises
-    ------
-    ObcError
-        If a name is no format.
-
+    :raises ObcError: if a name is no format. Capitals and spaces do not matter.
     """
     names = [name.strip().lower().removeprefix('.') for name in text.split(',')]
     for name in names:
@@ -51,27 +37,10 @@ def parse_formats(text: str) -> tuple[str, ...]:
 
 def save_figure(figure: Any, path: Path, formats: Sequence[str] = ('png',)) -> list[Path]:
     """
-    Write a figure of matplotlib into a file of each format.
+    Write a figure of matplotlib into a file of each format, and return the files.
 
-    Parameters
-    ----------
-    figure : matplotlib.figure.Figure
-        The figure.
-    path : Path
-        Of the files, without the ending; the folder is created.
-    formats : sequence of str
-        Some of `FORMATS`.
-
-    Returns
-    -------
-    list of Path
-        The files.
-
-    Raises
-    ------
-    ObcError
-        If a file cannot be written.
-
+    :param path: of the files, without the ending; the folder is created.
+    :raises ObcError: if a file cannot be written.
     """
     import matplotlib
     paths = [path.with_name(f'{path.name}.{name}') for name in formats]

@@ -36,21 +36,7 @@ class PathMarks:
 
 
 def find_marks(problem: Problem, path: Solution) -> PathMarks:
-    """
-    Return the marks of a path.
-
-    Parameters
-    ----------
-    problem : Problem
-        Without phases, or no contacts are found.
-    path : Solution
-        With all states of the problem.
-
-    Returns
-    -------
-    PathMarks
-
-    """
+    """Return the marks of a path with all states of the problem; with phases, no contacts."""
     contacts = _find_contacts(problem, path) if problem.phases is None else []
     return PathMarks(tuple(contacts), tuple(_find_jumps(path, contacts)),
                      tuple(path.switching_times.tolist()))
@@ -58,19 +44,9 @@ def find_marks(problem: Problem, path: Solution) -> PathMarks:
 
 def find_state_rows(problem: Problem) -> dict[int, tuple[int, ...]]:
     """
-    Return the path constraints on states alone.
+    Return the states of the statement in each path constraint on states alone, by its number.
 
-    Parameters
-    ----------
-    problem : Problem
-        The problem.
-
-    Returns
-    -------
-    dict
-        States of the statement in each of these constraints, by its number. Constraints with an
-        input or with the time are not among them.
-
+    Constraints with an input or with the time are not among them.
     """
     columns: dict[int, set[int]] = {}
     sparsity = ca.jacobian(problem.path, ca.vertcat(problem.x, problem.u)).sparsity()
@@ -85,45 +61,14 @@ def find_state_rows(problem: Problem) -> dict[int, tuple[int, ...]]:
 
 
 def evaluate_rows(problem: Problem, rows: Sequence[int], x: Array) -> Array:
-    """
-    Return path constraints on states alone, at several states.
-
-    Parameters
-    ----------
-    problem : Problem
-        The problem.
-    rows : sequence of int
-        Numbers of the constraints.
-    x : ndarray, shape (N, n)
-        States.
-
-    Returns
-    -------
-    ndarray, shape (N, k)
-
-    """
+    """Return path constraints on states alone, (N, k), at states (N, n)."""
     c = ca.Function('c', [problem.x, problem.p], [ca.densify(problem.path[list(rows)])])
     found: Array = c.map(len(x))(x.T, ca.repmat(problem.p_value, 1, len(x))).full().T
     return found
 
 
 def draw_marks(axes: Sequence[Any], marks: PathMarks) -> list[Any]:
-    """
-    Draw marks into all panels over time.
-
-    Parameters
-    ----------
-    axes : sequence of Axes
-        The panels.
-    marks : PathMarks
-        The marks.
-
-    Returns
-    -------
-    list of Artist
-        One of each kind, with its label, for a legend.
-
-    """
+    """Draw marks into all panels over time; return one artist of each kind for a legend."""
     for panel in axes:
         for begin, end in marks.contacts:
             if begin < end:

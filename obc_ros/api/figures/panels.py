@@ -34,29 +34,14 @@ class Panel:
     """
     Columns of values that share a panel.
 
-    Attributes
-    ----------
-    label : str
-        Of the axis.
-    names : sequence of str
-        Of all columns.
-    values : ndarray, shape (N, k)
-        All columns.
-    group : sequence of int
-        The columns that are drawn.
-    units : mapping
-        Units by name.
-    template : str
-        Of a symbol in a legend.
-    lower, upper : ndarray, shape (k,), or None
-        Bounds of the columns; they are drawn where the values come near.
-    size : float
-        Variations far below this are rounding errors. 0: the axis fits the values.
-    zero : bool
-        Whether zero has a line.
-    drawstyle : str
-        Of the lines.
-
+    :ivar label: of the axis.
+    :ivar names, values: of all columns; (N, k).
+    :ivar group: the columns that are drawn.
+    :ivar units: by name.
+    :ivar template: of a symbol in a legend.
+    :ivar lower, upper: (k,), bounds of the columns; they are drawn where the values come near.
+    :ivar size: variations far below this are rounding errors. 0: the axis fits the values.
+    :ivar zero: whether zero has a line.
     """
 
     label: str
@@ -75,24 +60,10 @@ class Panel:
 def draw_columns(t: Array, groups: Mapping[str, tuple[Sequence[str], Array]], title: str,
                  units: Mapping[str, str]) -> Any:
     """
-    Draw columns of values over time.
+    Return a figure of columns of values over time.
 
-    Parameters
-    ----------
-    t : ndarray, shape (N,)
-        Times [s].
-    groups : mapping
-        Names and values (N, k) of the columns, by the label of their panels.
-    title : str
-        Above the figure.
-    units : mapping
-        Units by name.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        A notebook shows it; ``savefig`` writes it into a file.
-
+    :param groups: names and values (N, k) of the columns, by the label of their panels.
+    :param units: by name.
     """
     import matplotlib
     panels = [Panel(label, names, values, group, units) for label, (names, values) in
@@ -108,23 +79,9 @@ def draw_columns(t: Array, groups: Mapping[str, tuple[Sequence[str], Array]], ti
 def split_columns(names: Sequence[str], values: Array, units: Mapping[str, str]
                   ) -> list[list[int]]:
     """
-    Return the columns of each panel.
+    Return the columns of each panel: those of one unit and of similar magnitude, in their order.
 
-    Parameters
-    ----------
-    names : sequence of str
-        Of the columns.
-    values : ndarray, shape (N, k)
-        The columns.
-    units : mapping
-        Units by name.
-
-    Returns
-    -------
-    list of list of int
-        Columns of one unit and of similar magnitude, at most `MOST_LINES`, in their order. Above
-        `FEW` panels the lines are not counted.
-
+    A panel has at most `MOST_LINES`; above `FEW` panels the lines are not counted.
     """
     known = [units.get(name, '') for name in names]
     groups = [[columns[k] for k in group] for unit in dict.fromkeys(known)
@@ -149,20 +106,9 @@ def group_columns(values: Array) -> list[list[int]]:
 
 def place_panels(count: int, head: float = 0.0) -> tuple[Any, list[Any], Any]:
     """
-    Return a figure with panels over time, in one column or in two.
+    Return a figure, its panels over time column by column, and the panel above them or None.
 
-    Parameters
-    ----------
-    count : int
-        Number of panels.
-    head : float
-        Height of a panel above them, over the whole width [in]; 0 for none.
-
-    Returns
-    -------
-    Figure, list of Axes, Axes or None
-        The figure, its panels column by column, and the panel above them.
-
+    :param head: height of a panel above them, over the whole width [in]; 0 for none.
     """
     columns = 1 if TITLE + head + PANEL * count <= LONGEST else 2
     rows = -(-count // columns)
@@ -185,19 +131,7 @@ def place_panels(count: int, head: float = 0.0) -> tuple[Any, list[Any], Any]:
 
 
 def draw_panel(axes: Any, t: Array, panel: Panel) -> None:
-    """
-    Draw a panel. A name has the same colour and dashes in every panel.
-
-    Parameters
-    ----------
-    axes : Axes
-        Where to draw.
-    t : ndarray, shape (N,)
-        Times [s].
-    panel : Panel
-        What to draw.
-
-    """
+    """Draw a panel. A name has the same colour and dashes in every panel."""
     for index in panel.group:
         axes.plot(t, panel.values[:, index], drawstyle=panel.drawstyle, **get_line(index),
                   label=f'${panel.template.format(typeset_symbol(panel.names[index]))}$')
@@ -217,17 +151,7 @@ def draw_panel(axes: Any, t: Array, panel: Panel) -> None:
 
 
 def set_title(figure: Any, title: str) -> None:
-    """
-    Set the title of a figure; long lines of it are wrapped.
-
-    Parameters
-    ----------
-    figure : Figure
-        The figure.
-    title : str
-        One or several lines.
-
-    """
+    """Set the title of a figure; long lines of it are wrapped."""
     figure.suptitle('\n'.join(textwrap.fill(line, LINE) for line in title.split('\n')))
 
 

@@ -1,8 +1,8 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""The path of an answer: in the plane, and over time with its costates and conditions."""
+"""Figures of an answer: its path in the plane and over time, and the costs of its search."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import casadi as ca
@@ -16,37 +16,24 @@ from obc_ros.api.figures.panels import (
     split_columns,
 )
 from obc_ros.api.figures.plane import draw_plane, find_plane, PLANE_HEIGHT
-from obc_ros.api.figures.style import STYLE
+from obc_ros.api.figures.style import LINE_COLOURS, new_figure, STYLE, THIN
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.ocp.augmentation import hide_added_states, restore_added_states
 from obc_ros.core.ocp.problem import Problem
-from obc_ros.core.ocp.solution import Solution
+from obc_ros.core.ocp.solution import Attempt, Solution, Verdict
 
 NEGLIGIBLE = 1e-4   # of the magnitude of its terms: a quantity below it is drawn as 0
+_SEARCH_MARKS = (('initial guess, coarse mesh', 'o', LINE_COLOURS[0]),
+                 ('finer mesh', '.', LINE_COLOURS[1]), ('certified', 'D', LINE_COLOURS[2]))
 
 
 def draw_path(problem: Problem, solution: Solution, title: str) -> Any:
     """
-    Draw a solution: in the plane, and states, inputs, costates and conditions over time.
+    Return a figure of a solution: in the plane, and states, inputs, costates, H over time.
 
     The panel in the plane is drawn for problems with positions or with constraints on two states.
     The switching function and the Hamiltonian are left out, and the title says so, where they are
     0 throughout. Contacts of state constraints, jumps of costates and switching times are marked.
-
-    Parameters
-    ----------
-    problem : Problem
-        The problem, with its bounds and units.
-    solution : Solution
-        With a path; costates may be missing.
-    title : str
-        Above the figure.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        A notebook shows it; ``savefig`` writes it into a file.
-
     """
     import matplotlib
     shown, path = hide_added_states(problem, solution), restore_added_states(problem, solution)
@@ -61,7 +48,7 @@ def draw_path(problem: Problem, solution: Solution, title: str) -> Any:
     with matplotlib.rc_context(STYLE):
         figure, axes, above = place_panels(len(panels), PLANE_HEIGHT if plane else 0.0)
         if plane:
-            draw_plane(above, problem, plane, path, marks, problem.units)
+            draw_plane(above, problem, plane, path, marks)
         for place, panel in zip(axes, panels, strict=True):
             draw_panel(place, shown.t, panel)
         if handles := draw_marks(axes, marks):
@@ -111,13 +98,7 @@ def compute_slopes(problem: Problem, x: Array, u: Array, lam: Array) -> tuple[Ar
     dH/du vanishes strictly inside the bounds of an input. At the minimum of H it is positive only
     at the lower bound, and negative only at the upper bound.
 
-    Parameters
-    ----------
-    problem : Problem
-        The problem.
-    x, u, lam : ndarray, shape (N, n), (N, m), (N, n)
-        The path.
-
+    :param x, u, lam: (N, n), (N, m) and (N, n), the path.
     """
     costate = ca.SX.sym('lam', problem.n)
     L_u, f_u = ca.jacobian(problem.L, problem.u), ca.jacobian(problem.f, problem.u)
@@ -142,3 +123,42 @@ def _evaluate(problem: Problem, costate: ca.SX, path: tuple[Array, ...],
                            [ca.densify(each) for each in expressions])
     found = function.map(N).call([*(each.T for each in path), ca.repmat(problem.p_value, 1, N)])
     return tuple(each.full().T for each in found)
+
+
+def draw_search(solution: Solution, title: str) -> Any:
+    """Return a figure of the costs that a search has found against its work."""
+    import matplotlib
+    with matplotlib.rc_context(STYLE):
+        figure = new_figure(4.2)
+        _draw_costs(figure.subplots(), solution)
+        figure.suptitle(f'{title}\ncosts that the search has found')
+    return figure
+
+
+def _draw_costs(axes: Any, solution: Solution) -> None:
+    """Draw costs of initial guesses, meshes and certified solutions, and the local minima."""
+    minima = solution.optimality.minima if solution.optimality else ()
+    choices: tuple[Callable[[Attempt], bool], ...] = (
+        lambda each: each.method == 'initial guess' and each.verdict is Verdict.CONVERGED,
+        lambda each: each.method == 'mesh' and each.verdict is not Verdict.CERTIFIED,
+        lambda each: each.verdict is Verdict.CERTIFIED)
+    costs = []
+    for (label, marker, colour), chosen in zip(_SEARCH_MARKS, choices, strict=True):
+        points = np.array([(each.begun + each.work, each.cost) for each in solution.attempts
+                           if chosen(each) and np.isfinite(each.cost)]).reshape(-1, 2)
+        costs.append(points[:, 1])
+        if len(points):
+            axes.plot(*points.T, linestyle='none', marker=marker, markersize=6, color=colour,
+                      markerfacecolor='none' if marker == 'o' else colour, label=label)
+    for number, cost in enumerate(minima):
+        axes.axhline(cost, **THIN, label=None if number else 'local minima')
+    if np.isfinite(solution.objective):
+        axes.axhline(solution.objective, color=LINE_COLOURS[2], linewidth=0.8, zorder=1.4)
+    every = np.concatenate([*costs, minima])
+    if every.size:   # a poor guess must not flatten the rest
+        low, high = every.min(), np.quantile(every, 0.9)
+        room = 0.08 * max(high - low, 1e-6 * max(abs(low), 1e-12))
+        axes.set_ylim(low - room, high + room)
+    axes.set_xlabel('work [iterations x intervals]')
+    axes.set_ylabel('cost')
+    axes.figure.legend(loc='outside lower center', ncols=2)

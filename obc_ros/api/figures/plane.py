@@ -3,7 +3,6 @@
 """The path in the plane of two states, with the region that constraints forbid."""
 
 from collections import Counter
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -43,19 +42,10 @@ class Plane:
 
 def find_plane(problem: Problem) -> Plane | None:
     """
-    Return the plane in which a path is drawn.
+    Return the plane in which a path is drawn, if any.
 
-    Parameters
-    ----------
-    problem : Problem
-        The problem.
-
-    Returns
-    -------
-    Plane or None
-        Of the two states that most of the path constraints on exactly two states have; else of
-        two states that are named as positions; else none.
-
+    It is that of the two states that most of the path constraints on exactly two states have; else
+    of two states that are named as positions.
     """
     if problem.phases is not None:
         return None
@@ -74,27 +64,9 @@ def find_plane(problem: Problem) -> Plane | None:
                  len(units) == 1 and not rates)
 
 
-def draw_plane(axes: Any, problem: Problem, plane: Plane, path: Solution, marks: PathMarks,
-               units: Mapping[str, str]) -> None:
-    """
-    Draw a path in a plane, where it touches constraints, and the forbidden region.
-
-    Parameters
-    ----------
-    axes : Axes
-        Where to draw.
-    problem : Problem
-        The problem.
-    plane : Plane
-        The two states.
-    path : Solution
-        With all states of the problem.
-    marks : PathMarks
-        Of the path.
-    units : mapping
-        Units by name.
-
-    """
+def draw_plane(axes: Any, problem: Problem, plane: Plane, path: Solution, marks: PathMarks
+               ) -> None:
+    """Draw a path in a plane, where it touches constraints, and the forbidden region."""
     points = path.x[:, plane.states]
     low, high = points.min(axis=0), points.max(axis=0)
     scaled = plane.equal and max(high - low) <= FLATTEST * max(min(high - low), 1e-300) or (
@@ -113,7 +85,7 @@ def draw_plane(axes: Any, problem: Problem, plane: Plane, path: Solution, marks:
     axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
     for set_label, state in zip((axes.set_xlabel, axes.set_ylabel), plane.states, strict=True):
         name = problem.shown_states[state]
-        set_label(label_unit(f'${typeset_symbol(name)}$', units.get(name, '')))
+        set_label(label_unit(f'${typeset_symbol(name)}$', problem.units.get(name, '')))
     if scaled:
         axes.set_aspect('equal')
     axes.legend(loc='center left', bbox_to_anchor=(1.0, 0.5))

@@ -51,19 +51,10 @@ GREEK = ('alpha', 'beta', 'gamma', 'delta', 'epsilon', 'zeta', 'eta', 'theta', '
 
 def get_line(index: int) -> dict[str, Any]:
     """
-    Return colour and dashes of a line.
+    Return colour and dashes of a line, as options for `Axes.plot`.
 
-    Parameters
-    ----------
-    index : int
-        Number of the line in its panel, from 0. The first seven differ in colour and in dashes,
-        the first 49 in one of them.
-
-    Returns
-    -------
-    dict
-        Options for `Axes.plot`.
-
+    :param index: number of the line in its panel, from 0. The first seven differ in colour and in
+        dashes, the first 49 in one of them.
     """
     count = len(LINE_COLOURS)
     return {'color': LINE_COLOURS[index % count],
@@ -71,20 +62,7 @@ def get_line(index: int) -> dict[str, Any]:
 
 
 def typeset_symbol(name: str) -> str:
-    r"""
-    Return a name in the notation of mathtext: theta as the letter, x1 with an index.
-
-    Parameters
-    ----------
-    name : str
-        Of a state or an input.
-
-    Returns
-    -------
-    str
-        Without dollar signs: ``\theta``, ``x_{1}``, ``\mathrm{speed}``.
-
-    """
+    r"""Return a name in the notation of mathtext: ``\theta``, ``x_{1}``, ``\mathrm{speed}``."""
     word, index = re.findall(r'^(.*?)_?(\d*)\Z', name)[0]
     letter = (f'\\{word}' if word in GREEK else word if len(word) == 1 else
               rf'\mathrm{{{word}}}'.replace('_', r'\_'))
@@ -92,22 +70,7 @@ def typeset_symbol(name: str) -> str:
 
 
 def label_unit(text: str, unit: str) -> str:
-    """
-    Return a label with its unit in brackets.
-
-    Parameters
-    ----------
-    text : str
-        The label.
-    unit : str
-        Such as ``m/s^2``; empty if it is not known.
-
-    Returns
-    -------
-    str
-        ``speed [m/s$^{2}$]``, or the label alone.
-
-    """
+    """Return a label with its unit, if known, in brackets: ``speed [m/s$^{2}$]``."""
     if not unit:
         return text
     plain = unit.replace('\\', r'\\').replace('$', r'\$')
@@ -115,22 +78,9 @@ def label_unit(text: str, unit: str) -> str:
     return f'{text} [{typeset}]'
 
 
-def new_figure(height: float, width: float = WIDTH) -> Any:
-    """
-    Return an empty figure in this style.
-
-    Parameters
-    ----------
-    height, width : float
-        [in]
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        A notebook shows it without pyplot.
-
-    """
-    return _figure_class()(figsize=(width, height), layout='constrained')
+def new_figure(height: float) -> Any:
+    """Return an empty figure of `WIDTH` and a height [in]; a notebook shows it without pyplot."""
+    return _figure_class()(figsize=(WIDTH, height), layout='constrained')
 
 
 @cache
