@@ -13,12 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from obc_ros.api.answer import Answer
 from obc_ros.api.interpolation import restore_added_costates
-from obc_ros.api.problem import (
-    combine_statement,
-    convert_numbers,
-    Problem,
-    require_problem,
-)
+from obc_ros.api.problem import combine_statement, convert_numbers, Problem, require_problem
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.numerics.vectorized import VectorizedFunction
 from obc_ros.core.ocp import problem as ocp

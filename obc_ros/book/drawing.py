@@ -16,51 +16,25 @@ HEIGHT = 3.5  # [in] of one row
 
 def create_panels(rows: int, columns: int, height: float = HEIGHT, **options: Any
                   ) -> tuple[Figure, Any]:
-    """
-    Return a figure with panels.
-
-    :param rows, columns: numbers of panels.
-    :param height: of a row [in].
-    :param **options: for `Figure.subplots`.
-    :return: (rows, columns), the figure and its panels.
-    """
+    """Return a figure and its panels (rows, columns); the height is that of a row [in]."""
     figure = Figure(figsize=(WIDTH, height * rows), layout='constrained')
     return figure, figure.subplots(rows, columns, squeeze=False, **options)
 
 
 def label_axes(axes: Axes, title: str, x: str, y: str, *, legend: bool | str = False) -> None:
-    """
-    Set title, labels and legend of a panel.
-
-    :param axes: the panel.
-    :param title, x, y: title, and labels of both axes with their units.
-    :param legend: whether there is a legend, or its place.
-    """
+    """Set title, labels and legend of a panel; `legend` may be its place."""
     axes.set(title=title, xlabel=x, ylabel=y)
     if legend:
         axes.legend(loc=legend if isinstance(legend, str) else 'best')
 
 
 def place_legend_below(figure: Figure, axes: Axes, columns: int = 4) -> None:
-    """
-    Put the legend of a panel below the figure.
-
-    :param figure: with a constrained layout.
-    :param axes: whose labelled lines the legend has.
-    :param columns: of the legend.
-    """
+    """Put the legend of a panel below the figure, which has a constrained layout."""
     figure.legend(*axes.get_legend_handles_labels(), loc='outside lower center', ncols=columns)
 
 
 def draw_arrow(axes: Axes, start: Any, direction: Any, **style: Any) -> None:
-    """
-    Draw a vector.
-
-    :param axes: the panel.
-    :param start, direction: (2,), where the vector begins, and the vector, in the coordinates of
-        the data.
-    :param **style: for `arrowprops` of `Axes.annotate`.
-    """
+    """Draw a vector in the coordinates of the data; `style` is for `arrowprops` of `annotate`."""
     (x, y), (along, across) = np.asarray([start, direction], dtype=float)
     axes.annotate('', (x + along, y + across), (x, y), arrowprops={
         'arrowstyle': '-|>', 'linewidth': 1.8, 'shrinkA': 0, 'shrinkB': 0, **style})
@@ -71,10 +45,8 @@ def draw_pole_pairs(axes: Axes, pairs: Iterable[tuple[NDArray[np.complex128], st
     """
     Draw pairs of complex poles of the damping ratio 1/sqrt(2), and the rays on which they are.
 
-    :param axes: the panel.
     :param pairs: the poles (2,) [rad/s] of each pair, and the text beside the upper one; empty:
         none.
-    :param title: of the panel.
     """
     ray = np.array([-2.6, 0.0])
     for sign in (1, -1):

@@ -90,7 +90,6 @@ class GalleryEntry:
     :ivar name: as on the command line: '2.5', 'theorem-2.1', 'exercise-2.4', 'estimation-1'.
     :ivar source: place in the book, or a publication.
     :ivar statement: paragraphs, in the markup of `page`.
-    :ivar run: takes a `Desk` and returns the `EntryResult`.
     :ivar erratum: what the book prints and what is correct; empty if the book is correct.
     :ivar in_book: whether the entry is of chapter 2 of the book.
     """

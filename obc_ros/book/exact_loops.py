@@ -19,15 +19,9 @@ Law = Callable[[float, Array], Array]
 def run_sampled_loop(A: Array, B: Array, K: Array, x0: ArrayLike, step: float, count: int
                      ) -> tuple[Array, Array]:
     """
-    Return states and inputs of x' = A x + B u with u = -K x(t_k), held for a step.
+    Return states (N + 1, n) and inputs of x' = A x + B u with u = -K x(t_k), held for a step [s].
 
     The matrix exponential is exact up to rounding.
-
-    :param A, B, K: (n, n), (n, m) and (m, n), plant and gain.
-    :param x0: (n,), initial state.
-    :param step: time [s] between samples.
-    :param count: number of steps N.
-    :return: x, u: (N + 1, n) and (N + 1, m), at t_0 .. t_N.
     """
     n, m = np.shape(B)
     whole = expm(step * np.block([[A, B], [np.zeros((m, n + m))]]))
@@ -42,15 +36,10 @@ def run_sampled_loop(A: Array, B: Array, K: Array, x0: ArrayLike, step: float, c
 def simulate_loop(rate: RateFunction, law: Law, x0: ArrayLike, step: float, count: int
                   ) -> tuple[Array, Array]:
     """
-    Return states and inputs of x' = rate(x, u) with u = law(t_k, x(t_k)), held for a step.
+    Return states and inputs of x' = rate(x, u) with u = law(t_k, x(t_k)), held for a step [s].
 
-    :param rate: returns x' for x (n,) and u (m,).
-    :param law: returns u (m,) for a time [s] and x (n,).
-    :param x0: (n,), initial state.
-    :param step: time [s] between samples.
-    :param count: number of steps N.
-    :return: x, u: (N + 1, n) and (N + 1, m), at t_0 .. t_N; integrated by the method of Dormand
-        and Prince of order 8 at a relative tolerance of 1e-12.
+    They are at t_0 .. t_N, integrated by the method of Dormand and Prince of order 8 at a relative
+    tolerance of 1e-12.
     """
     solver = ode(lambda _, y, u: rate(y, u)).set_integrator('dop853', rtol=1e-12, atol=1e-14)
     solver.set_initial_value(np.asarray(x0, dtype=float))
@@ -62,26 +51,14 @@ def simulate_loop(rate: RateFunction, law: Law, x0: ArrayLike, step: float, coun
 
 
 def compute_free_motion(A: Array, x0: ArrayLike, t: Array) -> Array:
-    """
-    Return x(t) of x' = A x.
-
-    :param A: (n, n), with n independent eigenvectors.
-    :param x0: (n,), initial state.
-    :param t: (N,), times [s].
-    :return: (N, n), States.
-    """
+    """Return x(t) (N, n) of x' = A x, for A with n independent eigenvectors."""
     E, V = np.linalg.eig(A)
     modes = np.linalg.solve(V, np.asarray(x0, dtype=complex))
     return np.real((V * modes) @ np.exp(np.outer(E, t))).T
 
 
 def match_poles(poles: Complex, wanted: Complex) -> Complex:
-    """
-    Return poles in the order of the references that they are paired with.
-
-    :param poles, wanted: (n,), complex, poles and their references.
-    :return: (n,), complex, paired so that the sum of the distances is minimal.
-    """
+    """Return poles in the order of their references: the sum of the distances is minimal."""
     _, order = linear_sum_assignment(np.abs(np.subtract.outer(wanted, poles)))
     paired: Complex = poles[order]
     return paired

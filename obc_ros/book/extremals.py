@@ -42,10 +42,9 @@ SIGNS = (1, -1)
 
 def find_least_times(goals: ArrayLike) -> Array:
     """
-    Return the minimum times from (0, 0, 0) to goals with |v|, |omega| <= 1.
+    Return the minimum times (N,) [s] from (0, 0, 0) to goals with |v|, |omega| <= 1.
 
     :param goals: (N, 3), x, y [m] and theta [rad]; multiples of 2 pi do not count.
-    :return: (N,), times [s].
     """
     x, y, theta = np.asarray(goals, dtype=float).T
     goal = x + 1j * y

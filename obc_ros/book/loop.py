@@ -52,13 +52,7 @@ class Run:
 
 @dataclass(frozen=True, eq=False)
 class RecordedNodes:
-    """
-    Nodes as processes, and the client that records their topics.
-
-    :ivar children: the processes.
-    :ivar recorder: writes the topics.
-    :ivar pilot: the client.
-    """
+    """Nodes as processes, and the client that records their topics."""
 
     children: Children
     recorder: Recorder
@@ -159,12 +153,10 @@ class NodeLoop:
 def read_run(states: Samples, commands: Samples, end: int, begin: int = 0, answered: int = 0
              ) -> Run | None:
     """
-    Return the states of a run and the commands computed from them.
+    Return the states of a run and the commands computed from them; None if messages are missing.
 
-    :param states, commands: as recorded.
-    :param end: stamp of the last state [ns].
+    :param end: stamp of the last state [ns]; the first one is 0.
     :param begin, answered: numbers of states and commands of earlier runs.
-    :return: from the stamp 0 on; None if messages are missing.
     """
     begin += states.stamp[begin:].index(0)
     # A repeated state counts once; a command from before the reset may arrive late.

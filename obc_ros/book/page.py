@@ -102,12 +102,7 @@ def strip_markup(text: str) -> str:
 
 
 def format_scientific(text: str) -> str:
-    """
-    Return a number with its power of ten in the markup of this page.
-
-    :param text: the number as Python writes it, such as ``1.2e-05``.
-    :return: such as ``$1.2·10^{-5}$``.
-    """
+    """Return a number such as ``1.2e-05`` in the markup of this page: ``$1.2·10^{-5}$``."""
     digits, _, exponent = text.partition('e')
     return f'${digits}·10^{{{int(exponent)}}}$' if exponent else f'${digits}$'
 

@@ -186,13 +186,7 @@ def solve_request(statement: ReportedValues, method: str = '') -> Any:
 
 
 def minimize_request(question: ReportedValues) -> Any:
-    """
-    Return the request for a minimum.
-
-    :param question: fields of Minimize; `parameters` and `bounds` as mappings by name, `guess` as
-        numbers.
-    :return: the request.
-    """
+    """Return the request for a minimum: fields of Minimize, with mappings by name."""
     given = dict(question)
     return Minimize.Request(
         parameters=build_named_expressions(given.pop('parameters', {})),
@@ -218,7 +212,6 @@ def design_request(case: ReportedValues) -> Any:
 
     :param case: `A` (n, n) and `B` (n, m), or `system` with `parameters`, `setpoint` and
         `setpoint_input`; `sample_time` [s]; fields of LqrWeights, with capitals or without.
-    :return: the request.
     """
     given = dict(case)
     own = {key.lower(): flatten_doubles(np.asarray(given.pop(key), dtype=float).ravel())
@@ -257,11 +250,6 @@ def _trajectory(response: Any) -> Trajectory:
 
 
 def read_design(design: Any) -> AnsweredRegulator:
-    """
-    Return the matrices and poles of an LqrDesign message.
-
-    :param design: the message.
-    :return: with arrays A (n, n), B (n, m), K (m, n), P (n, n), E (n,).
-    """
+    """Return the matrices and poles of an LqrDesign message."""
     told = read_matrices(design)
     return AnsweredRegulator(told.A, told.B, told.K, told.P, told.poles, design)

@@ -51,11 +51,8 @@ go(now);
 
 def write_slides(folder: Path, names: Sequence[str]) -> Path:
     """
-    Write ``slides.html`` from the results of a gallery.
+    Write ``slides.html`` from the results of a gallery for some entries, or all; return the file.
 
-    :param folder: that `obc gallery` has written.
-    :param names: entries; empty: all.
-    :return: the file.
     :raises ObcError: if there are no results of these entries, or a file cannot be read or
         written.
     """

@@ -32,11 +32,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """
-    Run benchmarks; return 0 if all requirements hold, 1 if not, 2 for an unknown name.
-
-    :raises ObcError: if a benchmark needs ROS 2 and there is none.
-    """
+    """Run benchmarks; return 0 if all requirements hold, 1 if not, 2 for an unknown name."""
     try:
         scripts = find_benchmarks()
     except ObcError as error:
@@ -64,11 +60,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def find_benchmarks() -> dict[str, Path]:
-    """
-    Return the scripts of the benchmarks by name.
-
-    :raises ObcError: if none are installed.
-    """
+    """Return the scripts of the benchmarks by name; ObcError if none are installed."""
     folder = share_directory('obc_ros') / 'benchmarks'
     scripts = {path.stem: path for path in sorted(folder.glob('*.py'))
                if path.stem not in HELPERS and not path.stem.startswith('_')}

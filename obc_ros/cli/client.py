@@ -26,11 +26,7 @@ PARTICIPANTS = 32
 
 
 class Client(Graph):
-    """
-    Requests to one trajectory server.
-
-    `check` raises if the user or the system asks the command to end.
-    """
+    """Requests to one trajectory server."""
 
     def __init__(self, context: rclpy.Context, check: Callable[[], None]) -> None:
         super().__init__(context, check, 'obc')
@@ -94,10 +90,8 @@ def _report_servers(wanted: str, running: list[str]) -> str:
 @contextmanager
 def serve_client(children: Children, *parameters: str) -> Iterator[Client]:
     """
-    Start a server on the domain of this process, and yield a client of it.
+    Start a server with parameters ``name:=value`` on the domain of this process; yield a client.
 
-    :param children: among which the server is started.
-    :param *parameters: ``name:=value``.
     :raises ServerLostError: if the server does not appear, or disappears.
     """
     children.start('trajectory_server', *(

@@ -102,7 +102,6 @@ def build_parser(used: Collection[str], unlisted: Collection[str] = (), epilog: 
 
     :param used: the subcommands whose modules are imported: the others have no arguments.
     :param unlisted: the subcommands that the help leaves out; the epilog may list them.
-    :param epilog: the end of the help.
     """
     parser = Parser(
         prog='obc', description='Optimal control: LQR and certified trajectories.',

@@ -123,9 +123,8 @@ def _is_held(file: Path) -> bool:
 @contextmanager
 def lock_folder(folder: Path) -> Iterator[None]:
     """
-    Create a folder for results, and lock it against other commands.
+    Create a folder for results, and lock it against other commands until the context is left.
 
-    :param folder: locked until the context is left; not locked on a file system without locks.
     :raises ObcError: if another command has locked the folder.
     :raises OSError: if the folder cannot be created.
     """
@@ -145,11 +144,7 @@ def lock_folder(folder: Path) -> Iterator[None]:
 
 
 def isolate(domain: int) -> None:
-    """
-    Restrict this process and its children to one DDS domain and to this machine.
-
-    :param domain: value of ROS_DOMAIN_ID.
-    """
+    """Restrict this process and its children to one DDS domain and to this machine."""
     os.environ.update(ONE_THREAD)
     find_log_folder()
     os.environ['ROS_DOMAIN_ID'] = str(domain)
@@ -224,11 +219,7 @@ class Children:
         return self._log_dir / f'{node}.log'
 
     def check(self) -> None:
-        """
-        Raise if a child has ended or if this command was asked to end.
-
-        :raises ProcessDiedError, InterruptedByUserError:
-        """
+        """Raise ProcessDiedError if a child has ended, InterruptedByUserError after a signal."""
         self._signals.check()
         for node, child in self._children.items():
             code = child.poll()

@@ -75,11 +75,9 @@ Kind = TypeVar('Kind', bound=Asked)
 
 def read_questions(kind: type[Kind], files: Iterable[Path]) -> list[Kind]:
     """
-    Return the entries of all files, in order.
+    Return the entries of all files, of one entry or a list each, in order.
 
-    :param kind: class of the entries, a subclass of `Asked`.
-    :param files: YAML files of one entry or a list each.
-    :return: malformed entries, and files that cannot be read, have the status ``malformed``.
+    Malformed entries, and files that cannot be read, have the status ``malformed``.
     """
     asked: list[Kind] = []
     for file in files:
@@ -108,12 +106,7 @@ def read_questions(kind: type[Kind], files: Iterable[Path]) -> list[Kind]:
 
 
 def add_arguments(parser: argparse.ArgumentParser, what: str) -> None:
-    """
-    Declare the arguments for files and for the folders of the results.
-
-    :param parser: of the command.
-    :param what: what the files hold, in the plural: ``problems``.
-    """
+    """Declare the arguments for files of `what`, such as problems, and for folders of results."""
     parser.add_argument('files', nargs='+', metavar='FILE', type=Path,
                         help=f'YAML file with {what}: one, or a list')
     parser.add_argument('--json', metavar='DIR', type=Path,
@@ -127,11 +120,7 @@ def add_arguments(parser: argparse.ArgumentParser, what: str) -> None:
 
 
 def add_format(parser: argparse.ArgumentParser) -> None:
-    """
-    Declare the argument `--format` of figures.
-
-    :param parser: of the command.
-    """
+    """Declare the argument `--format` of figures."""
     parser.add_argument('--format', metavar='NAMES', type=_formats, default=FORMATS[:1],
                         help=f'of the figures: {",".join(FORMATS)} (default: {FORMATS[0]})')
 
@@ -152,12 +141,7 @@ def _server_name(text: str) -> str:
 
 
 def make_folders(args: argparse.Namespace) -> None:
-    """
-    Create the folders of the results, before the work begins.
-
-    :param args: with the folders `json` and `plot`, or None.
-    :raises OSError: if one cannot be created.
-    """
+    """Create the folders of the results, before the work begins."""
     for folder in filter(None, (args.json, args.plot)):
         folder.mkdir(parents=True, exist_ok=True)
 
@@ -168,8 +152,6 @@ def save_answers(asked: Sequence[Kind], args: argparse.Namespace,
     """
     Write the files of all results, and report those that were renamed.
 
-    :param asked: the entries with their results.
-    :param args: with the folders `json` and `plot`, or None, and the formats of figures, `format`.
     :param draw: draws a result, if it can be drawn, into files: the path without ending, the
         formats.
     :raises ObcError: if a file cannot be written.
@@ -195,11 +177,8 @@ def _entries(file: Path) -> list[tuple[str, FileEntry]]:
 
 def write(folder: Path, name: str, result: Mapping[str, Any]) -> None:
     """
-    Write ``NAME.json``.
+    Write ``NAME.json``, with `convert_to_json`; the folder is created if it is missing.
 
-    :param folder: created if it is missing.
-    :param name: of the file, without extension.
-    :param result: see `convert_to_json`.
     :raises ObcError: if the file cannot be written.
     """
     try:
@@ -222,11 +201,6 @@ def choose_file_name(name: str, taken: Iterable[str]) -> str:
 
 
 def get_exit_status(statuses: Iterable[str]) -> int:
-    """
-    Return the exit status of a command.
-
-    :param statuses: of all entries.
-    :return: 2 if an entry is malformed, 0 if all are solved, else 1.
-    """
+    """Return the exit status: 2 if an entry is malformed, 0 if all are solved, else 1."""
     found = set(statuses)
     return 2 if 'malformed' in found else int(found != {'solved'})

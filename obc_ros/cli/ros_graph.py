@@ -81,8 +81,7 @@ class Graph:
         """
         Spin until `ready`.
 
-        :param ready, available: return whether the wait is over, and whether the other side can be
-            reached.
+        :param available: returns whether the other side can be reached.
         :param whom: the other side, for the error; by default the server.
         :raises ServerLostError: if the other side has not been available for `SILENCE` seconds.
         """

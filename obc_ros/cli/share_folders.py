@@ -16,7 +16,6 @@ def share_directory(package: str) -> Path:
     For obc_ros itself this is the source tree if the modules are imported from there (an editable
     installation, links of a workspace): it has the same layout, and changes take effect at once.
 
-    :param package: name of the package.
     :raises ObcError: if the package is under no prefix of AMENT_PREFIX_PATH and not under the
         interpreter's.
     """

@@ -44,11 +44,7 @@ class EndSignals:
 
     @staticmethod
     def check() -> None:
-        """
-        Raise if this command was asked to end.
-
-        :raises InterruptedByUserError:
-        """
+        """Raise InterruptedByUserError if this command was asked to end."""
         if EndSignals._number:
             name = signal.Signals(EndSignals._number).name
             raise InterruptedByUserError(f'ended by {name}')

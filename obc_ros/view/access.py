@@ -35,7 +35,6 @@ class Gate:
     """
     Rejects requests from other sites and, with a token, those without it (ASGI middleware).
 
-    :param app: the application behind it.
     :param token: empty: none is asked for, and only names of this machine are served.
     """
 

@@ -8,13 +8,7 @@ from typing import Any
 
 from matplotlib.figure import Figure
 from nicegui.element import Element
-from obc_ros.api.figures.bodies import (
-    ARM,
-    draw_aircraft,
-    draw_two_wheeled,
-    draw_vehicle,
-    PLUME,
-)
+from obc_ros.api.figures.bodies import ARM, draw_aircraft, draw_two_wheeled, draw_vehicle, PLUME
 from obc_ros.api.figures.style import LINE_COLOURS
 from obc_ros.view.telemetry import FollowedPath, Frame, Named, Plant
 

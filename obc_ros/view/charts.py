@@ -90,14 +90,7 @@ def add_unit(name: str, *units: str) -> str:
 
 
 def draw_lines(title: str, t: Any, values: Any, names: Sequence[str]) -> ui.echart:
-    """
-    Draw signals over time in the present container.
-
-    :param title: of the chart.
-    :param t: (N,), times [s].
-    :param values: (N, k), the signals.
-    :param names: k names.
-    """
+    """Draw k signals (N, k) over times (N,) [s] in the present container."""
     return ui.echart({
         'title': {'text': title, 'left': 0, 'textStyle': {'fontSize': 13, 'color': GREY}},
         'animation': False,
@@ -171,10 +164,9 @@ def show_attempts(attempts: Sequence[Attempt]) -> None:
 
 def compute_steps(design: LqrDesign) -> list[tuple[str, list[list[float]]]]:
     """
-    Return the response of each position to a step of its set point.
+    Return the response of each position to a step of its set point, in the linear closed loop.
 
-    :param design: with the matrices of the linear closed loop.
-    :return: for the states whose `rise_time` is a number, two at most.
+    Of the states whose `rise_time` is a number, two at most.
     """
     n, m = len(design.state_names), len(design.input_names)
     a, b = np.reshape(design.a, (n, n)), np.reshape(design.b, (n, m))

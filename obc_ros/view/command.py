@@ -68,11 +68,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def check_port(host: str, port: int) -> None:
-    """
-    Raise if the page cannot be served at an address.
-
-    :raises ObcError: if the address is not one of this machine, or the port is in use.
-    """
+    """Raise ObcError if the address is not one of this machine, or the port is in use."""
     family = socket.AF_INET6 if ':' in host else socket.AF_INET
     with socket.socket(family) as probe:
         probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
@@ -127,7 +123,6 @@ def start_loop_nodes(scenario: str, priority: int) -> Iterator[None]:
     """
     Start the three nodes on a domain of their own, in real time; they end with the page.
 
-    :param scenario: file of config/.
     :param priority: of plant_simulator and lqr_node; 0: ordinary. trajectory_server is an ordinary
         process.
     """

@@ -22,14 +22,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from obc_ros.action import SolveOptimalControl
 from obc_ros.cli.recording import LATCHED
 from obc_ros.core.text.errors import ObcError
-from obc_ros.msg import (
-    Command,
-    Estimate,
-    LqrDesign,
-    OptimalControlProblem,
-    State,
-    Trajectory,
-)
+from obc_ros.msg import Command, Estimate, LqrDesign, OptimalControlProblem, State, Trajectory
 from obc_ros.ros.execution.executor import limit_leaving
 from obc_ros.ros.execution.subscription_thread import Apart
 from obc_ros.ros.service_qos import BURST
@@ -73,13 +66,7 @@ AGE = 0.2       # [s] that a state waits for its command in the measurement of t
 
 
 class Request:
-    """
-    A problem for trajectory_server.
-
-    :param problem: the statement.
-    :param time_limit: of the solution [s].
-    :ivar phase: what is tried now, in words.
-    """
+    """A problem for trajectory_server; `phase` is what is tried now, in words."""
 
     def __init__(self, problem: OptimalControlProblem, time_limit: float) -> None:
         self.goal = SolveOptimalControl.Goal(problem=problem, time_limit=time_limit)

@@ -63,13 +63,7 @@ STYLES = {STOPPED: 'obc-stopped', Mode.RESTING.name: 'obc-resting',
 
 
 class Viewer:
-    """
-    All pages of one loop or recording.
-
-    :param source: what is shown.
-    :param helm: which page controls.
-    :param title: of the page.
-    """
+    """All pages of one loop or recording."""
 
     def __init__(self, source: LoopClient | Playback, helm: Helm, title: str) -> None:
         self.source, self.helm, self.title = source, helm, title

@@ -32,13 +32,7 @@ GOALS = {'quadratic': 'quadratic cost', 'effort': 'minimum effort', 'time': 'min
 
 
 class PlanPanel:
-    """
-    A goal, a plan to it, its figures, and the command to fly it.
-
-    :param client: the loop.
-    :param canvas: draws the path ahead.
-    :param may_control: returns whether this page controls the loop.
-    """
+    """A goal, a plan to it, its figures, and the command to fly it."""
 
     def __init__(self, client: LoopClient, canvas: LoopCanvas,
                  may_control: Callable[[], bool]) -> None:
@@ -146,9 +140,6 @@ def compute_switching(request: PlanMotion.Request, path: Trajectory) -> dict[str
     Return the switching functions of a plan, by input; none where the request does not tell them.
 
     They take the dynamics of the registered system and no multipliers of constraints.
-
-    :param request: what was asked for.
-    :param path: the answer; its start and its final time are those of the problem.
     """
     if request.system not in list_systems() or request.system_parameters or (
             request.state_bounds or request.path_constraints):

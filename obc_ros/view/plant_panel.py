@@ -19,13 +19,7 @@ FIELDS = {'speed': 'speed [times real time]', 'input_delay': 'delay of the input
 
 
 class PlantPanel:
-    """
-    The conditions of plant_simulator.
-
-    :param client: the loop.
-    :param may_control: returns whether this page controls the loop.
-    :param now: returns the time of the last state [s].
-    """
+    """The conditions of plant_simulator; `now` returns the time of the last state [s]."""
 
     def __init__(self, client: LoopClient, may_control: Callable[[], bool],
                  now: Callable[[], float]) -> None:

@@ -26,12 +26,7 @@ LIMIT = 60.0  # [s] for a problem
 
 
 class ProblemPanel:
-    """
-    A problem as YAML, and its solution by trajectory_server.
-
-    :param client: the loop with the server.
-    :param may_control: returns whether this page may ask the server.
-    """
+    """A problem as YAML, and its solution by trajectory_server."""
 
     def __init__(self, client: LoopClient, may_control: Callable[[], bool]) -> None:
         self._client, self._may_control = client, may_control

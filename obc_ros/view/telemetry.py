@@ -98,11 +98,7 @@ class Frame:
     uncertainty: 'Uncertainty | None' = None
 
     def pack(self, number: int) -> dict[str, Any]:
-        """
-        Return the frame as JSON values, without the prediction.
-
-        Numbers that are not finite become None.
-        """
+        """Return the frame as JSON values, without the prediction."""
         known = self.uncertainty
         return {'n': number, 't': self.time, 'x': keep_finite(self.x), 'u': keep_finite(self.u),
                 'goal': keep_finite(self.goal), 'cost': keep_finite([self.cost])[0],
@@ -141,8 +137,6 @@ class FollowedPath:
         """
         Return at most `most` rows of time and states of a plant; none for another one's.
 
-        :param plant: its order of names is that of the rows.
-        :param most: number of rows; more are thinned out.
         :param inputs: add the inputs to each row.
         """
         path, t = self.path, np.asarray(self.path.t)
@@ -194,11 +188,7 @@ def describe_plant(design: LqrDesign) -> Plant:
 
 
 def describe_uncertainty(plant: Plant, estimate: Estimate) -> Uncertainty | None:
-    """
-    Return where the true state is; None if the covariance is not one of the plant's states.
-
-    :param estimate: the message, as received.
-    """
+    """Return where the true state is; None if the covariance is not one of the plant's states."""
     names, n = plant.state_names, len(plant.states)
     if not n or len(estimate.covariance) != n * n:
         return None

@@ -49,12 +49,7 @@ class WeightRow:
 
 
 class WeightsPanel:
-    """
-    The weights of the controller, and what a change of them would do.
-
-    :param client: the loop.
-    :param may_control: returns whether this page controls the loop.
-    """
+    """The weights of the controller, and what a change of them would do."""
 
     def __init__(self, client: LoopClient, may_control: Any) -> None:
         self._client, self._may_control = client, may_control

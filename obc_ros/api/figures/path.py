@@ -8,13 +8,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 from obc_ros.api.figures.marks import draw_marks, find_marks
-from obc_ros.api.figures.panels import (
-    draw_panel,
-    Panel,
-    place_panels,
-    set_title,
-    split_columns,
-)
+from obc_ros.api.figures.panels import draw_panel, Panel, place_panels, set_title, split_columns
 from obc_ros.api.figures.plane import draw_plane, find_plane, PLANE_HEIGHT
 from obc_ros.api.figures.style import LINE_COLOURS, new_figure, STYLE, THIN
 from obc_ros.core.numerics.arrays import Array

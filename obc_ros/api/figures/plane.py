@@ -8,12 +8,7 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-from obc_ros.api.figures.marks import (
-    CONTACT,
-    evaluate_rows,
-    find_state_rows,
-    PathMarks,
-)
+from obc_ros.api.figures.marks import CONTACT, evaluate_rows, find_state_rows, PathMarks
 from obc_ros.api.figures.style import get_line, label_unit, typeset_symbol
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.ocp.problem import Problem

@@ -89,11 +89,7 @@ def _draw_figure_2_3(run: Run) -> Figure:
 
 
 def draw_schematic(axes: Axes) -> None:
-    """
-    Draw Figure 2.3(b): the aircraft at an angle, its forces and lengths.
-
-    :param axes: its axes are removed.
-    """
+    """Draw Figure 2.3(b): the aircraft at an angle, its forces and lengths; no axes."""
     def at(px: float, py: float) -> Any:
         return place_points(np.array([[px, py]]), 0.0, 0.0, TILT)[0]
 

@@ -109,12 +109,11 @@ def _fly(loop: NodeLoop, Qx: list[float], rho: float, duration: float) -> Run:
 
 def fly_nonlinear(K: Array, goal: Array, count: int) -> tuple[Array, Array]:
     """
-    Return states and inputs of a flight of the nonlinear model, without the nodes.
+    Return states and inputs of a flight of the nonlinear model, from rest, without the nodes.
 
     :param K: (2, 6), gain at hover.
     :param goal: (6,), set point.
-    :param count: number of steps N of FLIGHT_STEP [s].
-    :return: x, u: (N + 1, 6) and (N + 1, 2), from rest at the origin.
+    :param count: number of steps of FLIGHT_STEP.
     """
     hover = np.array([0.0, MASS * GRAVITY])
 

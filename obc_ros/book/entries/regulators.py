@@ -7,14 +7,7 @@ from typing import Any
 
 from matplotlib.figure import Figure
 import numpy as np
-from obc_ros.api.figures.style import (
-    EXACT,
-    EXACT_LINE,
-    get_line,
-    LINE_COLOURS,
-    LINE_DASHES,
-    THIN,
-)
+from obc_ros.api.figures.style import EXACT, EXACT_LINE, get_line, LINE_COLOURS, LINE_DASHES, THIN
 from obc_ros.book.closed_forms import solve_double_integrator_regulator
 from obc_ros.book.drawing import create_panels, draw_pole_pairs, label_axes
 from obc_ros.book.entry import ComparedRow, EntryResult, GalleryEntry

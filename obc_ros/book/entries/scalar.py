@@ -7,13 +7,7 @@ from itertools import product
 from typing import Any
 
 import numpy as np
-from obc_ros.api.figures.style import (
-    EXACT,
-    EXACT_LINE,
-    get_line,
-    LINE_COLOURS,
-    THIN,
-)
+from obc_ros.api.figures.style import EXACT, EXACT_LINE, get_line, LINE_COLOURS, THIN
 from obc_ros.book.closed_forms import solve_scalar_finite_horizon, solve_scalar_infinite_horizon
 from obc_ros.book.drawing import create_panels, label_axes, place_legend_below
 from obc_ros.book.entry import ComparedRow, EntryResult, GalleryEntry

@@ -14,11 +14,7 @@ from obc_ros.book.next_chapters.estimator_runs import ask_estimator
 from obc_ros.book.next_chapters.exact_filters import sample_noise
 from obc_ros.book.runner import Desk
 from obc_ros.core.estimation.kalman_gain import KalmanDesign, lqe
-from obc_ros.core.estimation.output_feedback import (
-    combine,
-    OutputFeedback,
-    recover_loop_transfer,
-)
+from obc_ros.core.estimation.output_feedback import combine, OutputFeedback, recover_loop_transfer
 from obc_ros.core.lqr.lqr import lqr, LqrDesign
 from obc_ros.core.numerics.arrays import Array, Complex
 from obc_ros.srv import SuggestNoise
@@ -38,10 +34,8 @@ def find_gain_interval(f: float, L: Array) -> tuple[float, float]:
     """
     Return the interval of gains m of the plant, around 1, in which the loop is stable.
 
-    :param f: K = f (1, 1).
-    :param L: (2,), gain of the filter.
-    :return: low, high: edges of the interval, by the criterion of Hurwitz for the characteristic
-        polynomial s^4 + a3 s^3 + a2 s^2 + a1 s + a0, whose a1 and a0 are affine in m.
+    By the criterion of Hurwitz for the characteristic polynomial s^4 + a3 s^3 + a2 s^2 + a1 s +
+    a0, whose a1 and a0 are affine in m. K = f (1, 1), L (2,) is the gain of the filter.
     """
     l1, l2 = map(float, L)   # NumPy numbers times a poly1d would be arrays
     a3, a2 = l1 + f - 4.0, 6.0 - 3.0 * (l1 + f) + l1 * f + f + l2

@@ -47,12 +47,10 @@ class EstimatedRun:
 def run_estimator(desk: Desk, plant: Mapping[str, Any], estimator: Mapping[str, Any], count: int
                   ) -> EstimatedRun:
     """
-    Return estimates of a plant, from the first one that arrives.
+    Return `count` estimates of a plant, from the first one that arrives.
 
-    :param desk: of the entry.
     :param plant, estimator: parameters of the nodes. The estimator has the rate 0: one estimate
         after each measurement.
-    :param count: number of estimates.
     :raises UnansweredError: if a message is lost.
     """
     plant, estimator = {**plant, 'speed': SPEED}, {**estimator, 'stamp_timeout': 0.0}
@@ -78,14 +76,7 @@ def run_estimator(desk: Desk, plant: Mapping[str, Any], estimator: Mapping[str, 
 
 def ask_estimator(desk: Desk, estimator: Mapping[str, Any], request: SuggestNoise.Request
                   ) -> SuggestNoise.Response:
-    """
-    Return the answer of estimator_node to a request for process noise.
-
-    :param desk: of the entry.
-    :param estimator: parameters of the node.
-    :param request: the request, with the gain of the regulator.
-    :raises UnansweredError: if the node rejects the request.
-    """
+    """Return the answer of estimator_node to a request; UnansweredError if it rejects it."""
     desk.note(run_node('estimator_node', estimator))
     desk.note(write_service_call('suggest_noise', SuggestNoise, request, 'estimator_node'))
     with record_nodes(desk.name_folder('suggestion'), 'estimator_node') as nodes:

@@ -11,10 +11,9 @@ from scipy.linalg import expm
 
 def solve_scalar_filter(a: float, q: float, r: float) -> tuple[float, float, float]:
     """
-    Return p, the gain and the pole of the filter of x' = a x + w, y = x + v.
+    Return p, gain L and pole s of the filter of x' = a x + w, y = x + v with intensities q and r.
 
-    :param a, q, r: the plant, and the intensities of w and v, positive.
-    :return: p, L, s: the positive root p of 2 a p - p^2/r + q = 0, L = p/r, and s = a - L.
+    p is the positive root of 2 a p - p^2/r + q = 0, L = p/r, and s = a - L.
     """
     root = sqrt(a * a + q / r)
     return r * (a + root), a + root, -root
@@ -24,10 +23,11 @@ def solve_sampled_scalar_filter(a: float, q: float, R: float, h: float) -> tuple
     """
     Return the variance before and after each measurement of x' = a x + w.
 
+    Before is the positive root of p^2 + (R - alpha^2 R - Q) p - Q R = 0 with alpha = exp(a h) and
+    Q = q (alpha^2 - 1)/(2 a); after = p R/(p + R).
+
     :param a, q: the plant, a not 0, and the intensity of w.
     :param R, h: variance of a measurement, and the time between two of them [s].
-    :return: before, after: before is the positive root of p^2 + (R - alpha^2 R - Q) p - Q R = 0
-        with alpha = exp(a h) and Q = q (alpha^2 - 1)/(2 a); after = p R/(p + R).
     """
     square = exp(2.0 * a * h)   # of alpha
     Q = q * (square - 1.0) / (2.0 * a)
@@ -38,12 +38,11 @@ def solve_sampled_scalar_filter(a: float, q: float, R: float, h: float) -> tuple
 
 def solve_tracking_filter(index: float) -> tuple[float, float]:
     """
-    Return alpha and beta of the steady alpha-beta filter (Kalata 1984).
+    Return alpha and beta of the steady alpha-beta filter (Kalata 1984), of gain (alpha, beta/h).
 
     :param index: tracking index sigma_w h^2/sigma_v: the acceleration is random with the standard
         deviation sigma_w and constant in each period h; positions are measured with the standard
         deviation sigma_v.
-    :return: alpha, beta: the gain is (alpha, beta/h).
     """
     root = 0.25 * (4.0 + index - sqrt(8.0 * index + index * index))
     alpha = 1.0 - root * root
@@ -51,13 +50,7 @@ def solve_tracking_filter(index: float) -> tuple[float, float]:
 
 
 def sample_noise(A: Array, Qw: Array, h: float) -> tuple[Array, Array]:
-    """
-    Return exp(A h) and the covariance of the noise of a period, by Van Loan's exponential.
-
-    :param A, Qw: (n, n), the plant and the intensity of its noise.
-    :param h: period [s].
-    :return: Ad, Qd: (n, n).
-    """
+    """Return Ad = exp(A h) and the covariance Qd of the noise of a period, as Van Loan does."""
     n = len(A)
     block = expm(h * np.block([[-A, Qw], [np.zeros((n, n)), A.T]]))
     Ad = block[n:, n:].T
@@ -69,12 +62,10 @@ def run_filter(A: Array, C: Array, Qw: Array, Rv: Array, t: Array, y: Array, x: 
     """
     Return the estimates of the Kalman filter of x' = A x + w after each measurement.
 
-    :param A, C, Qw, Rv: (n, n), (q, n), (n, n) and (q, q), the plant, the intensity of its noise,
-        and the covariance of a measurement.
+    They are in information form: each measurement adds C'Rv^-1 C to P^-1.
+
     :param t, y: (N,) and (N, q), times [s] and measurements.
     :param x, P: (n,) and (n, n), estimate and covariance after the first measurement.
-    :return: x, P: (N, n) and (N, n, n), computed in information form: each measurement adds
-        C'Rv^-1 C to P^-1.
     """
     states, covariances = [x], [P]
     weight = C.T @ np.linalg.inv(Rv)

@@ -18,11 +18,11 @@ def solve_sampled_scalar(a: float, b: float, q: float, r: float, h: float
     """
     Return the sampled plant and regulator of x' = a x + b u with the cost q x^2 + r u^2.
 
-    :param a, b, q, r: plant and weights; a is not 0.
-    :param h: period [s].
+    The cost of a period h is integrated in closed form. P is the positive root of a quadratic
+    equation.
+
     :return: alpha, beta, P, K: the plant is x+ = alpha x + beta u, the cost-to-go is P x^2, and
-        the regulator is u = -K x. The cost of a period is integrated in closed form. P is the
-        positive root of a quadratic equation.
+        the regulator is u = -K x.
     """
     one, two = (exp(a * h) - 1.0) / a, (exp(2.0 * a * h) - 1.0) / (2.0 * a)
     alpha, beta, c = exp(a * h), b * one, b / a
@@ -37,8 +37,7 @@ class EnumeratedPlan:
     """
     The optimal plan of a linear plant with bounded inputs, by enumeration of the active sets.
 
-    :param A, B: (n, n) and (n, 1), the plant in continuous time.
-    :param Qx, Qu: (n, n) and (1, 1), weights in continuous time.
+    :param A, B, Qx, Qu: (n, n), (n, 1), (n, n) and (1, 1), plant and weights in continuous time.
     :param h: period [s].
     :param N: number of periods; there are 3^N active sets.
     :param bound: |u| <= bound.

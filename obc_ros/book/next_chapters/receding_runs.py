@@ -21,7 +21,6 @@ def run_receding(desk: Desk, plant: Mapping[str, Any], controller: Mapping[str, 
     """
     Return the states and commands of a loop whose plant waits at each state for its command.
 
-    :param desk: of the entry.
     :param plant, controller: parameters of plant_simulator and mpc_node.
     :param duration: length of the run [s]; the plant keeps real time, so that each plan is ready
         in time.

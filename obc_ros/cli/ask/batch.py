@@ -18,12 +18,7 @@ CANCEL = 2.0  # [s] to wait for the results of cancelled requests
 
 
 class Batch(ABC):
-    """
-    Entries of files, and who works on them: processes of this command, or a server.
-
-    :param asked: each has a status in the end.
-    :param lines: shows the progress.
-    """
+    """Entries of files, and who works on them: processes of this command, or a server."""
 
     def __init__(self, asked: Sequence[Asked], lines: Lines) -> None:
         self._waiting = deque(asked)
@@ -88,7 +83,6 @@ def end_all(asked: Sequence[Asked], interrupted: str, failed: str) -> Iterator[N
     """
     End all entries without a status when the context is interrupted or fails.
 
-    :param asked: the entries.
     :param interrupted, failed: their status after a signal, and after an error.
     """
     try:

@@ -31,7 +31,6 @@ def answer_all(read: Callable[[], list[Kind]], module: str, endings: tuple[str, 
     :param endings: status of entries without a result after a signal, and after an error.
     :param ask_server: has a server work on entries, in place of the processes of this command.
     :param time_limit: of each entry [s]; 0: that of a server.
-    :param hidden: whether not to show the progress.
     """
     with ExitStack() as stack:
         if not ask_server:
@@ -49,7 +48,6 @@ def answer_all(read: Callable[[], list[Kind]], module: str, endings: tuple[str, 
 
 
 def _work(pool: Pool, asked: Sequence[Asked], time_limit: float, hidden: bool) -> None:
-    """Have a pool work on entries."""
     pool.resize(min(count_cores(), len(asked)))
     with EndSignals() as signals, show_progress(hidden) as lines:
         while not pool.wait_for_start(TICK):

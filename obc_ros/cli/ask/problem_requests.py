@@ -80,12 +80,10 @@ class Question(Asked):
 
 def is_plain(entry: Any) -> bool:
     """
-    Return whether a value can be sent to a worker, and is the same there.
+    Return whether a value of YAML can be sent to a worker, and is the same there.
 
-    :param entry: as YAML may contain it: with dates, with keys that are no texts, or within
-        itself.
-    :return: whether it consists of at most `MOST_VALUES` mappings of texts, lists, texts and
-        numbers.
+    It may have dates, keys that are no texts, or contain itself. Wanted are at most `MOST_VALUES`
+    mappings of texts, lists, texts and numbers.
     """
     waiting, count = [(entry, 0)], 0
     while waiting:

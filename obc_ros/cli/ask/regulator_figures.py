@@ -13,13 +13,7 @@ from matplotlib.figure import Figure
 import numpy as np
 from obc_ros.api.figures.files import save_figure
 from obc_ros.api.figures.panels import FEW, set_title
-from obc_ros.api.figures.style import (
-    get_line,
-    new_figure,
-    STYLE,
-    THIN,
-    typeset_symbol,
-)
+from obc_ros.api.figures.style import get_line, new_figure, STYLE, THIN, typeset_symbol
 from obc_ros.cli.ask.regulator_requests import Case
 from obc_ros.core.lqr.design.report import read_matrices
 from obc_ros.core.lqr.held_loop import HeldLoop
@@ -37,11 +31,7 @@ WEIGHTS = np.logspace(-3.0, 3.0, 121)  # factors of Qu in the root locus
 
 
 def draw_regulator(path: Path, case: Case, formats: Sequence[str] = ('png',)) -> None:
-    """
-    Draw the design of a case into the files `path` with the endings of the formats.
-
-    :raises ObcError: if the file cannot be written.
-    """
+    """Draw the design of a case into the files `path` with the endings of the formats."""
     with matplotlib.rc_context(STYLE):
         save_figure(draw_figure(case), path, formats)
 

@@ -22,7 +22,6 @@ def answer_by_server(server: str, asked: Sequence[Question], time_limit: float) 
     Have a running server solve problems; each has a status afterwards.
 
     :param server: its name; empty: any.
-    :param asked: the problems.
     :param time_limit: of each problem [s]; 0: that of the server.
     :raises InterruptedByUserError: on a signal; the problems under way have a result.
     :raises ObcError: if no such server is running, or it does not respond any more.

@@ -30,14 +30,10 @@ STATUS_COLOURS = ('#FFFFFF', '#56B4E9', '#000000', '#E69F00', '#D55E00', '#99999
 
 def draw_sweep(dataset: Any, folder: Path, formats: Sequence[str] = ('png',)) -> list[Path]:
     """
-    Draw the figures of a sweep of a problem or of a regulator.
+    Draw the figures of a sweep of a problem or of a regulator, ``value`` and ``success``.
 
     :param dataset: from `make_dataset`.
-    :param folder: of the figures.
-    :param formats: of the files.
-    :return: ``value`` and ``success`` with the endings of the formats. None for over two axes, or
-        axes with samples.
-    :raises ObcError: if a file cannot be written.
+    :return: the files. None for over two axes, or axes with samples.
     """
     keys = list(dataset['status'].dims)
     if keys == [SAMPLE]:

@@ -19,8 +19,6 @@ def print_table(header: Sequence[str], rows: Sequence[Sequence[str]],
     Columns without text are left out. On a terminal that is too narrow for the table, each row is
     a list of keys and values.
 
-    :param header: titles of the columns.
-    :param rows: each as long as the header.
     :param colours: from the text of a cell to its colour on a terminal.
     """
     kept = [index for index in range(len(header)) if any(row[index] for row in rows)]

@@ -13,13 +13,7 @@ from matplotlib.figure import Figure
 import numpy as np
 from obc_ros.api.figures.bodies import ARM, draw_aircraft, PLUME
 from obc_ros.api.figures.files import save_figure
-from obc_ros.api.figures.style import (
-    get_line,
-    LINE_COLOURS,
-    new_figure,
-    STYLE,
-    THIN,
-)
+from obc_ros.api.figures.style import get_line, LINE_COLOURS, new_figure, STYLE, THIN
 from obc_ros.cli.console.tables import print_table
 from obc_ros.cli.demo.flight import Flight, FlightEvent, fly, make_gust, set_parameters
 from obc_ros.cli.demo.report import measure_step, report_loop
@@ -145,13 +139,7 @@ def _draw(t: Array, x: Array, tu: Array, u: Array, steps: list[UnitStep]) -> Fig
 
 
 def compute_lift(x: Array, u: Array) -> Array:
-    """
-    Return the vertical part of the thrust.
-
-    :param x: (N, 6), states; the third is theta [rad].
-    :param u: (N, 2), f1 and f2 [N], along the wings and upwards in the frame of the aircraft.
-    :return: (N,), f1 sin theta + f2 cos theta [N].
-    """
+    """Return f1 sin theta + f2 cos theta [N] for states (N, 6) and forces f1, f2 (N, 2) [N]."""
     lift: Array = u[:, 0] * np.sin(x[:, 2]) + u[:, 1] * np.cos(x[:, 2])
     return lift
 

@@ -201,11 +201,7 @@ class LaunchFile:
             each for each in self._entities if isinstance(each, DeclareLaunchArgument))
 
     def nodes(self, given: Mapping[str, str]) -> list[Started]:
-        """
-        Return the nodes that are started with given arguments.
-
-        :raises ObcError: if an argument is unknown, or its value is invalid.
-        """
+        """Return the nodes that are started; ObcError if an argument or its value is invalid."""
         names = [each.name for each in self.arguments]
         for name in given:
             if name not in names:

@@ -51,11 +51,7 @@ def find_type(name: str, kind: str) -> Any:
 
 
 def parse_values(text: str) -> dict[str, Any]:
-    """
-    Return the values by field of a text in YAML.
-
-    :raises FieldError: if the text is no YAML, or no mapping.
-    """
+    """Return the values by field of a text in YAML; FieldError if it is no mapping."""
     try:
         values = read_text(text, 'not YAML')
     except StatementError as error:
@@ -70,9 +66,7 @@ def fill(message: Any, values: Mapping[str, Any], *, now: Any = None, path: str 
     """
     Set fields of a message, and return the message.
 
-    :param message: changed in place.
-    :param values: as `parse_values` returns it; a nested message is a mapping, a sequence is a
-        list.
+    :param values: as `parse_values` returns it.
     :param now: value of ``stamp: now`` and ``header: auto``.
     :param path: prefix of the names of the fields in errors.
     :raises FieldError: if there is no such field, or if it does not accept the value.
@@ -176,7 +170,6 @@ def convert_to_plain(value: Any, *, truncate: int | None = None, no_arr: bool = 
     """
     Return a message, or a value of a field, as plain values for YAML.
 
-    :param value: a message, or the value of a field.
     :param truncate: number of entries of sequences and characters of texts that are kept; None:
         all.
     :param no_arr, no_str: whether sequences and texts are replaced by their lengths.
@@ -201,7 +194,6 @@ def convert_to_plain(value: Any, *, truncate: int | None = None, no_arr: bool = 
 
 
 def _abbreviated(value: Sized, kind: Any) -> str:
-    """Return the type and the length of a sequence."""
     of = kind.value_type
     if isinstance(of, NamespacedType):
         name = '/'.join(of.namespaced_name())
