@@ -77,7 +77,7 @@ def fly(seed: int, seconds: float, estimates: bool) -> tuple[Array, Array, float
     system, rng, period = get_system('aircraft'), np.random.default_rng((seed, 7)), 1.0 / RATE
     held = find_equilibrium(system, None)
     A, B = system.jacobians(held.x, held.u)
-    K = sampled_lqr(A, B, Weights(np.eye(6), np.eye(2)), period).design.K
+    K = sampled_lqr(A, B, Weights(np.eye(6), np.eye(2)), period).K
     x, u = rng.multivariate_normal(np.zeros(6), P0), np.array(held.u)
     sensors = Sensors(system, OUTPUTS, RATE, seed)
     delayed = DelayedFilter(KalmanFilter(system, QW, RV), np.array(held.x), P0, u)

@@ -12,7 +12,8 @@ import os
 import time
 
 import numpy as np
-from obc_ros.core.lqr.sampled import discretize_plant, sampled_lqr
+from obc_ros.core.lqr.held_loop import discretize_plant
+from obc_ros.core.lqr.sampled import sampled_lqr
 from obc_ros.core.lqr.weights import Weights
 from obc_ros.core.systems.equilibrium import linearize
 from obc_ros.core.systems.registry import get_system
@@ -37,7 +38,7 @@ class LinearSteps:
         A, B = linearize(get_system(plain['system']), self.xe, self.ue)
         self.A, self.B = discretize_plant(A, B, plain['period'])
         found = sampled_lqr(A, B, Weights(a['Qx'], a['Qu'], np.zeros(B.shape)),
-                            plain['period']).design
+                            plain['period'])
         self.K, self.P = found.K, found.P
 
     @property

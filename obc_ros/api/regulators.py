@@ -269,7 +269,7 @@ def dlqr(*arguments: Any, at: Sequence[float] | Array | None = None,
                                      period=period or plant.period or 1.0), plant)
     weights = Weights(Qx, Qu, None if cross is None else np.asarray(cross, float), stability)
     found = sampled_lqr(np.asarray(plant.A, float), np.asarray(plant.B, float), weights, period)
-    return replace(_dress(found.design, plant), plant=plant)
+    return replace(_dress(found, plant), plant=plant)
 
 
 def finite_horizon(*arguments: Any, t: ArrayLike | None = None,

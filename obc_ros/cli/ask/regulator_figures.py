@@ -16,10 +16,10 @@ from obc_ros.api.figures.panels import FEW, set_title
 from obc_ros.api.figures.style import get_line, new_figure, STYLE, THIN, typeset_symbol
 from obc_ros.cli.ask.regulator_requests import Case
 from obc_ros.core.lqr.design.report import read_matrices
-from obc_ros.core.lqr.held_loop import HeldLoop
+from obc_ros.core.lqr.held_loop import discretize_plant, HeldLoop
 from obc_ros.core.lqr.held_margins import HeldTransfer
 from obc_ros.core.lqr.lqr import lqr
-from obc_ros.core.lqr.sampled import discretize_plant, sampled_lqr
+from obc_ros.core.lqr.sampled import sampled_lqr
 from obc_ros.core.lqr.weights import Weights
 from obc_ros.core.numerics.arrays import Array, Complex
 from obc_ros.core.text.errors import RefusedDesignError
@@ -162,7 +162,7 @@ def _poles(loop: LinearLoop, weights: Weights) -> Complex:
         if not loop.period:
             return lqr(loop.A, loop.B, weights.Qx, weights.Qu, cross=weights.cross,
                        stability=weights.stability).E
-        z = sampled_lqr(loop.A, loop.B, weights, loop.period).design.E
+        z = sampled_lqr(loop.A, loop.B, weights, loop.period).E
     except RefusedDesignError:  # no design is verified at so extreme a weight
         return np.zeros(0, dtype=complex)
     return np.asarray(np.log(z[np.abs(z) > 1e-12]) / loop.period, dtype=complex)

@@ -17,9 +17,9 @@ import math
 
 import numpy as np
 from obc_ros.core.estimation.kalman_gain import KalmanDesign, lqe, sampled_lqe
+from obc_ros.core.lqr.held_loop import discretize_plant
 from obc_ros.core.lqr.lqr import check_period, LqrDesign
 from obc_ros.core.lqr.margins import compute_margins, Figures
-from obc_ros.core.lqr.sampled import discretize_plant
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.riccati.checks import check_matrix
 from obc_ros.core.text.errors import RefusedDesignError, StatementError

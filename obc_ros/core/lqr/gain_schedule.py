@@ -38,7 +38,7 @@ class Table:
     """
     Gains for a range of a variable, with stability verified on the whole range.
 
-    :ivar values: (N,), increasing values of the variable.
+    :ivar values: (N,), increasing.
     :ivar K: (N, m, n), the gain for each value; linear in between.
     :ivar rate: the loop is stable while the variable changes by at most this much a second.
     """
@@ -64,9 +64,7 @@ def compute_schedule(plant: PlantAt, weights: Weights, lower: float, upper: floa
     A value is added where the interpolated gain differs from the designed one by more than 1 % of
     its largest entry, or where stability in between is not verified.
 
-    :param plant: (A, B) for a value of the variable.
     :param weights: one cost for all values.
-    :param lower, upper: the range.
     :raises StatementError: if the range is empty.
     :raises RefusedDesignError: if stability cannot be verified at some value, or between values.
     """

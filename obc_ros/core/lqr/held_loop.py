@@ -11,16 +11,16 @@ z are the integrals of the controller. Without a delay Phi = I and there are no 
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import islice
 import math
 
 import numpy as np
-from obc_ros.core.lqr.sampled import discretize_plant, predict_delayed_state, split_delay
-from obc_ros.core.numerics.arrays import Array, Complex
+from obc_ros.core.numerics.arrays import Array, Complex, linalg
 from obc_ros.core.numerics.rounding import EPS
 
+_WHOLE = 1e-9         # of a period; a delay this near to a multiple of the period is rounded to it
 _STEP = 2.0**0.125    # ratio of the periods that are tried
 _TURN = 0.5           # radians of a mode between two of them
 _SETTLED = 40.0       # time constants after which a mode is gone
@@ -51,16 +51,11 @@ class HeldLoop:
     delay: float
     foreseen: float
 
-    def at_period(self, period: float) -> 'HeldLoop':
-        """Return the loop of the same controller with another period of the commands [s]."""
-        return HeldLoop(self.A, self.B, self.C, self.K, period, self.delay, self.foreseen)
-
     def push(self, extra: float = 0.0) -> tuple[int, Array, Array]:
         """
         Return k, B_k, B_(k+1) with x_(i+1) = Ad x_i + B_k u_(i-k) + B_(k+1) u_(i-k-1).
 
         :param extra: time that is added to the delay [s].
-        :return: the matrices have the shape (n, m).
         """
         k, rest = split_delay(self.period, self.delay + extra)
         newer = discretize_plant(self.A, self.B, self.period - rest)[1]
@@ -111,7 +106,6 @@ class HeldLoop:
         Return the state of the plant at t_k + time over (x_k, z_k, u_(k-1), ..., u_(k-d)).
 
         :param time: from 0 to the period [s].
-        :return: (n, n + p + d m).
         """
         n, p, m = len(self.A), len(self.C), self.B.shape[1]
         k, rest = split_delay(self.period, self.delay)
@@ -145,7 +139,7 @@ class HeldLoop:
         """
         Return the matrix of the equations of (x, z, u) over their values at points z.
 
-        :param z: (N,), complex, points of the z plane, such as exp(jw period).
+        :param z: (N,), such as exp(jw period).
         :return: (N, n + p + m, n + p + m), its determinant is 0 at the modes of the loop.
         """
         (n, m), p = self.B.shape, len(self.C)
@@ -182,12 +176,7 @@ class HeldLoop:
             self.close_without_delay(np.array(self.period))), dtype=complex)
 
     def close_without_delay(self, periods: Array) -> Array:
-        """
-        Return the loops of (x_k, z_k) of the same gain without a delay.
-
-        :param periods: periods of the commands [s], of any shape.
-        :return: (..., n + p, n + p).
-        """
+        """Return the loops of (x_k, z_k) of the same gain without a delay, for some periods."""
         n, p = len(self.A), len(self.C)
         Ad, Bd = discretize_plant(self.A, self.B, periods)
         x = Ad @ np.eye(n, n + p) - Bd @ self.K
@@ -213,14 +202,46 @@ class HeldLoop:
         return float(np.abs(self.modes).max()) if self.is_finite else math.inf
 
 
-def weigh_inputs(z: Complex, push: tuple[int, Array, Array]) -> Complex:
+def discretize_plant(A: Array, B: Array, time: float | Array) -> tuple[Array, Array]:
     """
-    Return B(z) of x = (z - Ad)^-1 B(z) u.
+    Return Ad, Bd of x(t + time) = Ad x(t) + Bd u for dx/dt = A x + B u with a constant u.
 
-    :param z: (N,), complex, points of the z plane.
-    :param push: from `HeldLoop.push`.
-    :return: (N, n, m).
+    :param time: time for which the input is held [s], or such times, of any shape.
     """
+    n, m = B.shape
+    M = np.zeros((n + m, n + m))
+    M[:n, :n], M[:n, n:] = A, B
+    flow = linalg.expm(M * np.asarray(time)[..., None, None])
+    return flow[..., :n, :n], flow[..., :n, n:]
+
+
+def predict_delayed_state(A: Array, B: Array, period: float,
+                          delay: float) -> tuple[Array, tuple[Array, ...]]:
+    """
+    Return Phi, Gamma with x(t_k + delay) = Phi x_k + Gamma_1 u_(k-1) + Gamma_2 u_(k-2) + ...
+
+    The times are in seconds; the matrix of the last command is first.
+    """
+    whole, rest = split_delay(period, delay)
+    carried = np.eye(len(A))
+    gammas: list[Array] = []
+    # The oldest command acts for the rest of a period, every later one for a whole period.
+    for length in ([rest] if rest else []) + [period] * whole:
+        step, push = discretize_plant(A, B, length)
+        gammas = [step @ gamma for gamma in gammas] + [push]
+        carried = step @ carried
+    return carried, tuple(reversed(gammas))
+
+
+def split_delay(period: float, delay: float) -> tuple[int, float]:
+    """Return the number of whole periods in a delay [s], and the remainder [s]."""
+    whole = math.floor(delay / period + _WHOLE)
+    rest = delay - whole * period
+    return whole, rest if rest > _WHOLE * period else 0.0
+
+
+def weigh_inputs(z: Complex, push: tuple[int, Array, Array]) -> Complex:
+    """Return B(z) (N, n, m) of x = (z - Ad)^-1 B(z) u at points z (N,), from `HeldLoop.push`."""
     k, newer, older = push
     ages = np.stack([z**-k, z**-(k + 1)], axis=1)
     found = ages @ np.stack([newer.ravel(), older.ravel()])
@@ -254,7 +275,8 @@ def find_longest_period(loop: HeldLoop) -> float:
 def _find_last_stable(loop: HeldLoop, stable: float, periods: Array) -> tuple[float, float]:
     """Return the last period before one without stability, and that one; inf: all are stable."""
     if loop.delay:
-        are_stable = np.array([_is_stable(loop.at_period(each)) for each in periods.tolist()])
+        are_stable = np.array([
+            _is_stable(replace(loop, period=each)) for each in periods.tolist()])
     else:
         with np.errstate(all='ignore'):
             closed = loop.close_without_delay(periods)

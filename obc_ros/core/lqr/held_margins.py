@@ -18,7 +18,7 @@ from obc_ros.core.lqr.margins import (
     choose_frequencies,
     combine_figures,
     Figures,
-    give_no_margins,
+    Margins,
     sweep_loops,
     to_s_plane,
 )
@@ -38,13 +38,15 @@ def compute_held_margins(loop: HeldLoop) -> Figures:
     """
     Return the figures of a loop whose commands are held and delayed.
 
-    :param loop: the loop. If it is not stable, the figures besides its poles are nan.
-    :return: the poles are log(z) / period, without those at z = 0 that a delay adds.
+    The poles are log(z) / period, without those at z = 0 that a delay adds. If the loop is not
+    stable, the other figures are nan.
     """
     poles = np.sort_complex(to_s_plane(loop.modes, loop.period))
     steps, m = compute_held_steps(loop, poles), loop.B.shape[1]
     if not loop.radius < 1.0:
-        return combine_figures(poles, give_no_margins(m), steps)
+        none: Array = np.full(m, math.nan)
+        return combine_figures(
+            poles, Margins(none, none, none, none, none, none, math.nan), steps)
     plant = np.asarray(np.linalg.eigvals(loop.A), dtype=complex)
     w = choose_frequencies(poles, plant, loop.period, loop.delay)
     transfer = HeldTransfer(loop)
@@ -55,11 +57,7 @@ def compute_held_margins(loop: HeldLoop) -> Figures:
 
 
 class HeldTransfer:
-    """
-    T of a held loop over frequency, from the equations of (x, z, u) at z = exp(jw period).
-
-    :param loop: the loop, with its delay and prediction; it must be stable.
-    """
+    """T of a stable held loop, from the equations of (x, z, u) at z = exp(jw period)."""
 
     def __init__(self, loop: HeldLoop) -> None:
         self._loop = loop

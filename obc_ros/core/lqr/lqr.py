@@ -11,6 +11,7 @@ errors. Otherwise the error names the reason.
 
 from dataclasses import dataclass
 import math
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -120,14 +121,11 @@ def lqr(A: ArrayLike, B: ArrayLike, Qx: ArrayLike, Qu: ArrayLike, *,
         Ac = Ac + stability * np.eye(len(A))
     F = lapack.dtrtrs(L, B.T, lower=1)[0].T
     solution = care.solve_continuous(Ac, F, Qc)
+    about: dict[str, Any] = {'stability': stability, 'has_cross': cross is not None}
     if solution is None:
-        raise RefusedDesignError(stabilizability.explain_no_gain(
-            Ac, F, Qc, stability=stability, has_cross=cross is not None))
+        raise RefusedDesignError(stabilizability.explain_no_gain(Ac, F, Qc, **about))
     if not (sees_all or to_rest):
-        unseen = stabilizability.name_undetectable_modes(
-            Ac, F, Qc, stability=stability, has_cross=cross is not None)
-        if unseen:
-            raise RefusedDesignError(unseen)
+        stabilizability.check_detectable(Ac, F, Qc, **about)
     right = B.T @ solution.P
     if cross is not None:
         right += cross.T
@@ -143,7 +141,7 @@ def lqr(A: ArrayLike, B: ArrayLike, Qx: ArrayLike, Qu: ArrayLike, *,
     if not (robust >= _LEAST_ROBUSTNESS and solution.error <= stabilizability.LARGEST_ERROR
             and solution.residual <= _LARGEST_RESIDUAL and E[-1].real < -stability):
         raise RefusedDesignError(stabilizability.explain_no_gain(
-            Ac, F, Qc, stability=stability, error=solution.error, has_cross=cross is not None))
+            Ac, F, Qc, error=solution.error, **about))
     return LqrDesign(A=A, B=B, Qx=Qx, Qu=Qu, cross=cross, stability=stability, K=K, P=solution.P,
                      E=E, residual=solution.residual, error=solution.error, robustness=robust)
 
@@ -188,14 +186,12 @@ def dlqr(A: ArrayLike, B: ArrayLike, Qx: ArrayLike, Qu: ArrayLike, *,
     scale = care.compute_balancing(Ac, F, Qc)
     ratio = scale / scale[:, None]
     solution = dare.solve_discrete(Ac * ratio, F / scale[:, None], Qc * (scale * scale[:, None]))
+    about: dict[str, Any] = {'stability': stability, 'period': period,
+                             'has_cross': cross is not None}
     if not sees_all:
-        unseen = stabilizability.name_undetectable_modes(
-            Ac, F, Qc, stability=stability, period=period, has_cross=cross is not None)
-        if unseen:
-            raise RefusedDesignError(unseen)
+        stabilizability.check_detectable(Ac, F, Qc, **about)
     if solution is None:
-        raise RefusedDesignError(stabilizability.explain_no_gain(
-            Ac, F, Qc, stability=stability, period=period, has_cross=cross is not None))
+        raise RefusedDesignError(stabilizability.explain_no_gain(Ac, F, Qc, **about))
     P = solution.P / (scale * scale[:, None])
     BP = growth * growth * B.T @ P
     right = BP @ A
@@ -212,8 +208,7 @@ def dlqr(A: ArrayLike, B: ArrayLike, Qx: ArrayLike, Qu: ArrayLike, *,
     if not (robust >= _LEAST_ROBUSTNESS and solution.error <= stabilizability.LARGEST_ERROR
             and solution.residual <= _LARGEST_RESIDUAL and np.abs(E).max() < 1.0 / growth):
         raise RefusedDesignError(stabilizability.explain_no_gain(
-            Ac, F, Qc, stability=stability, period=period, error=solution.error,
-            has_cross=cross is not None))
+            Ac, F, Qc, error=solution.error, **about))
     return LqrDesign(A=A, B=B, Qx=Qx, Qu=Qu, cross=cross, stability=stability, K=K, P=P, E=E,
                      residual=solution.residual, error=solution.error, robustness=robust,
                      period=period)

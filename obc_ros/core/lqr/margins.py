@@ -109,18 +109,11 @@ def combine_figures(poles: Complex, margins: Margins, steps: SetPointSteps) -> F
                    frequency=frequency, **margins._asdict(), **steps._asdict())
 
 
-def give_no_margins(m: int) -> Margins:
-    """Return nan for each margin of m inputs: those of a loop that is not stable."""
-    none: Array = np.full(m, math.nan)
-    return Margins(none, none, none, none, none, none, math.nan)
-
-
 def to_s_plane(modes: Complex, period: float) -> Complex:
     """
     Return modes in the s plane; a mode at z = 0, a delay, becomes a very fast one.
 
-    :param modes: modes of a loop.
-    :param period: its sampling period [s]; 0: the modes are in the s plane.
+    :param period: sampling period [s]; 0: the modes are in the s plane.
     """
     if not period:
         return modes
@@ -192,10 +185,8 @@ def choose_frequencies(poles: Complex, plant: Complex, period: float, delay: flo
 
 def sweep_loops(transfer: Transfer, m: int, w: Array, period: float) -> Margins:
     """
-    Return the margins of the loops of m inputs.
+    Return the margins of the m inputs of a stable loop.
 
-    :param transfer: T of a stable loop.
-    :param m: number of inputs.
     :param w: frequencies, fine enough that T is smooth between two of them [rad/s].
     :param period: sampling period [s]; 0: continuous time.
     """

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from obc_ros.core.numerics.arrays import Array, lapack
 from obc_ros.core.numerics.rounding import EPS, TINY
 from obc_ros.core.riccati.care import compute_balancing
+from obc_ros.core.text.errors import RefusedDesignError
 
 Modes = NDArray[np.complex128]
 
@@ -28,7 +29,6 @@ def explain_no_gain(A: Array, F: Array, Q: Array, *, stability: float = 0.0, per
 
     :param A, F, Q: (n, n), (n, m), (n, n), dx/dt = A x + F u (or x+ = A x + F u) with the cost x'Q
         x + u'u; A and F contain the shift by `stability`.
-    :param stability: prescribed degree of stability [1/s].
     :param period: sampling period [s]; 0: continuous time.
     :param error: relative error of the Riccati solution; nan: there is no solution.
     :param has_cross: whether the cost has a cross term N, so that A is A - B Qu^-1 N'.
@@ -37,18 +37,17 @@ def explain_no_gain(A: Array, F: Array, Q: Array, *, stability: float = 0.0, per
     A, F, Q = _balanced(A, F, Q)
     if not np.isfinite(np.array([np.linalg.norm(M) for M in (A, F @ F.T, Q)])).all():
         return TOO_FAR_APART
-    modes = _uncontrollable(A, F, _LOST, period)
+    modes, word = _find_lost(A.T, F.T, period)
     if modes.size:
-        by_weights = not _uncontrollable(*_balanced(*unit)[:2], _LOST, period).size
-        is_exact = _uncontrollable(A, F, _EXACT, period).size == modes.size and not by_weights
-        word = '' if is_exact else 'numerically '
+        A, F, _ = _balanced(*unit)
+        by_weights = not _unobservable(A.T, F.T, _LOST, period).size
+        word = 'numerically ' if by_weights else word
         return _explain(modes, '(A, B)', f'{word}not stabilisable'
                         + ' at these weights' * by_weights, f'is {word}uncontrollable',
                         stability, period) + (
             '; use entries of Qu of more similar size' if by_weights else '')
-    modes = _unobservable(A, Q, _LOST, period)
+    modes, word = _find_lost(A, Q, period)
     if modes.size:
-        word = '' if _unobservable(A, Q, _EXACT, period).size == modes.size else 'numerically '
         return _explain(modes, _pair(has_cross), f'{word}not detectable',
                         'does not appear in the cost', stability, period) + '; add a weight'
     if error > LARGEST_ERROR:
@@ -59,19 +58,19 @@ def explain_no_gain(A: Array, F: Array, Q: Array, *, stability: float = 0.0, per
             + (', or a smaller degree of stability' if stability else ''))
 
 
-def name_undetectable_modes(A: Array, F: Array, Q: Array, *, stability: float = 0.0,
-                            period: float = 0.0, has_cross: bool = False) -> str:
+def check_detectable(A: Array, F: Array, Q: Array, *, stability: float = 0.0,
+                     period: float = 0.0, has_cross: bool = False) -> None:
     """
-    Name the modes of A that do not decay and are not in the cost; empty if there are none.
+    Raise RefusedDesignError if a mode of A that does not decay is not in the cost.
 
     The parameters are those of `explain_no_gain`.
     """
     A, _, Q = _balanced(A, F, Q)
     modes = _unobservable(A, Q, _UNSEEN, period)
-    if not modes.size:
-        return ''
-    return _explain(modes, _pair(has_cross), 'not detectable', 'does not appear in the cost',
-                    stability, period) + '; add a weight'
+    if modes.size:
+        raise RefusedDesignError(_explain(
+            modes, _pair(has_cross), 'not detectable', 'does not appear in the cost', stability,
+            period) + '; add a weight')
 
 
 def explain_no_estimator(A: Array, C: Array, Qw: Array, outputs: tuple[str, ...], *,
@@ -87,13 +86,12 @@ def explain_no_estimator(A: Array, C: Array, Qw: Array, outputs: tuple[str, ...]
     rows = C / np.maximum(np.linalg.norm(C, axis=1), TINY)[:, None]
     A, F, Q = _balanced(A.T, rows.T, Qw)   # the dual plant
     A, C = A.T, F.T
-    modes = _unobservable(A, C, _LOST, period)
+    modes, word = _find_lost(A, C, period)
     if modes.size:
-        word = '' if _unobservable(A, C, _EXACT, period).size == modes.size else 'numerically '
         return _explain(modes, '(A, C)', f'{word}not detectable',
                         f'cannot be seen in {", ".join(outputs)}', 0.0, period) + (
             '; measure another output')
-    modes = _uncontrollable(A, Q, _UNSEEN, period)
+    modes = _unobservable(A.T, Q.T, _UNSEEN, period)
     if modes.size:
         return _explain(modes, '(A, Qw)', 'not stabilisable', 'is not driven by Qw', 0.0,
                         period) + '; add process noise to it'
@@ -110,8 +108,11 @@ def _balanced(A: Array, F: Array, Q: Array) -> tuple[Array, Array, Array]:
     return A * (d / d[:, None]), F / d[:, None], Q * (d * d[:, None])
 
 
-def _uncontrollable(A: Array, F: Array, tolerance: float, period: float) -> Modes:
-    return _unobservable(A.T, F.T, tolerance, period)
+def _find_lost(A: Array, C: Array, period: float) -> tuple[Modes, str]:
+    """Return `_unobservable` modes, and the word for those that are so only numerically."""
+    modes = _unobservable(A, C, _LOST, period)
+    is_exact = not modes.size or _unobservable(A, C, _EXACT, period).size == modes.size
+    return modes, '' if is_exact else 'numerically '
 
 
 def _unobservable(A: Array, C: Array, tolerance: float, period: float) -> Modes:

@@ -43,8 +43,7 @@ def compute_step_figures(A: Array, B: Array, K: Array, poles: Complex, period: f
     """
     Return the step figures of the feedback u = -K x of dx/dt = A x + B u, or x+ = A x + B u.
 
-    :param A, B, K: (n, n), (n, m), (m, n), the loop.
-    :param poles: (n,), complex, its poles in the s plane.
+    :param poles: (n,), those of the loop in the s plane.
     :param period: sampling period [s]; 0: continuous time.
     :param states: number of states whose steps are evaluated: those before the states of the
         controller.
@@ -53,7 +52,13 @@ def compute_step_figures(A: Array, B: Array, K: Array, poles: Complex, period: f
     M, rest = A - B @ K, (A - np.eye(len(A)) if period else A)[:n, :n]
 
     def fall(i: int, _: Array, length: float) -> _Fall:
-        t, x = _fall(M, i, length, period)
+        if period:
+            step, dt = M, period
+            count = max(2, min(_SAMPLES * 16, math.ceil(length / period)))
+        else:
+            dt = length / _SAMPLES
+            step, count = linalg.expm(M * dt), _SAMPLES
+        t, x = dt * np.arange(count + 1, dtype=float), _iterate(step, np.eye(len(M))[i], count)
         if period:
             rate = np.gradient(x[:, i], t)
             return _Fall(t, x[:, i], rate, rate * 0.0, x @ K.T)
@@ -63,11 +68,7 @@ def compute_step_figures(A: Array, B: Array, K: Array, poles: Complex, period: f
 
 
 def compute_held_steps(loop: HeldLoop, poles: Complex) -> SetPointSteps:
-    """
-    Return the step figures of a loop whose commands are held, also between the samples.
-
-    :param poles: its poles in the s plane.
-    """
+    """Return the step figures of a held loop, also between the samples; poles in the s plane."""
     n, size = len(loop.A), len(loop.K[0])
 
     @cache
@@ -118,17 +119,6 @@ def _lowest(x: Array, rate: Array, bend: Array) -> float:
     k = int(np.argmin(x))
     inside = 0 < k < len(x) - 1 and bend[k] > 0.0
     return float(x[k] - (rate[k]**2 / (2.0 * bend[k]) if inside else 0.0))
-
-
-def _fall(M: Array, i: int, length: float, period: float) -> tuple[Array, Array]:
-    """Return times and the error of all states after a unit error of state i."""
-    if period:
-        step, dt = M, period
-        count = max(2, min(_SAMPLES * 16, math.ceil(length / period)))
-    else:
-        dt = length / _SAMPLES
-        step, count = linalg.expm(M * dt), _SAMPLES
-    return dt * np.arange(count + 1, dtype=float), _iterate(step, np.eye(len(M))[i], count)
 
 
 def _iterate(step: Array, x: Array, count: int) -> Array:

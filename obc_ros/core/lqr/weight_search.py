@@ -62,9 +62,7 @@ class Suggestion:
     """
     The weights nearest to the specifications.
 
-    :ivar success: whether all specifications are met.
     :ivar message: the figures reached, or the specifications that were not met together.
-    :ivar best: the suggested weights.
     :ivar table: the trade-off over the scale of all inputs, from small inputs to large ones.
     """
 
@@ -75,14 +73,11 @@ class Suggestion:
 
 
 class Specification(NamedTuple):
-    """One specification: its name, its value, and the figure of a trial that it limits."""
+    """One specification: its name, its value, and the index of the figure that it limits."""
 
     name: str
     value: float
-    figure: int
-
-
-_RISE, _OVERSHOOT = -2, -1  # figures; from 0 on: the peak of that input
+    figure: int   # among the peaks of the inputs, the rise time and the overshoot
 
 
 def suggest(A: Array, B: Array, wanted: StepSpecifications, *, x_max: Sequence[float] = (),
@@ -90,8 +85,6 @@ def suggest(A: Array, B: Array, wanted: StepSpecifications, *, x_max: Sequence[f
     """
     Return weights whose regulator meets specifications of its step response.
 
-    :param A, B: (n, n) and (n, m), the plant.
-    :param wanted: the specifications.
     :param x_max, u_max: initial scales (n,) and (m,) in the units of states and inputs; empty: 1
         each.
     :param inputs: names of the inputs, for the message.
@@ -100,7 +93,7 @@ def suggest(A: Array, B: Array, wanted: StepSpecifications, *, x_max: Sequence[f
         at another value.
     :raises RefusedDesignError: if no gain is found for the first weights.
     """
-    return _Search(A, B, _checked(wanted, B.shape[1]), x_max, u_max, inputs).run()
+    return _Search(A, B, wanted, x_max, u_max, inputs).run()
 
 
 class _Search:
@@ -110,15 +103,15 @@ class _Search:
                  u_max: Sequence[float], inputs: Sequence[str]) -> None:
         self.A, self.B = A, B
         n, m = B.shape
+        self.wanted = _list_specifications(
+            wanted, tuple(inputs) or tuple(f'input {i}' for i in range(m)))
         self.start = from_bryson(n, m, x_max or (1.0,) * n, u_max or (1.0,) * m)
-        self.names = tuple(inputs) or tuple(f'input {i}' for i in range(m))
         first = self._design(self.start)
         rise = compute_step_figures(A, B, first.K, first.E)[0]
         self.positions = np.flatnonzero(np.isfinite(rise))
         if not self.positions.size:
             raise StatementError('no state of this system can be held at another value: no step '
                                  'response is defined')
-        self.wanted = _list_specifications(wanted, self.names)
         # Factors: all inputs, all states but the positions, each position, each input.
         self.trials: dict[tuple[float, ...], Trial | None] = {}
         self.neutral = (1.0, 1.0) + (1.0,) * (len(self.positions) + m)
@@ -218,31 +211,25 @@ class _Search:
 
 def _list_specifications(wanted: StepSpecifications, names: tuple[str, ...]
                          ) -> list[Specification]:
-    given = [Specification('rise time', wanted.rise_time, _RISE),
-             Specification('overshoot', wanted.overshoot, _OVERSHOOT)]
+    for name, value in (('rise_time', wanted.rise_time), ('overshoot', wanted.overshoot),
+                        *((f'peak_input[{i}]', each) for i, each in enumerate(wanted.peak_input))):
+        if not (math.isfinite(value) and value >= 0.0):
+            raise StatementError(
+                f'{name} = {value:g}: wanted 0 (not specified) or a positive number')
+    if len(wanted.peak_input) not in (0, len(names)):
+        raise StatementError(
+            f'peak_input has {len(wanted.peak_input)} numbers; wanted {len(names)}')
+    given = [Specification('rise time', wanted.rise_time, -2),
+             Specification('overshoot', wanted.overshoot, -1)]
     given += [Specification(f'peak of {name}', value, i) for i, (name, value) in enumerate(
         zip(names, wanted.peak_input, strict=False))]
     return [each for each in given if each.value]
 
 
 def _figure(trial: Trial, wanted: Specification) -> float:
-    if wanted.figure == _RISE:
-        return trial.rise_time
-    return trial.overshoot if wanted.figure == _OVERSHOOT else float(
-        trial.peak_input[wanted.figure])
+    return float((*trial.peak_input, trial.rise_time, trial.overshoot)[wanted.figure])
 
 
 def _excess(trial: Trial, wanted: Specification) -> float:
     """Return a figure of a trial relative to its specification."""
     return _figure(trial, wanted) / wanted.value
-
-
-def _checked(wanted: StepSpecifications, m: int) -> StepSpecifications:
-    for name, value in (('rise_time', wanted.rise_time), ('overshoot', wanted.overshoot),
-                        *((f'peak_input[{i}]', each) for i, each in enumerate(wanted.peak_input))):
-        if not (math.isfinite(value) and value >= 0.0):
-            raise StatementError(
-                f'{name} = {value:g}: wanted 0 (not specified) or a positive number')
-    if len(wanted.peak_input) not in (0, m):
-        raise StatementError(f'peak_input has {len(wanted.peak_input)} numbers; wanted {m}')
-    return wanted

@@ -44,20 +44,17 @@ def choose(n: int, m: int, *, weights: str = 'matrices', Qx: Numbers = (), Qu: N
     """
     Return the cost that is given by lists of numbers.
 
-    :param n, m: number of states and inputs.
     :param weights: 'matrices': from Qx and Qu; 'bryson': from x_max and u_max; 'output': from H
         and rho. Arguments of the other kinds are ignored.
     :param Qx, Qu: n or n*n, m or m*m numbers: a diagonal, or a full matrix row by row.
     :param cross: n*m numbers row by row, or none.
-    :param x_max, u_max: n and m numbers, see `from_bryson`.
-    :param H: p*n numbers row by row, see `from_output`.
-    :param rho: input weight of 'output'.
-    :param stability: prescribed degree of stability [1/s].
+    :param x_max, u_max: see `from_bryson`.
+    :param H, rho: see `from_output`.
     :raises StatementError: if a list has a wrong number of entries, or an entry is not a number or
         out of range. The design checks the definiteness of Qx and Qu.
     """
     if weights == 'matrices':
-        chosen = from_matrices(n, m, Qx, Qu)
+        chosen = Weights(square('Qx', Qx, n), square('Qu', Qu, m))
     elif weights == 'bryson':
         chosen = from_bryson(n, m, x_max, u_max)
     elif weights == 'output':
@@ -74,16 +71,10 @@ def choose(n: int, m: int, *, weights: str = 'matrices', Qx: Numbers = (), Qu: N
     return replace(chosen, cross=N.reshape(n, m) if N.size else None, stability=degree)
 
 
-def from_matrices(n: int, m: int, Qx: Numbers, Qu: Numbers) -> Weights:
-    """Return the cost with weights Qx (n or n*n numbers) and Qu (m or m*m numbers)."""
-    return Weights(square('Qx', Qx, n), square('Qu', Qu, m))
-
-
 def from_bryson(n: int, m: int, x_max: Numbers, u_max: Numbers) -> Weights:
     """
     Return diagonal weights by Bryson's rule: the inverse squares of acceptable deviations.
 
-    :param n, m: number of states and inputs.
     :param x_max, u_max: largest acceptable deviation of each state (n numbers; inf: weight 0) and
         each input (m numbers), in their units.
     :raises StatementError: if a list has a wrong length, or a number is not positive.
@@ -96,15 +87,11 @@ def from_output(n: int, m: int, H: Numbers, rho: float) -> Weights:
     """
     Return Qx = H'H and Qu = rho I, which keep the output z = H x small.
 
-    :param n, m: number of states and inputs.
     :param H: p*n numbers, row by row, for p outputs.
     :param rho: input weight against the square of z; positive.
     :raises StatementError: if the numbers of H are no rows of n, or rho is not positive.
     """
-    rows = _list('H', H)
-    if rows.size == 0 or rows.size % n:
-        raise StatementError(f'H has {count(rows.size)}; wanted a multiple of {n} (rows of {n})')
-    rows = rows.reshape(-1, n)
+    rows = _rows('H', H, n)
     weight = check_number('rho', rho)
     if weight <= 0.0:
         raise StatementError(f'rho = {weight:g}: wanted a positive number')
@@ -118,43 +105,25 @@ def with_integrals(A: Array, B: Array, weights: Weights, C: Numbers, Qi: Numbers
 
     The state becomes (x, xi) with dxi/dt = C x.
 
-    :param A, B: (n, n) and (n, m), the plant.
-    :param weights: its cost.
     :param C: p*n numbers row by row: the outputs to integrate.
     :param Qi: p or p*p numbers: weights of the integrals.
-    :return: A, B: (n+p, n+p) and (n+p, m), the augmented plant; weights: its cost.
     :raises StatementError, RefusedDesignError: if a list has a wrong length, or Qi is not positive
         semidefinite.
     """
     n, m = B.shape
-    rows = _list('C', C)
-    if rows.size == 0 or rows.size % n:
-        raise StatementError(f'C has {count(rows.size)}; wanted a multiple of {n} (rows of {n})')
-    rows = rows.reshape(-1, n)
+    rows = _rows('C', C, n)
     p = len(rows)
-    augmented_A = np.zeros((n + p, n + p))
-    augmented_A[:n, :n] = A
-    augmented_A[n:, :n] = rows
-    augmented_B = np.zeros((n + p, m))
-    augmented_B[:n] = B
-    Qx = np.zeros((n + p, n + p))
-    Qx[:n, :n] = weights.Qx
-    Qx[n:, n:] = check_semidefinite('Qi', square('Qi', Qi, p), p)
-    cross = None
-    if weights.cross is not None:
-        cross = np.zeros((n + p, m))
-        cross[:n] = weights.cross
-    return augmented_A, augmented_B, replace(weights, Qx=Qx, cross=cross)
+    below, beside = np.zeros((p, m)), np.zeros((n, p))
+    Qi = check_semidefinite('Qi', square('Qi', Qi, p), p)
+    return np.block([[A, beside], [rows, np.zeros((p, p))]]), np.vstack([B, below]), replace(
+        weights, Qx=np.block([[weights.Qx, beside], [beside.T, Qi]]),
+        cross=None if weights.cross is None else np.vstack([weights.cross, below]))
 
 
 def square(name: str, numbers: Numbers, n: int) -> Array:
     """
     Return the (n, n) matrix that is given by n (diagonal) or n*n (row by row) numbers.
 
-    :param name: name of the matrix, for the error.
-    :param numbers: the diagonal, or all entries row by row.
-    :param n: size of the matrix.
-    :return: (n, n).
     :raises StatementError: if there are neither n nor n*n finite numbers; the message begins with
         `name`.
     """
@@ -172,6 +141,14 @@ def check_number(name: str, value: Any) -> float:
     return float(_list(name, [value])[0])
 
 
+def _rows(name: str, numbers: Numbers, n: int) -> Array:
+    values = _list(name, numbers)
+    if values.size == 0 or values.size % n:
+        raise StatementError(f'{name} has {count(values.size)}; wanted a multiple of {n} '
+                             f'(rows of {n})')
+    return values.reshape(-1, n)
+
+
 def _inverse_squares(name: str, numbers: Numbers, n: int, may_be_infinite: bool) -> Array:
     values = _list(name, numbers, finite=not may_be_infinite)
     if values.size != n:
@@ -183,12 +160,7 @@ def _inverse_squares(name: str, numbers: Numbers, n: int, may_be_infinite: bool)
 
 
 def count(size: int) -> str:
-    """
-    Return the size of a list in words.
-
-    :param size: number of its entries.
-    :return: 'no numbers', '1 number', '2 numbers', ...
-    """
+    """Return the size of a list in words: 'no numbers', '1 number', '2 numbers', ..."""
     return '1 number' if size == 1 else f'{size or "no"} numbers'
 
 

@@ -22,7 +22,8 @@ from typing import Any
 import casadi as ca
 import numpy as np
 from obc_ros.core.lqr.design.design import Design, design, linearize_plant, Sampling
-from obc_ros.core.lqr.sampled import discretize_cost, discretize_plant
+from obc_ros.core.lqr.held_loop import discretize_plant
+from obc_ros.core.lqr.sampled import discretize_cost
 from obc_ros.core.lqr.weights import Weights
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.numerics.runge_kutta import BUTCHER, take_step

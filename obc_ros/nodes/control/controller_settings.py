@@ -16,12 +16,12 @@ from typing import Any, Protocol
 from obc_ros.core.closed_loop.control import Control, ENVELOPE, Rules, STALE
 from obc_ros.core.closed_loop.feedback import InputLimits, Vector
 from obc_ros.core.lqr.design.design import Design, linearize_plant, LinearizedPlant
-from obc_ros.core.lqr.design.input_limits import (
+from obc_ros.core.lqr.design.set_point import (
     check_all_limited,
+    describe_set_point,
     resolve_input_limits,
     translate_former_limits,
 )
-from obc_ros.core.lqr.design.set_point import describe_set_point
 from obc_ros.core.lqr.weights import count, WEIGHT_KINDS
 from obc_ros.core.text.errors import StatementError
 from obc_ros.nodes.control.command_sinks import Sink, SINKS

@@ -11,8 +11,8 @@ from obc_ros.core.estimation.output_feedback import (
     recover_loop_transfer,
     recover_sampled_loop,
 )
+from obc_ros.core.lqr.held_loop import discretize_plant
 from obc_ros.core.lqr.lqr import dlqr, lqr
-from obc_ros.core.lqr.sampled import discretize_plant
 from obc_ros.core.text.errors import StatementError
 import pytest
 

@@ -16,9 +16,9 @@ import numpy as np
 from obc_ros.core.closed_loop.control import Prediction
 from obc_ros.core.closed_loop.feedback import convert_rows, convert_vector, StateFeedback, Vector
 from obc_ros.core.lqr.gain_schedule import compute_schedule, Table
-from obc_ros.core.lqr.held_loop import find_longest_period, HeldLoop
+from obc_ros.core.lqr.held_loop import find_longest_period, HeldLoop, predict_delayed_state
 from obc_ros.core.lqr.lqr import lqr, LqrDesign
-from obc_ros.core.lqr.sampled import predict_delayed_state, sampled_lqr
+from obc_ros.core.lqr.sampled import sampled_lqr
 from obc_ros.core.lqr.weights import choose, Weights, with_integrals
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.systems.equilibrium import Equilibrium, find_equilibrium, linearize
@@ -29,7 +29,7 @@ from obc_ros.core.text.errors import DynamicsError, quote, RefusedDesignError, S
 @dataclass(frozen=True)
 class Sampling:
     """
-    Sampling period and delay of a controller.
+    When a controller acts.
 
     :ivar period: period of the commands [s]; 0: not known.
     :ivar delay: known time until a command takes effect [s].
@@ -56,7 +56,6 @@ class LinearizedPlant:
     """
     A system linearised at an equilibrium.
 
-    :ivar A, B: (n, n) and (n, m).
     :ivar rest: input (m,) at rest: ue for a set point that does not move. For a moving set point
         it is the input of the equilibrium at rest at the same state, or ue if there is none.
     """
@@ -77,7 +76,6 @@ class Design:
     :ivar lqr: the design of the plant, with the integrals of the outputs `C` as further states.
     :ivar C: (p, n), outputs with integral action.
     :ivar cost: the cost with the weights of the integrals.
-    :ivar sampling: period and delay of the controller.
     """
 
     plant: LinearizedPlant
@@ -121,12 +119,7 @@ class Design:
             round(delay * 1e9))
 
     def held_loop(self, period: float = 0.0) -> HeldLoop | None:
-        """
-        Return the loop that runs.
-
-        :param period: measured period of the commands [s]; 0: that of the design.
-        :return: None if neither is known.
-        """
+        """Return the loop that runs at a measured period [s], or else that of the design."""
         foreseen = self.sampling.period
         if not (period or foreseen):
             return None
@@ -159,8 +152,7 @@ class Design:
 
 
 def linearize_plant(system: System, setpoint: Sequence[float] = (),
-                    setpoint_input: Sequence[float] = ()
-                    ) -> LinearizedPlant:
+                    setpoint_input: Sequence[float] = ()) -> LinearizedPlant:
     """
     Linearise a system at a set point.
 
@@ -178,11 +170,9 @@ def design(plant: LinearizedPlant, weights: dict[str, Any], integral: Sequence[s
     """
     Return the regulator of a plant for a cost.
 
-    :param plant: the plant at its set point.
     :param weights: arguments of `weights.choose`; empty Qx, Qu: identity.
     :param integral: names of the states whose integrals are fed back.
     :param Qi: weights of these integrals; empty: 1 each.
-    :param sampling: period and delay of the controller, and whether the gain is designed for them.
     :raises StatementError: if a list has a wrong length or a number is out of range.
     :raises RefusedDesignError: if there is no gain with verified stability.
     """
@@ -204,15 +194,13 @@ def design_again(found: Design, plant: LinearizedPlant) -> Design:
 
 
 def schedule_gains(found: Design, plant_at: Callable[[float], LinearizedPlant], lower: float,
-                   upper: float
-                   ) -> Table:
+                   upper: float) -> Table:
     """
     Return a gain schedule for a range of a variable.
 
+    The last p columns of each gain are those of the integrals.
+
     :param found: the cost and the sampling.
-    :param plant_at: the plant for a value of the variable.
-    :param lower, upper: the range.
-    :return: the last p columns of each gain are those of the integrals.
     :raises StatementError: if the design is not in continuous time, or the range is empty.
     :raises ObcError: if for a value there is no plant, or no gain with verified stability.
     """
@@ -255,7 +243,7 @@ def _gain(A: Array, B: Array, cost: Weights, sampling: Sampling, n: int) -> LqrD
 
     try:
         if sampling.exact:
-            found = sampled_lqr(A, B, cost, period, delay).design
+            found = sampled_lqr(A, B, cost, period, delay)
             if len(A) > n:   # the controller sums samples, the design integrates the motion
                 _check_held(held(found), 'the gain with integral action',
                             'set a higher rate or smaller weights Qi')

@@ -25,17 +25,14 @@ _ROUNDING = 1e-6   # excess over a limit relative to the input, by which a solut
 
 
 def compute_allowed_error(along: Course, x_limits: AllowedErrors = (),
-                          tolerance: Sequence[float] = ()
-                          ) -> AllowedErrors:
+                          tolerance: Sequence[float] = ()) -> AllowedErrors:
     """
-    Return the bounds of the error at which a reference may begin.
+    Return the lower and upper bounds (n,) of x - xr at which a reference may begin.
 
-    :param along: the reference.
     :param x_limits: (n,) bounds of the error x - xr inside which the law is used; empty: none.
     :param tolerance: (n,) maximum error of each state, in its unit; empty: `x_limits`, or a tenth
         of the range of the state along the reference if it has no such bound. A range below one
         unit counts as one unit.
-    :return: (n,) lower and upper bound of x - xr.
     """
     with np.errstate(over='ignore'):
         return compute_allowed_distance(np.ptp(along.x, axis=0), x_limits, tolerance)
@@ -43,13 +40,7 @@ def compute_allowed_error(along: Course, x_limits: AllowedErrors = (),
 
 def compute_allowed_distance(ranges: Array, x_limits: AllowedErrors, tolerance: Sequence[float]
                              ) -> AllowedErrors:
-    """
-    Return the bounds of an error, for the ranges of the states (n,).
-
-    :param ranges: (n,), largest minus smallest value of each state along a reference.
-    :param x_limits, tolerance: as in `compute_allowed_error`.
-    :return: (n,) lower and upper bound.
-    """
+    """Return `compute_allowed_error` for the ranges (n,) of the states along a reference."""
     if tolerance:
         return tuple((-each, each) for each in tolerance)
     own = PART * np.maximum(ranges, 1.0)
@@ -65,10 +56,8 @@ def check(along: Course, found: Design, limits: InputLimits, allowed: AllowedErr
     """
     Check that the plant can follow a reference.
 
-    :param along: the reference.
     :param found: the design of the regulator that is to follow it.
-    :param limits: limits of the inputs.
-    :param allowed: (n,) bounds of x - xr from `compute_allowed_error`.
+    :param allowed: from `compute_allowed_error`.
     :raises RefusedReferenceError: if an input exceeds a limit, or the reference does not satisfy
         the dynamics.
     """

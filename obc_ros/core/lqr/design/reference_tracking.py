@@ -48,7 +48,6 @@ class Course:
     """
     The samples of a valid reference.
 
-    :ivar reference: when it begins.
     :ivar t, x, u: (N,), (N, n), (N, m), samples; a repeated time is a jump.
     :ivar holds: whether u is constant from each sample to the next; otherwise linear in between.
     """
@@ -66,7 +65,6 @@ def read_course(system: System, names: tuple[Sequence[str], Sequence[str]], t: S
     """
     Return the reference that is given by lists of numbers.
 
-    :param system: the system of the states and inputs.
     :param names: names of states and inputs, in the order of x and u; empty: the order of the
         system.
     :param t, x, u: N, N*n and N*m numbers, row by row.
@@ -95,14 +93,10 @@ def read_course(system: System, names: tuple[Sequence[str], Sequence[str]], t: S
 
 def compute_tracking_law(along: Course, found: Design, P1: Array | None = None) -> tuple[Leg, str]:
     """
-    Return the control law along a reference, for the weights of a design.
+    Return the control law along a reference, and what happens at its end, as a clause.
 
-    :param along: the reference.
     :param found: a design of the same system.
-    :param P1: (n, n), optional, terminal weight; default: P of the design at the end of the
-        reference.
-    :return: leg: the control law along the reference and after its end; ending: what happens at
-        the end, as a clause.
+    :param P1: (n, n), terminal weight; default: P of the design at the end of the reference.
     :raises DynamicsError: if the system cannot be linearised along the reference.
     """
     at_end, after, ending = _end(along, found)
@@ -118,10 +112,8 @@ def compute_horizon_law(found: Design, time: float, P1: Array | None = None) -> 
     """
     Return the gains over a horizon to a set point, followed by the constant gain of the design.
 
-    :param found: the design at the set point.
     :param time: horizon T [s].
-    :param P1: (n, n), optional, terminal weight; default: P of the design, which makes the gain
-        constant.
+    :param P1: (n, n), terminal weight; default: P of the design, which makes the gain constant.
     """
     plant = found.plant
     gains = _gains(_grid(0.0, time, found), found, _terminal(found, P1),
@@ -131,12 +123,7 @@ def compute_horizon_law(found: Design, time: float, P1: Array | None = None) -> 
 
 @dataclass(frozen=True, eq=False)
 class LawAlongReference:
-    """
-    The control law along a reference.
-
-    :ivar t, x, u, holds: as for `Course`.
-    :ivar gains: gains over t.
-    """
+    """The control law along a reference: the samples of a `Course`, and gains over t."""
 
     t: Vector
     x: Rows

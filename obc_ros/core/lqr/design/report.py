@@ -31,12 +31,7 @@ class Change:
 
 
 def change(before: Design, after: Design, jump: Sequence[float] | None) -> Change:
-    """
-    Return the change of the gain and of the inputs from one design to another.
-
-    :param before, after: designs of the same system.
-    :param jump: (m,) change of each input at the present error.
-    """
+    """Return the change between designs of a system; `jump` (m,) is that of the inputs."""
     system = after.plant.system
     step = after.K - before.K
     i, j = divmod(int(np.abs(step).argmax()), step.shape[1])
@@ -56,7 +51,6 @@ def report_fields(design: Design, made: Change, error: Sequence[float] | None,
     """
     Return the fields of the message LqrDesign that describe a design.
 
-    :param made: the change from the previous design.
     :param error: the present x - xe (n,).
     :param period: measured period of the commands [s]; 0: not known. Then it is that of the
         design; without one the figures are of the loop in continuous time.
@@ -103,11 +97,7 @@ class Matrices(NamedTuple):
 
 
 def read_matrices(message: Any) -> Matrices:
-    """
-    Return the matrices of a message LqrDesign.
-
-    :param message: a message with the fields of `report_fields`.
-    """
+    """Return the matrices of a message LqrDesign, with the fields of `report_fields`."""
     n, m = len(message.xe), len(message.ue)
 
     def rows(numbers: Any, of: int) -> Array:
