@@ -19,7 +19,10 @@ algorithm for large-scale nonlinear programming, Math. Program. 106 (2006).
 N.-Y. Chiang, V. M. Zavala, An inertia-free filter line-search algorithm for large-scale nonlinear
 programming, Comput. Optim. Appl. 64 (2016).
 
-The module is long because every step of the method works on the same scaled iterate.
+The symmetric path of a symmetric problem satisfies the first-order conditions, and Newton steps
+from it stay symmetric: none leads from a path through an obstacle to one around it. At such a
+saddle the Hessian has negative curvature on the null space of J. A small step in that direction
+gives an initial point from which the method finds a minimum (`leave_saddle`).
 """
 
 from collections.abc import Callable
@@ -36,7 +39,6 @@ class ProgramValues:
     """
     The values and derivatives of a program at y = (w, lam).
 
-    :ivar f: Cost.
     :ivar c: of y, constraints in the places of their multipliers, else 0.
     :ivar slope, cost_slope: of y, gradients of the Lagrangian and of f in the places of the
         unknowns.
@@ -74,7 +76,7 @@ class Pattern:
 
     :param rows, columns: places of all entries of both triangles; entries at the same place are
         added.
-    :param size, border: size of the matrix, and number of columns of the border.
+    :param border: number of columns of the border.
     :param triangle: keep only the lower triangle of the band, which is sufficient for `definite`.
     """
 
@@ -90,7 +92,6 @@ class Pattern:
         place = self._above + rows - columns + self.height * columns
         edge = self.height * inner + rows + size * (columns - inner)
         outside = self.height * inner + size * border
-        self._total = outside + 1
         self.place = np.where(banded, place, np.where(columns >= inner, edge, outside))
         self.rows, self.columns, self._outside = rows, columns, outside
         self.diagonal = np.append(
@@ -101,35 +102,31 @@ class Pattern:
         """Return the places of the entries with those of the fixed unknowns discarded."""
         return np.where(fixed[self.rows] | fixed[self.columns], self._outside, self.place)
 
-    def _summed(self, place: Index, entries: Array, diagonal: Array) -> Array:
-        flat: Array = np.asarray(np.bincount(place, entries, self._total), dtype=float)
+    def _summed(self, place: Index, entries: Array, diagonal: Array) -> tuple[Array, Array]:
+        """Return the sum of all entries as a band and a border."""
+        flat: Array = np.asarray(np.bincount(place, entries, self._outside + 1), dtype=float)
         flat[self.diagonal] += diagonal
-        return flat
+        first = self.height * self.inner
+        return (flat[:first].reshape(self.inner, self.height).T,
+                flat[first:-1].reshape(self.border, self.size).T)
 
     def factor(self, entries: Array, place: Index, diagonal: Array) -> 'Factor | None':
         """
-        Factorise the matrix with a diagonal added.
+        Factorise the matrix with a diagonal (size,) added; return None if it is singular.
 
-        :param entries: in the order of `rows` and `columns`.
-        :param place: `place`, or what `without` returns.
-        :param diagonal: (size,), added to the matrix.
-        :return: None if the matrix is singular.
+        `entries` are in the order of `rows` and `columns`, `place` is `place` or from `without`.
         """
-        flat = self._summed(place, entries, diagonal)
-        band = flat[:self.height * self.inner].reshape(self.inner, self.height).T
-        edge: Array = flat[self.height * self.inner:-1].reshape(self.border, self.size).T
+        band, edge = self._summed(place, entries, diagonal)
         lu, pivots, info = lapack.dgbtrf(band, self.width, self.width, overwrite_ab=1)
         factor = None if info else Factor(self, lu, pivots, edge)
         return None if factor is None or factor.singular else factor
 
     def definite(self, entries: Array, place: Index, diagonal: Array) -> bool:
         """Return whether the matrix with a diagonal added (see `factor`) is positive definite."""
-        flat = self._summed(place, entries, diagonal)
-        band = flat[:self.height * self.inner].reshape(self.inner, self.height).T
+        band, edge = self._summed(place, entries, diagonal)
         lower, info = lapack.dpbtrf(band[self._above:], lower=1, overwrite_ab=1)
         if info or not self.border:
             return not info
-        edge = flat[self.height * self.inner:-1].reshape(self.border, self.size).T
         upper = edge[:self.inner]
         corner = edge[self.inner:] - upper.T @ lapack.dpbtrs(lower, upper, lower=1)[0]
         return bool(np.all(np.linalg.eigvalsh(corner) > 0))
@@ -182,7 +179,6 @@ class StoppingRule:
     Tolerances and limits of a run.
 
     :ivar feasible, optimal: tolerances of the rows and of the other optimality conditions, scaled.
-    :ivar most: maximum number of steps.
     :ivar rough: relative error of the cost that is small enough; 0: none.
     :ivar once: with `rough`, a run that stays infeasible ends after 10 steps; with `once` after 5
         or 10.
@@ -200,14 +196,11 @@ class Iterate:
     """
     An iterate.
 
-    :ivar y: unknowns and multipliers of the rows.
     :ivar gap, z: (count,), distances from the bounds, the lower ones first, and their multipliers
         (>= 0).
     :ivar mu: barrier parameter.
-    :ivar values: at y.
-    :ivar converged, status: of the run that ends here: 'converged', 'good enough', 'stopped', 'no
-        step', 'too slow'.
-    :ivar iterations: steps so far.
+    :ivar status: of the run that ends here: 'converged', 'good enough', 'stopped', 'no step', 'too
+        slow'.
     :ivar error: largest scaled residual of the gradient of the Lagrangian.
     :ivar size: scale of the products of `gap` and `z`.
     :ivar worst, total: largest absolute value and sum of the absolute values of c.
@@ -246,7 +239,6 @@ class Interior:
         self.high = np.flatnonzero(np.isfinite(upper) & ~self.fixed)
         self.lower, self.upper = lower, upper
         self.count = len(self.low) + len(self.high)
-        self.spans = np.minimum((upper - lower)[np.concatenate([self.low, self.high])], 1.0)
         self.row = program.is_row.astype(float)
         self.free = (~program.is_row & ~self.fixed).astype(float)
         # The proximal term keeps redundant rows from being singular.
@@ -264,27 +256,18 @@ class Interior:
         """Return the changes of the distances by a step of y."""
         return np.concatenate([step[self.low], -step[self.high]])
 
-    def spread(self, z: Array) -> Array:
-        """Return the multipliers of lower bounds minus those of upper ones, shape of y."""
+    def spread(self, z: Array, sign: int = -1) -> Array:
+        """Return multipliers of lower bounds minus those of upper ones, or plus, shape of y."""
         found = np.zeros(len(self.row))
         found[self.low] = z[:len(self.low)]
-        found[self.high] -= z[len(self.low):]
-        return found
-
-    def weights(self, values: Array) -> Array:
-        """Return values of lower plus those of upper bounds, shape of y."""
-        found = np.zeros(len(self.row))
-        found[self.low] = values[:len(self.low)]
-        found[self.high] += values[len(self.low):]
+        found[self.high] += sign * z[len(self.low):]
         return found
 
     def begin(self, y: Array, mu: float, push: float) -> Iterate:
         """
-        Return the first iterate.
+        Return the first iterate for a barrier parameter.
 
-        :param y: initial point.
-        :param mu: barrier parameter.
-        :param push: least distance from a bound, relative to its size and to the span.
+        `push`: least distance from a bound, relative to its size and to the span.
         """
         y = np.where(self.fixed, self.lower, y)
         span = self.upper - self.lower
@@ -292,24 +275,25 @@ class Interior:
             edge = bound[places]
             least = np.minimum(push * np.maximum(1.0, np.abs(edge)), push * span[places])
             y[places] = edge + sign * np.maximum(sign * (y[places] - edge), least)
-        gap = self.gaps(y)
-        return self.measured(Iterate(
-            y=y, gap=gap, z=mu / gap, mu=mu, values=self.program.values(y)))
+        return self._first(y, mu)
 
     def resume(self, y: Array, mu: float) -> Iterate:
         """
         Return the first iterate from y near a solution, with the multipliers of the rows.
 
-        :param y: unknowns and multipliers.
-        :param mu: barrier parameter. The gradient of the Lagrangian gives the multipliers of the
-            bounds, and mu over a multiplier the distance from its bound.
+        The gradient of the Lagrangian gives the multipliers of the bounds, and mu over a
+        multiplier the distance from its bound.
         """
         y = np.clip(np.where(self.fixed, self.lower, y), self.lower, self.upper)
         pull = np.maximum(self.moves(self.program.values(y).slope), 1e-300)
-        near = np.minimum(mu / pull, 1e-2 * self.spans)   # from an active bound
+        spans = np.minimum((self.upper - self.lower)[np.append(self.low, self.high)], 1.0)
+        near = np.minimum(mu / pull, 1e-2 * spans)   # from an active bound
         count = len(self.low)
         y[self.low] = np.maximum(y[self.low], self.lower[self.low] + near[:count])
         y[self.high] = np.minimum(y[self.high], self.upper[self.high] - near[count:])
+        return self._first(y, mu)
+
+    def _first(self, y: Array, mu: float) -> Iterate:
         gap = self.gaps(y)
         return self.measured(Iterate(
             y=y, gap=gap, z=mu / gap, mu=mu, values=self.program.values(y)))
@@ -344,7 +328,7 @@ class Interior:
 
     def direction(self, now: Iterate) -> tuple[Array, Factor] | None:
         """Return a Newton step of positive curvature and its factors; None if there is none."""
-        weight = self.weights(now.z / now.gap)
+        weight = self.spread(now.z / now.gap, 1)
         right, c = self.right(now, now.values.c), now.values.c
         shift = 0.0
         while shift <= 1e10:   # a multiple of the identity is added
@@ -395,14 +379,11 @@ class Filter:
     def accept(self, before: tuple[float, float], after: tuple[float, float], slope: float,
               part: float) -> tuple[bool, bool]:
         """
-        Judge a trial point.
+        Return whether a trial point is accepted, and whether the filter stays as it is then.
 
-        :param before, after: infeasibility and barrier function of the iterate and of the trial
-            point.
-        :param slope: derivative of the barrier function along the step.
-        :param part: step length.
-        :return: accepted, descends: the second: by the Armijo condition of the barrier function,
-            so that the filter is not augmented.
+        That is by the Armijo condition of the barrier function. `before`, `after`: infeasibility
+        and barrier function of the iterate and of the trial point; `slope`: derivative of the
+        barrier function along the step; `part`: step length.
         """
         (theta, phi), (new_theta, new_phi) = before, after
         slack = 1e-14 * abs(phi)
@@ -419,14 +400,9 @@ class Filter:
 def solve_program(work: Interior, now: Iterate, goal: StoppingRule,
                   watch: Callable[[float, float], bool]) -> Iterate:
     """
-    Run the interior-point method.
+    Run the interior-point method from a first iterate; return the last one.
 
-    :param work: program and bounds.
-    :param now: the first iterate, from `Interior.begin` or `Interior.resume`.
-    :param goal: tolerances and limits.
-    :param watch: called with cost and infeasibility of every iterate; True stops.
-    :return: the last one; `converged` if the tolerances are met, `status` otherwise tells why it
-        ended.
+    `watch` is called with cost and infeasibility of every iterate; True stops.
     """
     pairs, start, least = Filter(now.total), now.total, goal.optimal / 10
     first = now.worst
@@ -497,3 +473,51 @@ def _advance(work: Interior, now: Iterate, pairs: Filter) -> tuple[Iterate, floa
         now, y=trial, gap=gap, z=np.clip(now.z + dual * dz, limit / 1e10, limit * 1e10),
         values=(there if f == there.f and part == longest else work.program.values(trial)),
         iterations=now.iterations + 1)), -slope
+
+
+def leave_saddle(work: Interior, end: Iterate, goal: StoppingRule,
+                 watch: Callable[[float, float], bool]) -> Iterate:
+    """
+    Return the last iterate of a run; from a saddle, continue along negative curvature.
+
+    :return: `end`, or a converged iterate of lower cost; `iterations` counts those of all runs.
+    """
+    for _ in range(3):   # saddles in a row
+        way = _down(work, end) if end.converged else None
+        if way is None:
+            break
+        gone = -float((work.moves(way) / end.gap).min(initial=0.0))
+        y = end.y + min(0.1, 0.9 / max(gone, 1e-300)) * way
+        begun = work.begin(y, max(end.mu, 1e-4), 1e-6)   # least distance from bounds
+        below = solve_program(work, begun, goal, watch)
+        if below.status == 'too slow':   # repeat without the early end: a saddle is no solution
+            below = solve_program(work, replace(begun, iterations=below.iterations),
+                                  replace(goal, most=goal.most + below.iterations, rough=0.0),
+                                  watch)
+        below = replace(below, iterations=below.iterations + end.iterations)
+        if not (below.converged
+                and below.values.f < end.values.f - 1e-9 * abs(end.values.f)):
+            return replace(end, iterations=below.iterations)
+        end = below
+    return end
+
+
+def _down(work: Interior, now: Iterate) -> Array | None:
+    """Return d with J d = 0, negative curvature and largest entry 1; None if there is none."""
+    slight = 1e-6   # scaled curvature that counts as none; 1e6 is the largest one looked for
+    program, weight, shift = work.program, work.spread(now.z / now.gap, 1), slight
+    while not program.convex(now.values, work.fixed, weight + shift * work.free + 1 - work.free):
+        shift *= 10
+        if shift > 1e6:
+            return None
+    if shift == slight:
+        return None
+    factor = program.pattern.factor(
+        now.values.entries, work.place, work.base + weight + shift * work.free)
+    if factor is None:
+        return None
+    way = np.random.default_rng(1).normal(size=len(now.y))
+    for _ in range(3):
+        way = factor.solve(way * work.free) * work.free
+        way /= np.abs(way).max(initial=1e-300)
+    return way if np.all(np.isfinite(way)) else None

@@ -5,8 +5,6 @@ Minimise F(x) subject to G(x) = 0, g(x) <= 0 and x in a box, with a certificate 
 
 IPOPT starts from several points. The lowest stationary point found is refined by Newton's method
 and certified by `kkt`, which uses nothing of IPOPT.
-
-The module is long because search, refinement and certificate share one set of functions.
 """
 
 from collections.abc import Iterator, Mapping
@@ -47,8 +45,7 @@ class Minimum:
     The solution of a static problem.
 
     :ivar message: the result or the reason for failure, in words.
-    :ivar x: (n,), the minimiser.
-    :ivar objective: F there.
+    :ivar x, objective: (n,), the minimiser, and F there.
     :ivar lam, mu: (k,), (l,), multipliers: grad F + lam' grad G + mu' grad g = 0 inside the
         bounds, mu >= 0.
     :ivar certificate: stationarity, feasibility, signs, complementarity, second_order, attained.

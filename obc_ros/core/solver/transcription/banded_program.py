@@ -13,21 +13,21 @@ from obc_ros.core.numerics.arrays import Array, Index
 from obc_ros.core.solver.nlp.interior_point import (
     Interior,
     Iterate,
+    leave_saddle,
     Pattern,
     ProgramValues,
     solve_program,
     StoppingRule,
 )
 from obc_ros.core.solver.nlp.ipopt import Found
-from obc_ros.core.solver.nlp.negative_curvature import leave_saddle
-from obc_ros.core.solver.transcription.block_program import Whole
+from obc_ros.core.solver.transcription.block_program import Piece
 
 
 class Stages:
     """
     A banded program of intervals and an end, with their rows between the unknowns of mesh points.
 
-    :param interval, end: functions of an interval and of the end.
+    :param interval, end: rows and cost of an interval and of the end.
     :param index, own: (N, nv) and (N, .), places of the local variables of each interval in [w;
         c], and of its constants in c.
     :param last: (n,), places of x(T) in w.
@@ -36,7 +36,7 @@ class Stages:
     :param shared: number of constants that all intervals share, which come first.
     """
 
-    def __init__(self, interval: Whole, end: Whole, index: Index, own: Index, last: Index,
+    def __init__(self, interval: Piece, end: Piece, index: Index, own: Index, last: Index,
                  points: Index, unknowns: int, shared: int) -> None:
         N, per, r, q = len(index), points.shape[1], interval.r, end.r
         stride = per + r
@@ -77,7 +77,7 @@ class Stages:
             g, cost, cost_slope, slope, J, H = (at + offset for at in copies.results)
             summands += [g, slope, cost_slope, cost]
             v = np.where(copies.v < self.size, copies.v, nowhere)
-            slots += [copies.rows, self.size + v, 2 * self.size + v[:, copies.whole.slope],
+            slots += [copies.rows, self.size + v, 2 * self.size + v[:, copies.places[0][0]],
                       np.full(cost.shape, 3 * self.size)]
             entries += [H, J, J]
         slot, summand = (np.concatenate([part.ravel() for part in parts])
@@ -94,9 +94,10 @@ class Stages:
         """Return the pattern of the Hessian plus J'J, and which of their entries it contains."""
         rows, columns = [], []
         for copies in self._copies:
-            pairs = copies.v[:, copies.whole.jacobian[1][copies.pairs]]
-            rows += [copies.v[:, copies.whole.curvature[0]], pairs.max(axis=1)]
-            columns += [copies.v[:, copies.whole.curvature[1]], pairs.min(axis=1)]
+            _, (_, j), (a, b) = copies.places
+            pairs = copies.v[:, j[copies.pairs]]
+            rows += [copies.v[:, a], pairs.max(axis=1)]
+            columns += [copies.v[:, b], pairs.min(axis=1)]
         i, j = (np.concatenate([part.ravel() for part in parts]) for parts in (rows, columns))
         inner = self.pattern.inner
         kept = np.flatnonzero((i < self.size) & (j < self.size) & (i >= j))
@@ -134,8 +135,6 @@ class Stages:
         Solve the program by the interior-point method.
 
         :param w: initial unknowns.
-        :param bounds: lower and upper bounds of w.
-        :param goal: tolerances and limits.
         :param watch: called with cost and infeasibility; True stops.
         :param near: whether the start is near the solution.
         :param multipliers: initial `lam_w` and `lam_g`; the method estimates `lam_w` anew.
@@ -162,8 +161,12 @@ class Stages:
             now = work.measured(self._scale(replace(now, z=np.ones_like(now.z))))
         if multipliers is None:
             now = work.multipliers(now)
-        end = solve_program(work, now, goal, seen)
-        return self._found(work, leave_saddle(work, end, goal, seen))
+        end = leave_saddle(work, solve_program(work, now, goal, seen), goal, seen)
+        return Found(
+            w=end.y[self.at_w], f=end.values.f / self.factor, g=end.values.c[self.at_rows],
+            lam_w=-work.spread(end.z)[self.at_w] / self.factor,
+            lam_g=end.y[self.at_rows] / self.factor, converged=end.converged, status=end.status,
+            iterations=end.iterations, mu=end.mu)
 
     def _scale(self, now: Iterate) -> Iterate:
         """Scale the cost down if its gradient is very large at a start without multipliers."""
@@ -173,20 +176,13 @@ class Stages:
         self.factor = most / steepest
         return replace(now, values=self.values(now.y))
 
-    def _found(self, work: Interior, end: Iterate) -> Found:
-        return Found(
-            w=end.y[self.at_w], f=end.values.f / self.factor, g=end.values.c[self.at_rows],
-            lam_w=-work.spread(end.z)[self.at_w] / self.factor,
-            lam_g=end.y[self.at_rows] / self.factor, converged=end.converged, status=end.status,
-            iterations=end.iterations, mu=end.mu)
-
     def values(self, y: Array) -> ProgramValues:
         """Return values and derivatives at y."""
         known = np.concatenate([y, self._constants, [self.factor]])
         flat, parts = np.empty(self._places[-1].stop), []
         for copies, place in zip(self._copies, self._places, strict=True):
             result = flat[place].reshape(len(copies.take), -1)
-            copies.whole.batch.of_joined(known[copies.take], result)
+            copies.piece.batch.of_joined(known[copies.take], result)
             parts.append((result[:, copies.at_J], result[:, copies.at_H]))
         sums: Array = np.asarray(np.bincount(
             self._slots, flat[self._summands], 3 * self.size + 2), dtype=float)
@@ -200,7 +196,7 @@ class Stages:
         known = np.concatenate([y, self._constants])
         c, cost, seen = np.zeros(self.size), 0.0, []
         for copies in self._copies:
-            result = copies.whole.values.of_joined(known[copies.few])
+            result = copies.piece.values.of_joined(known[copies.few])
             seen.append(result[:, :-1].ravel())
             cost += float(result[:, -1].sum())
         c[self.at_rows] = np.concatenate(seen)
@@ -218,19 +214,17 @@ class _Copies:
     whose products give J'J.
     """
 
-    def __init__(self, whole: Whole, v: Index, own: Index, rows: Index, shared: Index) -> None:
-        self.whole, self.v, self.rows = whole, v, rows
-        K = len(v)
-        given = np.hstack([v, own, np.tile(shared, (K, 1))])
-        self.few = given
-        self.take = np.hstack([given, np.full((K, 1), -1), rows])
-        width = whole.batch.outputs[-1].stop
-        self.total = len(self.take) * width
+    def __init__(self, piece: Piece, v: Index, own: Index, rows: Index, shared: Index) -> None:
+        self.piece, self.places, self.v, self.rows = piece, piece.places, v, rows
+        K, outputs = len(v), piece.batch.outputs
+        self.few = np.hstack([v, own, np.tile(shared, (K, 1))])
+        self.take = np.hstack([self.few, np.full((K, 1), -1), rows])
+        width = outputs[-1].stop
+        self.total = K * width
         self.results = [width * np.arange(K)[:, None] + np.arange(part.start, part.stop)
-                        for part in whole.batch.outputs]
-        i, j = whole.jacobian
-        a, b = whole.curvature
+                        for part in outputs]
+        _, (i, j), (a, b) = piece.places
         self.pairs = np.array(np.nonzero(np.triu(i[:, None] == i)))
-        self.at_J, self.at_H = whole.batch.outputs[-2:]
+        self.at_J, self.at_H = outputs[-2:]
         pairs = ((v[:, a], v[:, b]), (rows[:, i], v[:, j]), (v[:, j], rows[:, i]))
         self.entries = [np.concatenate([pair[k].ravel() for pair in pairs]) for k in (0, 1)]

@@ -17,8 +17,7 @@ import numpy as np
 from obc_ros.core.numerics.arrays import Index
 from obc_ros.core.numerics.vectorized import VectorizedFunction
 
-# A function, and the rows and columns of the entries of its result.
-Derivative = tuple[ca.Function, Index, Index]
+Places = tuple[Index, Index]   # rows and columns of the entries of a matrix
 
 
 class Piece:
@@ -44,64 +43,46 @@ class Piece:
                 ca.sparsify(H), both)
 
     @cached_property
-    def values(self) -> ca.Function:
-        """Return the function to g and the cost."""
-        return ca.Function('rows', self._arguments, [self._g, self._cost])
+    def places(self) -> tuple[Places, Places, Places]:
+        """Return where the gradient of the cost, the Jacobian of g and the Hessian are not 0."""
+        _, _, slope, J, H, _ = self._symbols
+        return _places(slope), _places(J), _places(H)
 
     @cached_property
-    def slope(self) -> Derivative:
-        """Return the gradient of the cost."""
-        return self._sparse('slope', self._arguments, self._symbols[2])
+    def functions(self) -> tuple[ca.Function, ...]:
+        """
+        Return the functions to g and the cost, its gradient, the Jacobian and the Hessian.
+
+        The last one, of factor cost + lam' g, is a function of factor and lam, too.
+        """
+        factor, lam, slope, J, H, _ = self._symbols
+        given = self._arguments
+        return (ca.Function('rows', given, [self._g, self._cost]),
+                ca.Function('slope', given, [slope]), ca.Function('jacobian_g', given, [J]),
+                ca.Function('curvature', [*given, factor, lam], [H]))
 
     @cached_property
-    def jacobian(self) -> Derivative:
-        """Return the derivative of g."""
-        return self._sparse('jacobian_g', self._arguments, self._symbols[3])
+    def values(self) -> VectorizedFunction:
+        """Return the function from many v, own and shared at once to g and the cost."""
+        return VectorizedFunction(self._arguments, [self._g, self._cost], 8)
 
     @cached_property
-    def curvature(self) -> Derivative:
-        """Return the second derivative of factor cost + lam' g."""
-        factor, lam, _, _, H, _ = self._symbols
-        return self._sparse('curvature', [*self._arguments, factor, lam], H)
+    def batch(self) -> VectorizedFunction:
+        """
+        Return the same with derivatives, from v, own, shared, factor and lam.
 
-    @cached_property
-    def whole(self) -> 'Whole':
-        """Return values and derivatives as one function of numpy arrays."""
-        values = VectorizedFunction(self._arguments, [self._g, self._cost], 8)
+        To g, the cost, its gradient, the gradient of factor cost + lam' g, and the entries of the
+        Jacobian and of the Hessian.
+        """
         factor, lam, slope, J, H, both = self._symbols
-        return Whole(self.r, np.array(slope.row(), dtype=np.int64), _places(J), _places(H),
-                     VectorizedFunction([*self._arguments, factor, lam],
-                                        [self._g, self._cost, slope.nz[:], both, J.nz[:], H.nz[:]],
-                                        8), values)
-
-    @staticmethod
-    def _sparse(name: str, arguments: list[ca.SX], value: ca.SX) -> Derivative:
-        return (ca.Function(name, arguments, [value]), *_places(value))
+        return VectorizedFunction(
+            [*self._arguments, factor, lam],
+            [self._g, self._cost, slope.nz[:], both, J.nz[:], H.nz[:]], 8)
 
 
-def _places(value: ca.SX) -> tuple[Index, Index]:
+def _places(value: ca.SX) -> Places:
     rows, columns = value.sparsity().get_triplet()
     return np.array(rows, dtype=np.int64), np.array(columns, dtype=np.int64)
-
-
-@dataclass(frozen=True, eq=False)
-class Whole:
-    """
-    A piece and its derivatives for many rows of local variables at once.
-
-    :ivar r: number of rows of g.
-    :ivar slope, jacobian, curvature: rows, or rows and columns, of the entries of the derivatives.
-    :ivar batch: from v, own, shared, factor and lam to g, the cost, its gradient, the gradient of
-        factor cost + lam' g, and the entries of the Jacobian of g and of the Hessian.
-    :ivar values: from v, own and shared to g and the cost.
-    """
-
-    r: int
-    slope: Index
-    jacobian: tuple[Index, Index]
-    curvature: tuple[Index, Index]
-    batch: VectorizedFunction
-    values: VectorizedFunction
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,7 +92,7 @@ class Block:
 
     :ivar index: (K, nv), place of each local variable in [w; c], the unknowns and then the
         constants.
-    :ivar own_index: (K, number of own), places of the constants of each copy in c.
+    :ivar own_index: (K, length of own), places of the constants of each copy in c.
     """
 
     piece: Piece
@@ -128,40 +109,20 @@ class BlockProgram:
     rows: tuple[int, ...]
 
 
-class _Sum:
-    """A sparse matrix whose entries are sums of entries of block matrices."""
-
-    def __init__(self, shape: tuple[int, int]) -> None:
-        self._shape = shape
-        self._rows: list[Index] = []
-        self._columns: list[Index] = []
-        self._parts: list[ca.MX] = []
-
-    def add(self, rows: Index, columns: Index, entries: ca.MX) -> None:
-        self._rows.append(rows.ravel())
-        self._columns.append(columns.ravel())
-        self._parts.append(entries)
-
-    def matrix(self) -> ca.MX:
-        if not self._parts:
-            return ca.MX(*self._shape)
-        rows, columns = np.concatenate(self._rows), np.concatenate(self._columns)
-        kept = np.flatnonzero((rows >= 0) & (columns >= 0))
-        key = columns[kept] * self._shape[0] + rows[kept]
-        places, inverse = np.unique(key, return_inverse=True)
-        sparsity = ca.Sparsity.triplet(
-            *self._shape, (places % self._shape[0]).tolist(), (places // self._shape[0]).tolist())
-        entries = ca.vertcat(*self._parts)
-        if len(places) == len(kept):
-            return ca.MX(sparsity, entries[kept[np.argsort(inverse)].tolist()])
-        gather = ca.Sparsity.triplet(len(places), len(rows), inverse.tolist(), kept.tolist())
-        return ca.MX(sparsity, ca.densify(ca.mtimes(ca.DM.ones(gather), entries)))
-
-
-def _mapped(derivative: Derivative, arguments: Sequence[ca.MX]) -> ca.MX:
-    """Return the entries of a derivative for all columns of its arguments."""
-    function, _, _ = derivative
-    return ca.vec(function.map(arguments[0].size2())(*arguments).nz[:])
+def _sum_up(shape: tuple[int, int], parts: Sequence[tuple[Index, Index, ca.MX]]) -> ca.MX:
+    """Return the sparse matrix of the sums of entries at the same rows and columns, if >= 0."""
+    if not parts:
+        return ca.MX(*shape)
+    rows, columns = (np.concatenate([part[k].ravel() for part in parts]) for k in (0, 1))
+    kept = np.flatnonzero((rows >= 0) & (columns >= 0))
+    places, inverse = np.unique(columns[kept] * shape[0] + rows[kept], return_inverse=True)
+    sparsity = ca.Sparsity.triplet(
+        *shape, (places % shape[0]).tolist(), (places // shape[0]).tolist())
+    entries = ca.vertcat(*(part[2] for part in parts))
+    if len(places) == len(kept):
+        return ca.MX(sparsity, entries[kept[np.argsort(inverse)].tolist()])
+    gather = ca.Sparsity.triplet(len(places), len(rows), inverse.tolist(), kept.tolist())
+    return ca.MX(sparsity, ca.densify(ca.mtimes(ca.DM.ones(gather), entries)))
 
 
 def assemble(blocks: Sequence[Block], unknowns: int, shared: int, constants: int) -> BlockProgram:
@@ -178,41 +139,38 @@ def assemble(blocks: Sequence[Block], unknowns: int, shared: int, constants: int
     multiplier = ca.MX.sym('lam_f')
     lengths = tuple(block.piece.r * len(block.index) for block in blocks)
     lam = ca.MX.sym('lam_g', sum(lengths))
-    cost = ca.MX(0)
-    rows: list[ca.MX] = []
-    gradient = _Sum((unknowns, 1))
-    jacobian = _Sum((sum(lengths), unknowns))
-    hessian = _Sum((unknowns, unknowns))
+    cost, rows = ca.MX(0), list[ca.MX]()
+    gradient, jacobian, hessian = (list[tuple[Index, Index, ca.MX]]() for _ in range(3))
     first = 0
     for block, length in zip(blocks, lengths, strict=True):
-        copies, r = len(block.index), block.piece.r
+        piece, copies = block.piece, len(block.index)
+        values, slope, J, H = (function.map(copies) for function in piece.functions)
+        (at_slope, _), (i, j), (a, b) = piece.places
         where = np.where(block.index < unknowns, block.index, -1)
         args = [ca.reshape(both[block.index.ravel().tolist()], -1, copies),
                 ca.reshape(c[block.own_index.ravel().tolist()], -1, copies),
                 ca.repmat(c[:shared], 1, copies)]
-        g, part = block.piece.values.map(copies)(*args)
+        g, part = values(*args)
         cost, rows = cost + ca.sum2(part), [*rows, ca.vec(g)]
-        _, i, _ = block.piece.slope
-        gradient.add(where[:, i], np.zeros((copies, len(i)), dtype=np.int64),
-                     _mapped(block.piece.slope, args))
-        _, i, j = block.piece.jacobian
-        at = first + r * np.arange(copies, dtype=np.int64)[:, None] + i
-        jacobian.add(at, where[:, j], _mapped(block.piece.jacobian, args))
-        _, i, j = block.piece.curvature
-        if len(i):
+        gradient.append((where[:, at_slope], np.zeros((copies, len(at_slope)), dtype=np.int64),
+                         ca.vec(slope(*args).nz[:])))
+        at = first + piece.r * np.arange(copies, dtype=np.int64)[:, None] + i
+        jacobian.append((at, where[:, j], ca.vec(J(*args).nz[:])))
+        if len(a):
             args += [ca.repmat(multiplier, 1, copies),
-                     ca.reshape(lam[first:first + length], r, copies)]
-            upper = where[:, i] <= where[:, j]
-            hessian.add(np.where(upper, where[:, i], -1), where[:, j],
-                        _mapped(block.piece.curvature, args))
+                     ca.reshape(lam[first:first + length], piece.r, copies)]
+            upper = where[:, a] <= where[:, b]
+            hessian.append((np.where(upper, where[:, a], -1), where[:, b],
+                            ca.vec(H(*args).nz[:])))
         first += length
     g = ca.vertcat(*rows)
     return BlockProgram(
         {'x': w, 'p': c, 'f': cost, 'g': g},
-        {'grad_f': ca.Function('grad_f', [w, c], [cost, ca.densify(gradient.matrix())],
-                               ['x', 'p'], ['f', 'grad_f_x']),
-         'jac_g': ca.Function('jac_g', [w, c], [g, jacobian.matrix()],
-                              ['x', 'p'], ['g', 'jac_g_x']),
-         'hess_lag': ca.Function('hess_lag', [w, c, multiplier, lam], [hessian.matrix()],
-                                 ['x', 'p', 'lam_f', 'lam_g'], ['triu_hess_gamma_x_x'])},
+        {'grad_f': ca.Function('grad_f', [w, c], [
+            cost, ca.densify(_sum_up((unknowns, 1), gradient))], ['x', 'p'], ['f', 'grad_f_x']),
+         'jac_g': ca.Function('jac_g', [w, c], [
+             g, _sum_up((sum(lengths), unknowns), jacobian)], ['x', 'p'], ['g', 'jac_g_x']),
+         'hess_lag': ca.Function('hess_lag', [w, c, multiplier, lam], [
+             _sum_up((unknowns, unknowns), hessian)], ['x', 'p', 'lam_f', 'lam_g'],
+             ['triu_hess_gamma_x_x'])},
         lengths)

@@ -252,7 +252,7 @@ class Transcription:
         if not self.is_banded:
             return None
         inputs = np.vstack([self.at_ua[:1], self.at_ub])
-        return Stages(self._pieces.interval.whole, self._pieces.end.whole, *self._index(),
+        return Stages(self._pieces.interval, self._pieces.end, *self._index(),
                       self.at_x[-1], np.hstack([self.at_x, inputs]), self.unknowns, self.shared)
 
     @cached_property

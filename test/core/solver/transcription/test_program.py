@@ -107,11 +107,11 @@ def test_derivatives_of_many_intervals_equal_those_of_casadi(f, cost, free):
         'dynamics': dict(zip('xy', f, strict=True)), 'running_cost': cost,
         'initial_state': {'x': 1, 'y': 2}, 'final_time': {'free': False, 'value': 1}})
     piece = Pieces(problem, 0, free).interval
-    nv, whole, rows = 9 if free else 8, piece.whole, 40
+    nv, rows = 9 if free else 8, 40
     v, own, shared = (ca.MX.sym(name, size) for name, size in (
         ('v', nv), ('own', 1 if free else 2), ('shared', 7)))
     factor, lam = ca.MX.sym('factor'), ca.MX.sym('lam', 2)
-    g, J = piece.values(v, own, shared)
+    g, J = piece.functions[0](v, own, shared)
     both = factor * J + ca.dot(lam, g)
     given = [v, own, shared, factor, lam]
     wanted = ca.Function('wanted', given, [
@@ -119,13 +119,13 @@ def test_derivatives_of_many_intervals_equal_those_of_casadi(f, cost, free):
     chance = np.random.default_rng(1)
     points = [chance.uniform(0.5, 1.5, (rows, symbol.numel())) for symbol in given]
     points[2][:] = points[2][0]   # shared by all intervals
-    result = np.empty((rows, whole.batch.outputs[-1].stop))
-    whole.batch.of_joined(np.hstack(points), result)
+    result = np.empty((rows, piece.batch.outputs[-1].stop))
+    piece.batch.of_joined(np.hstack(points), result)
     for k in range(rows):
-        g, J, slope, both, jacobian, curvature = (result[k, part] for part in whole.batch.outputs)
+        g, J, slope, both, jacobian, curvature = (result[k, part] for part in piece.batch.outputs)
         dense = np.zeros(nv), np.zeros((2, nv)), np.zeros((nv, nv))
         for matrix, place, entries in zip(
-                dense, (whole.slope, whole.jacobian, whole.curvature),
+                dense, ((piece.places[0][0],), *piece.places[1:]),
                 (slope, jacobian, curvature), strict=True):
             matrix[place] = entries
         expected = wanted(*(part[k] for part in points))
