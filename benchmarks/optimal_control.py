@@ -30,8 +30,7 @@ from obc_ros.core.solver.nlp.meter import Meter
 from obc_ros.core.solver.program_cache import Cache
 from obc_ros.core.solver.solve import solve
 from obc_ros.core.solver.transcription.mesh import build_uniform_mesh
-from obc_ros.core.solver.transcription.program import Transcription
-from obc_ros.core.solver.transcription.tightening import TightenedLimits
+from obc_ros.core.solver.transcription.program import TightenedLimits, Transcription
 
 Array = NDArray[np.float64]
 

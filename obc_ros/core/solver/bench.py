@@ -39,10 +39,10 @@ from obc_ros.core.solver.transcription.program import (
     Nearby,
     ProblemScales,
     SolveEffort,
+    TightenedLimits,
     TranscriptionOutcome,
     USUAL,
 )
-from obc_ros.core.solver.transcription.tightening import TightenedLimits
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,7 +9,6 @@ an eps that decreases while the mesh is refined. The solution is certified for t
 stated.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import casadi as ca
@@ -45,7 +44,6 @@ class Twin:
         """
         Return the smooth problem with the numbers of a stated one.
 
-        :param stated: of the structure.
         :param turn: number of the refinement, which gives eps; -1: the smallest eps.
         """
         f, L, path, psi, V = self.expressions
@@ -71,12 +69,7 @@ class Twin:
             guess=Guess(stated.guess.x, guess, stated.guess.final_time))
 
     def back(self, outcome: TranscriptionOutcome, stated: Problem) -> TranscriptionOutcome:
-        """
-        Return an outcome with the stated inputs.
-
-        :param outcome: of the smooth problem.
-        :param stated: the problem as stated.
-        """
+        """Return an outcome of the smooth problem with the stated inputs."""
         matrix = np.zeros((len(self.split), stated.m))
         for row, (index, sign) in enumerate(self.split):
             matrix[row, index] = sign or 1
@@ -89,49 +82,39 @@ class Twin:
 
 
 def build_smooth_twin(problem: Problem) -> Twin | None:
-    """
-    Build the smooth reformulation of a problem.
-
-    :param problem: its expressions are used, not its numbers.
-    :return: None if no absolute value occurs.
-    """
+    """Build the smooth reformulation of a problem, None if no absolute value occurs."""
     instructions = Instructions(ca.Function('stated', [problem.x, problem.u, problem.p], [
         ca.densify(each) for each in (
             problem.f, problem.L, problem.path, problem.psi, problem.V)]))
     if not instructions.have(ca.OP_FABS):
         return None
-    eps = ca.SX.sym('eps')
+    eps, magnitude = ca.SX.sym('eps'), ca.SX.sym('magnitude', problem.m)
     split: dict[int, ca.SX] = {}
 
-    def look(e: ca.SX) -> ca.SX:
-        found = _single_input(problem, e)
+    def smooth(e: ca.SX) -> ca.SX:
+        found = None if ca.depends_on(e, magnitude) else _single_input(problem, e)
         if found is None or not ca.is_equal(split.setdefault(*found), found[1], 9):
             return ca.sqrt(e**2 + eps**2)
-        return ca.fabs(e)
+        return ca.fabs(ca.jacobian(e, problem.u[found[0]])) * magnitude[found[0]]
 
-    _replayed(instructions, (problem.x, problem.u, problem.p), look)
+    arguments = problem.x, problem.u, problem.p
+    replaced = instructions.evaluate(
+        lambda i, k: arguments[i].nz[k], ca.SX, lambda operation, operands: (
+            smooth(operands[0]) if operation == ca.OP_FABS
+            else apply_to_expressions(operation, operands)))
     rows: list[tuple[int, int]] = []
     for i in range(problem.m):
         rows += [(i, 1), (i, -1)] if i in split else [(i, 0)]
     u = ca.SX.sym('u', len(rows))
     kinks = [split.get(i, ca.SX(0)) for i in range(problem.m)]
-    whole = list(kinks)
-    magnitude = [ca.SX(0)] * problem.m
+    whole, sizes = list(kinks), [ca.SX(0)] * problem.m
     for part, (i, sign) in zip(ca.vertsplit(u), rows, strict=True):
         whole[i] = whole[i] + (sign or 1) * part
-        magnitude[i] = magnitude[i] + part
-
-    def smooth(e: ca.SX) -> ca.SX:
-        found = _single_input(problem, e)
-        if found is None or not ca.is_equal(split[found[0]], found[1], 9):
-            return ca.sqrt(e**2 + eps**2)
-        index = found[0]
-        slope = ca.jacobian(e, problem.u[index])
-        return ca.fabs(slope) * magnitude[index]
-
+        sizes[i] = sizes[i] + part
     # The stated inputs are substituted last, so that |k u| is recognised.
-    expressions = _replayed(instructions, (problem.x, problem.u, problem.p), smooth)
-    expressions = ca.substitute(expressions, [problem.u], [ca.vertcat(*whole)])
+    expressions = ca.substitute(
+        [ca.vertcat(ca.SX(0, 1), *entries) for entries in replaced],
+        [problem.u, magnitude], [ca.vertcat(*whole), ca.vertcat(*sizes)])
     return Twin(u, ca.vertcat(problem.p, eps), tuple(expressions), tuple(rows),
                 ca.Function('kinks', [problem.p], [ca.vertcat(*kinks)]))
 
@@ -146,13 +129,3 @@ def _single_input(problem: Problem, e: ca.SX) -> tuple[int, ca.SX] | None:
     rest = ca.simplify(ca.substitute(e, problem.u, ca.SX.zeros(problem.m)))
     kink = ca.SX(0) if rest.is_zero() else -rest / ca.jacobian(e, problem.u[used[0]])
     return used[0], kink
-
-
-def _replayed(instructions: Instructions, arguments: tuple[ca.SX, ...],
-              absolute: Callable[[ca.SX], ca.SX]) -> list[ca.SX]:
-    """Return the outputs of a function of SX with |e| replaced by absolute(e)."""
-    found = instructions.evaluate(
-        lambda i, k: arguments[i].nz[k], ca.SX, lambda operation, operands: (
-            absolute(operands[0]) if operation == ca.OP_FABS
-            else apply_to_expressions(operation, operands)))
-    return [ca.vertcat(ca.SX(0, 1), *entries) for entries in found]

@@ -113,12 +113,13 @@ def _sum_up(shape: tuple[int, int], parts: Sequence[tuple[Index, Index, ca.MX]])
     """Return the sparse matrix of the sums of entries at the same rows and columns, if >= 0."""
     if not parts:
         return ca.MX(*shape)
-    rows, columns = (np.concatenate([part[k].ravel() for part in parts]) for k in (0, 1))
+    i, j, values = zip(*parts, strict=True)
+    rows, columns = (np.concatenate([each.ravel() for each in part]) for part in (i, j))
     kept = np.flatnonzero((rows >= 0) & (columns >= 0))
     places, inverse = np.unique(columns[kept] * shape[0] + rows[kept], return_inverse=True)
     sparsity = ca.Sparsity.triplet(
         *shape, (places % shape[0]).tolist(), (places // shape[0]).tolist())
-    entries = ca.vertcat(*(part[2] for part in parts))
+    entries = ca.vertcat(*values)
     if len(places) == len(kept):
         return ca.MX(sparsity, entries[kept[np.argsort(inverse)].tolist()])
     gather = ca.Sparsity.triplet(len(places), len(rows), inverse.tolist(), kept.tolist())

@@ -2,12 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """The pieces of a transcription: an interval by one of two schemes, ends, path constraints."""
 
-
 import casadi as ca
 from obc_ros.core.numerics.collocation import build_collocation, compute_gauss_points
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.solver.transcription.block_program import Piece
-from obc_ros.core.solver.transcription.runge_kutta import build_rate, step_of
+from obc_ros.core.solver.transcription.runge_kutta import step_of
 
 
 def _gauss(problem: Problem, states: tuple[ca.SX, ca.SX, ca.SX], inputs: tuple[ca.SX, ca.SX],
@@ -15,9 +14,11 @@ def _gauss(problem: Problem, states: tuple[ca.SX, ca.SX, ca.SX], inputs: tuple[c
     """Return the rows and the cost of an interval by collocation at the Gauss points."""
     xa, inner, xb = states
     c, b, derivative, last = build_collocation(inner.shape[1])
-    rate, rows, cost, end = build_rate(problem), [], ca.SX(0), last[0] * xa
+    rate = ca.Function('rate', [problem.x, problem.u, problem.p], [problem.f, problem.L])
+    rows, cost, end = [], ca.SX(0), last[0] * xa
     for j, point in enumerate(c):
-        f, L = rate(inner[:, j], (1 - point) * inputs[0] + point * inputs[1])
+        f, L = rate.call([
+            inner[:, j], (1 - point) * inputs[0] + point * inputs[1], problem.p])
         rows.append(derivative[j, 0] * xa + ca.mtimes(inner, ca.DM(derivative[j, 1:])) - h * f)
         cost += b[j] * h * L
         end += last[j + 1] * inner[:, j]
@@ -35,7 +36,6 @@ class Pieces:
     """
     An interval, both ends and the path constraints of a problem, scaled, with their derivatives.
 
-    :param problem: its expressions are used, not its numbers.
     :param stages: Gauss points in an interval; 0: an explicit Runge-Kutta step.
     :param free: whether lengths of phases are unknown; the derivatives are much longer then.
     """

@@ -38,11 +38,9 @@ class LocalMinima:
     def record_end(self, cost: float, infeasibility: float, path: Path | None, *,
                    rollout: bool = False) -> None:
         """
-        Record the end of the present solve.
+        Record the end of the present solve, with its path if it converged.
 
-        :param cost, infeasibility: of the last iterate.
-        :param path: the path if the solve converged.
-        :param rollout: whether it began at a rollout of random inputs, see `Path`.
+        `rollout`: whether it began at a rollout of random inputs, see `Path`.
         """
         self._iterates.update(self._now)
         self._now = []

@@ -24,7 +24,6 @@ class Phase:
     """
     Consecutive intervals, and the form of each input in them.
 
-    :ivar intervals: number of intervals.
     :ivar modes: length m, LINEAR (continuous, linear in each interval), STEPPED (constant in each
         interval) or HELD (at a given value).
     """
@@ -68,7 +67,6 @@ class Mesh:
     """
     A layout with its numbers.
 
-    :ivar layout: phases, intervals and scheme.
     :ivar fractions: (N,), length of each interval as a part of its phase.
     :ivar held: (phases, m), values of the inputs that are HELD.
     :ivar on: (phases, n + l), optional, bounds of (x, c) on which phases begin and end: 1 upper,
@@ -106,7 +104,7 @@ class Path:
     :ivar inner: (N, s, n), states at the Gauss points; s is 0 for Runge-Kutta steps.
     :ivar ua, ub: (N, m), inputs at the start and at the end of each interval.
     :ivar durations: (phases,), lengths of the phases [s].
-    :ivar origin: of an initial guess: how it was made, in words.
+    :ivar origin: how an initial guess was made, in words.
     :ivar rollout: whether it is a rollout of random inputs: a solve that fails from it says little
         about the problem.
     """
@@ -141,14 +139,10 @@ class Path:
 
     def inputs_at(self, times: Array, after: bool) -> Array:
         """
-        Interpolate the inputs.
+        Return inputs (K, m) at times (K,) [s], at a mesh point `after` it or before it.
 
         Times that differ from a mesh point by rounding only are that point, so that rounding does
         not decide which side of a jump is returned.
-
-        :param times: (K,), times [s].
-        :param after: at a mesh point, return the input after it, else before it.
-        :return: (K, m).
         """
         same = 1e-10 * self.t[-1]   # rounding
         found = (np.searchsorted(self.t, times + same, 'right') if after
@@ -160,12 +154,7 @@ class Path:
 
 
 def build_path(t: Array, x: Array, ua: Array, ub: Array, durations: Array | None = None) -> Path:
-    """
-    Return a path without states inside of intervals.
-
-    :param t, x, ua, ub: as in `Path`.
-    :param durations: lengths of the phases [s]; one phase without them.
-    """
+    """Return a path without states inside of intervals; one phase without `durations`."""
     return Path(t, x, np.zeros((len(ua), 0, x.shape[1])), ua, ub,
                 t[-1:] if durations is None else durations)
 
@@ -178,12 +167,9 @@ def label_paths(paths: Iterable[Path], origin: str) -> Iterator[Path]:
 
 def build_uniform_mesh(problem: Problem, intervals: int, stages: int, mode: str = LINEAR) -> Mesh:
     """
-    Return a mesh of one phase with equal intervals.
+    Return a mesh of one phase with equal intervals, and one mode of all inputs.
 
-    :param problem: gives m, and whether T is free.
-    :param intervals, stages: number of intervals, and of Gauss points in each (0: Runge-Kutta
-        steps).
-    :param mode: LINEAR or STEPPED, for all inputs.
+    The problem gives m, and whether T is free.
     """
     phase = Phase(intervals, (mode,) * problem.m)
     layout = Layout((phase,), stages, problem.final_time.free)
@@ -191,12 +177,7 @@ def build_uniform_mesh(problem: Problem, intervals: int, stages: int, mode: str 
 
 
 def split(mesh: Mesh, counts: Index) -> Mesh:
-    """
-    Cut the intervals of a mesh into equal parts.
-
-    :param mesh: with N intervals.
-    :param counts: (N,), number of parts of each.
-    """
+    """Cut the intervals of a mesh into equal parts, `counts` (N,) of each."""
     number = np.bincount(mesh.layout.phase_of, weights=counts).astype(int)
     phases = tuple(replace(p, intervals=int(k))
                    for p, k in zip(mesh.layout.phases, number, strict=True))

@@ -10,8 +10,6 @@ u_(k+1)-, so that bounds at mesh points hold everywhere, and the returned input 
 one. Up to the discretisation error of the states the cost is not below the minimum; it exceeds it
 by O(h^4) where u* is smooth. Phases may have unknown lengths, and inputs held at given values
 (arcs).
-
-The module is long because unknowns, constraints and derivatives share one layout.
 """
 
 from dataclasses import dataclass, replace
@@ -35,7 +33,6 @@ from obc_ros.core.solver.transcription.block_program import assemble, Block, Blo
 from obc_ros.core.solver.transcription.intervals import Pieces
 from obc_ros.core.solver.transcription.local_minima import LocalMinima
 from obc_ros.core.solver.transcription.mesh import HELD, Layout, Mesh, Path, STEPPED
-from obc_ros.core.solver.transcription.tightening import TightenedLimits
 
 _ENOUGH = 'iterations used up, or near a known minimum'
 # Why a solve ended, by the status of the interior-point method and of IPOPT.
@@ -54,7 +51,6 @@ class TranscriptionOutcome:
     :ivar mesh, path: the mesh, and the last iterate on it.
     :ivar converged, status: whether the tolerances are met, and why the solve ended.
     :ivar objective, infeasibility: cost, and largest scaled violation of a row.
-    :ivar iterations: number of iterations.
     :ivar nu: (q,), multipliers of psi.
     :ivar costates: (N + 1, n), at mesh points, before any jump there; the first row is nan without
         collocation.
@@ -103,11 +99,9 @@ class TranscriptionOutcome:
 
     def impulses(self, parts: int) -> Array:
         """
-        Return the multiplier impulses of the bounds of x, by which lam drops.
+        Return the multiplier impulses of the bounds of x, by which lam drops, (N * parts + 1, n).
 
-        :param parts: parts of each interval. Multipliers at Gauss points belong to the nearest end
-            of one.
-        :return: (N * parts + 1, n).
+        Each interval has `parts`. Multipliers at Gauss points belong to the nearest end of one.
         """
         mass = np.zeros((len(self.path.ua) * parts + 1, self.path.x.shape[1]))
         mass[::parts] = self.node_bounds
@@ -132,7 +126,6 @@ class SolveEffort:
     """
     How much is done for a solve of a program.
 
-    :ivar most: maximum number of iterations.
     :ivar rough: relative error of the cost at which the iteration may end; 0: the usual tolerance.
     :ivar once: try the faster method only.
     :ivar known: local minima; the iteration ends once it is seen to lead to one of them.
@@ -159,6 +152,43 @@ class Nearby:
     warm: TranscriptionOutcome | None = None
     guide: TranscriptionOutcome | None = None
     shortest: Array | float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class TightenedLimits:
+    """
+    Bounds of a program besides those of its problem.
+
+    :ivar shortest, longest: (phases,), bounds of the lengths of the phases [s].
+    :ivar margin: (n + l,), tightening of the bounds of x and of the path constraints, >= 0.
+    :ivar pinned: (n,), components of x(T) that psi fixes, which need no bounds at T.
+    :ivar end: (n,), these, and a given time among the states; nan for the other components.
+    """
+
+    shortest: Array
+    longest: Array
+    margin: Array
+    pinned: NDArray[np.bool_]
+    end: Array
+
+    def of_states(self, problem: Problem, s: Array) -> Array:
+        """
+        Return the tightening of the bounds of x.
+
+        It vanishes towards an end at which x is given on a bound, since large inputs would be
+        needed to reach it within a short interval.
+
+        :param problem: with x(0) and the bounds.
+        :param s: (K,), times as parts of the horizon.
+        :return: (K, n).
+        """
+        margin, s = self.margin[:problem.n], s[:, None]
+        beside = np.minimum(problem.x0 - problem.x_lower, problem.x_upper - problem.x0)
+        beside = problem.given_at_start & (beside < 9.0 * margin)   # x(0) counts as on the bound
+        part = 0.1   # of the horizon, in which a margin grows from 0
+        begins = np.where(beside, np.minimum(s / part, 1)**4, 1)
+        ends = np.where(self.pinned, np.minimum((1 - s) / part, 1)**4, 1)
+        return np.asarray(margin * begins * ends)
 
 
 USUAL = SolveEffort()
@@ -239,17 +269,12 @@ class Transcription:
              self.at_inner.reshape(layout.intervals, -1), self.at_x[1:]]
         return np.hstack(v), np.hstack(own) - self.unknowns
 
-    @property
-    def is_banded(self) -> bool:
-        """Return whether it has one phase, Runge-Kutta steps, no path constraints and links."""
-        layout = self.layout
-        return not (len(layout.phases) > 1 or layout.stages or self.l or self.held
-                    or self._links or STEPPED in layout.phases[0].modes)
-
     @cached_property
     def _staged(self) -> Stages | None:
-        """Return the banded program, None if there is none."""
-        if not self.is_banded:
+        """Return the banded program: one phase, Runge-Kutta steps, no path constraints, links."""
+        layout = self.layout
+        if (len(layout.phases) > 1 or layout.stages or self.l or self.held or self._links
+                or STEPPED in layout.phases[0].modes):
             return None
         inputs = np.vstack([self.at_ua[:1], self.at_ub])
         return Stages(self._pieces.interval, self._pieces.end, *self._index(),
@@ -298,14 +323,7 @@ class Transcription:
         return np.append(0.0, np.cumsum(mesh.fractions * durations[self.layout.phase_of]))
 
     def start(self, mesh: Mesh, guess: Path, durations: Array, scales: ProblemScales) -> Array:
-        """
-        Return the unknowns of an initial guess.
-
-        :param mesh: of this layout.
-        :param guess: stretched in time to the given final time.
-        :param durations: (phases,), lengths of the phases [s].
-        :param scales: scales of the unknowns.
-        """
+        """Return the unknowns of a guess, stretched in time to `durations` (phases,) [s]."""
         t = self.times(mesh, durations)
         stretch = guess.t[-1] / t[-1]
         w = np.zeros(self.unknowns)
@@ -322,9 +340,8 @@ class Transcription:
             w[self.at_duration] = durations / scales.time
         return w
 
-    def multipliers(self, mesh: Mesh, start: Array, guide: 'TranscriptionOutcome',
-                    scales: ProblemScales,
-                    bounds: tuple[Array, Array]) -> tuple[Array, Array]:
+    def multipliers(self, mesh: Mesh, start: Array, guide: TranscriptionOutcome,
+                    scales: ProblemScales, bounds: tuple[Array, Array]) -> tuple[Array, Array]:
         """Return signs of `lam_w` and values of `lam_g` from an outcome on another mesh."""
         t = self.times(mesh, guide.path.durations)[1:]
         costates = np.vstack([guide.costates[1], guide.costates[1:]])
@@ -336,15 +353,14 @@ class Transcription:
         return (np.where(inputs, sign, 0.0),
                 np.append((-lam * scales.x).ravel(), guide.nu) / scales.cost)
 
-    def _constants(self, problem: Problem, mesh: Mesh, scales: ProblemScales, T: float) -> Array:
+    def _constants(self, problem: Problem, mesh: Mesh, scales: ProblemScales) -> Array:
         held = [mesh.held[number, i] / scales.u[i] for number, i in self.held]
-        given = [] if self.layout.free_durations else [T / scales.time]
+        given = [] if self.layout.free_durations else [problem.final_time.value / scales.time]
         return np.concatenate([problem.p_value, scales.x, scales.u, [scales.time, scales.cost],
                                mesh.fractions, held, given])
 
     def _bounds(self, problem: Problem, mesh: Mesh, scales: ProblemScales,
-                limits: 'TightenedLimits'
-                ) -> tuple[Array, Array]:
+                limits: TightenedLimits) -> tuple[Array, Array]:
         size = np.concatenate([scales.x, scales.u, [scales.time]])
         lower, upper = ((np.concatenate([x, u, [0.0]]) / size)[self.which] for x, u in (
             (problem.x_lower, problem.u_lower), (problem.x_upper, problem.u_upper)))
@@ -408,11 +424,7 @@ class Transcription:
         return np.asarray(met & ~room & ~self._uses[:, free].any(axis=1))
 
     def solvable(self, problem: Problem, mesh: Mesh) -> bool:
-        """
-        Return whether there are at least as many unknowns as equations.
-
-        :param problem, mesh: of this structure and layout.
-        """
+        """Return whether there are at least as many unknowns as equations."""
         layout = self.layout
         equations = self.n * (layout.stages + 1) * layout.intervals + self.q
         equalities = (problem.path_lower == problem.path_upper) & ~self._settled(problem, mesh)
@@ -421,8 +433,7 @@ class Transcription:
         return self.unknowns - known >= equations + int(intervals @ equalities.sum(axis=1))
 
     def _row_bounds(self, problem: Problem, mesh: Mesh, scales: ProblemScales,
-                    limits: TightenedLimits
-                    ) -> tuple[Array, Array]:
+                    limits: TightenedLimits) -> tuple[Array, Array]:
         N, s = self.layout.intervals, self.layout.stages
         collocation, margin = np.zeros(self.n * (s + 1)), limits.margin[self.n:]
         lower, upper = list[Array](), list[Array]()
@@ -465,19 +476,17 @@ class Transcription:
         :param problem, mesh: of the structure and the layout this was built for; their numbers are
             used.
         :param start: unknowns, from `start` or of an earlier outcome.
-        :param scales: scales of the unknowns and of the cost.
-        :param limits: bounds besides those of the problem.
         :param meter: counts every iteration and may end the solve; it knows their maximum.
         :param near: if the start is near the solution.
-        :param effort: how much is done; `once`: IPOPT is not called if the banded program applies,
-            and the solve ends at known minima.
+        :param effort: `once`: IPOPT is not called if the banded program applies, and the solve
+            ends at known minima.
         """
         lower, upper = self._bounds(problem, mesh, scales, limits)
+        constants = self._constants(problem, mesh, scales)
         warm, guide = (near.warm, near.guide) if near else (None, None)
         multipliers = (warm.lam_w, warm.lam_g) if warm else None
         once, known = effort.once, effort.known
         if self._staged is not None:
-            constants = self._constants(problem, mesh, scales, problem.final_time.value)
             self._staged.bind(constants)
             guessed = multipliers
             if guide is not None and multipliers is None:
@@ -497,8 +506,7 @@ class Transcription:
         watch.begin(meter, *rows, scales.cost)
         begun = meter.iterations - 1   # the start is reported as an iteration, too
         found = run_ipopt(
-            solver, start, (lower, upper), rows, multipliers=multipliers,
-            constants=self._constants(problem, mesh, scales, problem.final_time.value))
+            solver, start, (lower, upper), rows, multipliers=multipliers, constants=constants)
         # A program that IPOPT refuses leaves the number of its iterations undefined.
         found = replace(found, iterations=min(
             max(found.iterations, 0), meter.iterations - begun))
@@ -516,12 +524,12 @@ class Transcription:
     def _outcome(self, problem: Problem, mesh: Mesh, scales: ProblemScales, found: Found,
                  row_bounds: tuple[Array | float, Array | float]) -> TranscriptionOutcome:
         w, lam_w, g, lam_g = found.w, found.lam_w, found.g, found.lam_g
-        everything = np.append(w, self._constants(problem, mesh, scales, problem.final_time.value))
+        everything = np.append(w, self._constants(problem, mesh, scales))
         durations = everything[self.at_duration] * scales.time
         ua, ub = (everything[places] * scales.u for places in (self.at_ua, self.at_ub))
         times = problem.final_time.place_end(self.times(mesh, durations))
-        path = Path(times, w[self.at_x] * scales.x,
-                    w[self.at_inner] * scales.x, ua, ub, durations)
+        path = Path(times, w[self.at_x] * scales.x, w[self.at_inner] * scales.x, ua, ub,
+                    durations)
         N, s, l = self.layout.intervals, self.layout.stages, self.l  # noqa: E741  # as in Outcome
         lam, bounds = lam_g * scales.cost, lam_w * scales.cost
         first = N * (self.n * (s + 1) + (s + 1) * l)

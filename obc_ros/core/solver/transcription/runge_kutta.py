@@ -12,31 +12,14 @@ from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.numerics.runge_kutta import BUTCHER
 from obc_ros.core.ocp.problem import Problem
 
-# Returns f and L at x and u.
-Rate = Callable[[ca.SX, ca.SX], tuple[ca.SX, ca.SX]]
-
-
-
-def build_rate(problem: Problem) -> Rate:
-    """Return f and L of a problem as a function of x and u."""
-    function = ca.Function('rate', [problem.x, problem.u, problem.p], [problem.f, problem.L])
-
-    def rate(x: ca.SX, u: ca.SX) -> tuple[ca.SX, ca.SX]:
-        f, L = function.call([x, u, problem.p])
-        return f, L
-
-    return rate
-
 
 def step(rate: Callable[[ca.SX, ca.SX], ca.SX], x: ca.SX, inputs: tuple[ca.SX, ca.SX],
          h: ca.SX) -> tuple[ca.SX, ca.SX]:
     """
-    Return x after a step, and the integral of L over it, as expressions.
+    Return x after a step of length h, and the integral of L over it, as expressions.
 
     :param rate: returns (f, L), stacked, as a function of (x, cost), stacked, and of u.
-    :param x: state at the start.
     :param inputs: input at the start and at the end.
-    :param h: length of the step.
     """
     start, slopes = ca.vertcat(x, 0), list[ca.SX]()
     for row, u in zip(BUTCHER.A, _called(_along(inputs[0].numel()), *inputs), strict=True):
@@ -74,9 +57,7 @@ def step_of(problem: Problem) -> ca.Function:
     """
     Return the step of a problem as a function, cached.
 
-    :param problem: its expressions are used, not its numbers.
-    :return: from x, u at the start, u at the end, h and p to x after the step and the integral of
-        L.
+    From x, u at the start, u at the end, h and p to x after the step and the integral of L.
     """
     ua, ub = ca.SX.sym('ua', problem.m), ca.SX.sym('ub', problem.m)
     h = ca.SX.sym('h')
@@ -87,12 +68,7 @@ def step_of(problem: Problem) -> ca.Function:
 
 
 def compute_amplification(z: NDArray[np.complex128]) -> Array:
-    """
-    Return the absolute factors by which a step changes the solutions of dx/dt = lambda x.
-
-    :param z: (n,), lambda times the length of the step.
-    :return: (n,).
-    """
+    """Return the |factors| by which a step changes solutions of dx/dt = lambda x; z = lambda h."""
     slopes = np.zeros((len(BUTCHER.c), len(z)), dtype=complex)
     for k, row in enumerate(BUTCHER.A):
         slopes[k] = z * (1 + np.array(row) @ slopes[:k])

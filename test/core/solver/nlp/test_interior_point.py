@@ -22,10 +22,10 @@ from obc_ros.core.solver.nlp.meter import Meter
 from obc_ros.core.solver.transcription.mesh import build_uniform_mesh
 from obc_ros.core.solver.transcription.program import (
     Nearby,
+    TightenedLimits,
     Transcription,
     TranscriptionOutcome,
 )
-from obc_ros.core.solver.transcription.tightening import TightenedLimits
 import problems
 import pytest
 

@@ -29,8 +29,7 @@ from obc_ros.core.solver.transcription.mesh import (
     Phase,
     split,
 )
-from obc_ros.core.solver.transcription.program import Transcription
-from obc_ros.core.solver.transcription.tightening import TightenedLimits
+from obc_ros.core.solver.transcription.program import TightenedLimits, Transcription
 import problems
 import pytest
 
