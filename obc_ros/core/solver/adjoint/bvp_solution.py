@@ -47,7 +47,7 @@ class BoundaryValues:
 
     @property
     def arcs(self) -> list[Arc]:
-        """Return the arcs."""
+        """Return the arcs of the inputs."""
         ends = np.cumsum(self.lengths)
         return [Arc(end - length, end, tuple(row)) for end, length, row in zip(
             ends, self.lengths, self.levels, strict=True)]
@@ -58,13 +58,7 @@ class BoundaryValues:
         return self.h / self.lengths[self.arc_of], self.arc_of
 
     def where(self, t: Array, arc: Index) -> tuple[Index, Array]:
-        """
-        Locate times.
-
-        :param t: (K,), times [s].
-        :param arc: (K,), arc of each time.
-        :return: k: (K,), Intervals; part: (K,), places in them, from 0 to 1.
-        """
+        """Return the intervals k (K,) of times t (K,) [s] in their arcs, and places in them."""
         starts = np.append(0.0, np.cumsum(self.h))
         first, last = (np.searchsorted(self.arc_of, arc, side) for side in ('left', 'right'))
         k = np.clip(np.searchsorted(starts, t, 'right') - 1, first, last - 1)
@@ -72,11 +66,9 @@ class BoundaryValues:
 
     def at(self, k: Index, part: Array) -> tuple[Array, Array]:
         """
-        Interpolate the solution.
+        Interpolate the solution at what `where` returns.
 
-        :param k, part: (K,), intervals and places in them, as returned by `where`.
-        :return: z: (K, 2n), (x, lam), by polynomials of degree 5; u: (K, m), by polynomials of
-            degree 3.
+        By polynomials of degree 5 for z = (x, lam), (K, 2n), and of degree 3 for u, (K, m).
         """
         s, h = part[:, None], self.h[k][:, None]
         a, b, da, db = self.z[k, 0], self.z[k, 1], h * self.dz[k, 0], h * self.dz[k, 1]

@@ -19,48 +19,32 @@ from obc_ros.core.ocp.solution import Condition, Solution, Status
 from obc_ros.core.solver.adjoint.bvp_solution import BoundaryValues
 from obc_ros.core.solver.bench import Bench, Candidate
 from obc_ros.core.solver.improve.kink_mesh import build_points, solve_boundary_values
-from obc_ros.core.solver.program_cache import Answered
 
 
 def refine_indirectly(bench: Bench, found: Candidate) -> Candidate:
     """
     Refine a solution by the indirect method.
 
-    :param bench: of the search.
-    :param found: its result.
+    :param found: result of the search.
     :return: with a certified solution from the boundary value problem; otherwise with that of
         `found`, and the reason in its message if the method does not apply or did not converge.
     """
     if found.record is None:
         return found
-    if not _is_smooth(bench, found.record):
-        return _explained(found, 'the indirect method does not treat active state bounds, path '
-                          'constraints or absolute values')
-    values = _boundary_values(bench, found.record)
-    if values is None:
-        return _explained(found, 'the indirect method found no extremal on which every input is '
-                          'at a bound or has dH/du = 0')
-    return _better(bench, found, values, bench.options.indirect.precise)
-
-
-def _explained(found: Candidate, reason: str) -> Candidate:
+    outcome, known = found.record.outcome, found.record.extremal
+    if bench.programs.twin or bench.course(outcome).density_x is not None:
+        reason = ('the indirect method does not treat active state bounds, path constraints or '
+                  'absolute values')
+    else:
+        values = (solve_boundary_values(bench, outcome) if known is None
+                  else bench.programs.indirect.refined(bench.stated, known, outcome.path.t,
+                                                       bench.sizes(outcome)))
+        if values is not None:
+            return _better(bench, found, values, bench.options.indirect.precise)
+        reason = ('the indirect method found no extremal on which every input is at a bound or '
+                  'has dH/du = 0')
     return replace(found, solution=replace(
         found.solution, message=f'solved by transcription: {reason}'))
-
-
-def _is_smooth(bench: Bench, last: Answered) -> bool:
-    """Return whether no state constraint is active and no absolute value occurs."""
-    return not bench.programs.twin and bench.course(last.outcome).density_x is None
-
-
-def _boundary_values(bench: Bench, last: Answered) -> BoundaryValues | None:
-    """Solve the boundary value problem from the last outcome of the descent."""
-    outcome, known = last.outcome, last.extremal
-    if known is not None:
-        return bench.programs.indirect.refined(
-            bench.stated, known, outcome.path.t, bench.sizes(outcome))
-    return solve_boundary_values(bench.programs, bench.stated, outcome, bench.course(outcome),
-                                 bench.sizes(outcome))
 
 
 def _better(bench: Bench, known: Candidate, found: BoundaryValues, wanted: float) -> Candidate:

@@ -9,43 +9,38 @@ point. Pontryagin's boundary value problem gives the kinks, from a path nearby o
 of a neighbouring problem.
 """
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 from obc_ros.core.numerics.arrays import Array, Index
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.solver.adjoint.bvp_solution import BoundaryValues, cut_evenly
-from obc_ros.core.solver.adjoint.costates import Extremal
 from obc_ros.core.solver.adjoint.mesh_refinement import is_below
-from obc_ros.core.solver.arcs.input_arcs import Arc, find_arcs, insert_free_arcs
+from obc_ros.core.solver.arcs.input_arcs import find_arcs, insert_free_arcs
+from obc_ros.core.solver.bench import Bench
 from obc_ros.core.solver.improve.improvement import State
 from obc_ros.core.solver.program_cache import Answered, ProgramCache
 from obc_ros.core.solver.transcription.mesh import build_path, build_uniform_mesh, Mesh
-from obc_ros.core.solver.transcription.program import Nearby, ProblemScales, TranscriptionOutcome
+from obc_ros.core.solver.transcription.program import Nearby, TranscriptionOutcome
 
 
-def solve_boundary_values(programs: ProgramCache, problem: Problem, outcome: TranscriptionOutcome,
-                          course: Extremal,
-                          scales: ProblemScales, *, rough: bool = False) -> BoundaryValues | None:
+def solve_boundary_values(bench: Bench, outcome: TranscriptionOutcome, *, rough: bool = False
+                          ) -> BoundaryValues | None:
     """
     Solve Pontryagin's boundary value problem from an outcome, whose inputs give the arcs.
 
-    `course` and `scales` are those of the outcome; `rough`: accept a rough solution. None on
-    singular arcs, for a problem that is too large, or without convergence.
+    Free arcs are inserted in which an input crosses from bound to bound within a mesh interval.
+
+    :param rough: accept a rough solution.
+    :return: None on singular arcs, for a problem that is too large, or without convergence.
     """
+    problem, programs = bench.stated, bench.programs
     arcs = find_arcs(problem, outcome.path, (True,) * problem.m)
     singular = any(linear and np.isnan(level) for arc in arcs
                    for linear, level in zip(programs.switching, arc.levels, strict=True))
     if singular or outcome.mesh.layout.intervals * (6 * problem.n)**2 > 3e7:   # 240 MB
         return None
-    arcs = _with_slopes(programs, problem, arcs, course)
-    return programs.indirect.solve(problem, arcs, course, outcome.path.t, scales, rough=rough)
-
-
-def _with_slopes(programs: ProgramCache, problem: Problem, arcs: Sequence[Arc],
-                 course: Extremal) -> list[Arc]:
-    """Return arcs with free ones inserted in which an input crosses within a mesh interval."""
+    course = bench.course(outcome)
     x, u, lam = course.points
     slopes = np.zeros((2, len(x), problem.m))
     for side, bound in enumerate((problem.u_lower, problem.u_upper)):
@@ -54,8 +49,10 @@ def _with_slopes(programs: ProgramCache, problem: Problem, arcs: Sequence[Arc],
             held[:, i] = bound[i]
             slopes[side, :, i] = programs.stated_integrator.hamiltonian(
                 problem, x, held, lam)[1][:, i]
-    return insert_free_arcs(arcs, course.t, (slopes[0], slopes[1]),
+    arcs = insert_free_arcs(arcs, course.t, (slopes[0], slopes[1]),
                             [not each for each in programs.switching])
+    return programs.indirect.solve(problem, arcs, course, outcome.path.t, bench.sizes(outcome),
+                                   rough=rough)
 
 
 def build_points(found: BoundaryValues, error: float, longest: float, most: int
@@ -83,8 +80,7 @@ def start_from_neighbour(programs: ProgramCache, problem: Problem, last: Answere
     """
     Solve the boundary value problem from that of a neighbouring problem.
 
-    :param programs: of the structure of both problems.
-    :param problem: as stated.
+    :param problem: as stated, in the symbols of `programs`.
     :param last: the neighbour.
     :return: the solution, and the same on the mesh of the neighbour stretched in time. None if the
         neighbour has no extremal, or without convergence; or where x(0) is free.
@@ -139,8 +135,7 @@ def solve_on_kinks(state: State) -> State | str:
     The outcome must cost about the same. Its state has the extremal whose kinks are mesh points.
     """
     bench, outcome = state.bench, state.outcome
-    found = solve_boundary_values(bench.programs, bench.stated, outcome, bench.course(outcome),
-                                  bench.sizes(outcome), rough=True)
+    found = solve_boundary_values(bench, outcome, rough=True)
     if found is None or len(found.lengths) == 1:
         return 'no extremal with kinks was found'
     longest = outcome.path.t[-1] / (2 * bench.options.coarse.intervals)

@@ -5,7 +5,7 @@
 import casadi as ca
 import numpy as np
 from obc_ros.core.ocp.solution import Status
-from obc_ros.core.solver.adjoint import bvp_equations
+from obc_ros.core.solver.adjoint import bvp
 from obc_ros.core.solver.program_cache import Cache
 from obc_ros.core.solver.solve import solve
 import problems
@@ -148,7 +148,7 @@ def test_a_cached_solution_is_reused_with_equal_accuracy():
 def test_batches_of_intervals_do_not_change_the_solution(monkeypatch):
     """Matrices are built for a limited number of intervals at a time."""
     _, whole = solve_indirectly('vanderpol_bounded')
-    monkeypatch.setattr(bvp_equations, '_AT_ONCE', 1)
+    monkeypatch.setattr(bvp, '_AT_ONCE', 1)
     _, alone = solve_indirectly('vanderpol_bounded')
     np.testing.assert_array_equal(alone.t, whole.t)
     np.testing.assert_allclose(alone.lam, whole.lam, rtol=1e-12, atol=1e-14)

@@ -342,3 +342,12 @@ def test_a_constraint_that_a_given_end_decides_leaves_paths(off):
         path_constraints=[{'expr': 'x', 'upper': 0.1 - off}]))
     assert found.certified
     assert found.objective == pytest.approx(4 / 0.9, rel=1e-5)
+
+
+def test_an_absolute_value_within_another_one_is_smoothed():
+    """With w = -u one value vanishes; u = 1 reaches x(1) = 1 at the least u^2 + |u|."""
+    found = solve(problems.pose(
+        {'x': 'u'}, 'u**2 + abs(u) + abs(w + abs(u))', (0,), 1, inputs=['u', 'w'],
+        terminal_constraints=['x - 1'], input_bounds={'w': [-2, 2]}))
+    assert found.feasible
+    assert found.objective == pytest.approx(2.0, abs=1e-5)
