@@ -78,12 +78,10 @@ def _largest(error: Array, size: Array) -> Array:
 
 def cut_inputs(t: Array, ua: Array, ub: Array, parts: int) -> tuple[Array, Array, Array]:
     """
-    Cut intervals into equal parts.
+    Cut intervals into equal parts; return t, ua and ub of these.
 
     :param t: (N + 1,), times [s].
     :param ua, ub: (N, m), inputs at the start and at the end of each interval, linear in between.
-    :param parts: number of parts of each.
-    :return: t, ua, ub: the same of the parts.
     """
     c = np.arange(parts)[:, None] / parts
     a, b = ua[:, None, :], ub[:, None, :]
@@ -139,10 +137,9 @@ class CostateIntegrator:
         """
         Integrate from x(0) under inputs that are linear in each part.
 
-        :param problem: its numbers are used.
         :param t: (K + 1,), times [s].
         :param ua, ub: (K, m), inputs at the start and at the end of each part.
-        :return: x: (K + 1, n), States; cost: (K + 1,), running cost so far.
+        :return: x: (K + 1, n), and the running cost so far: (K + 1,).
         """
         first = np.append(problem.x0, 0.0)
         path = np.vstack([first, self._forward(
@@ -153,10 +150,8 @@ class CostateIntegrator:
         """
         Integrate from x(0) under each of R piecewise constant inputs.
 
-        :param problem: its numbers are used.
-        :param t: (R, K + 1), times [s].
-        :param u: (R, K, m), Inputs.
-        :return: x: (R, K + 1, n), States; cost: (R, K + 1), running costs so far.
+        :param t, u: (R, K + 1), (R, K, m), times [s] and inputs.
+        :return: x: (R, K + 1, n), and the running costs so far: (R, K + 1).
         """
         if len(u) <= 64:   # one after the other is faster
             first = np.append(problem.x0, 0.0)
@@ -193,8 +188,6 @@ class CostateIntegrator:
         """
         Evaluate the Hamiltonian at K points.
 
-        :param problem: its numbers are used.
-        :param x, u, lam: (K, n), (K, m), (K, n), states, inputs, costates.
         :param mu: (K, l), optional, multipliers of the path constraints; 0 if left out.
         :return: H: (K,), L + lam' f; Hu, Huu: (K, m), (K, m, m), derivatives of L + lam' f + mu' c
             with respect to u.
@@ -231,13 +224,10 @@ class CostateIntegrator:
 
     def extremal(self, problem: Problem, outcome: TranscriptionOutcome, parts: int) -> Extremal:
         """
-        Integrate states and costates under the input of an outcome.
+        Integrate states and costates under the input of an outcome, with `parts` of intervals.
 
-        :param problem: the one that was solved.
-        :param outcome: its input, multipliers and, for restarts, states and costates are used.
-        :param parts: steps in each interval.
-        :return: with the states and costates of the transcription, one part an interval, if
-            explicit steps are too inaccurate for the system.
+        Where explicit steps are too inaccurate for the system, the states and costates of the
+        transcription are returned, with one part in each interval.
         """
         path = outcome.path
         t, ua, ub = cut_inputs(path.t, path.ua, path.ub, parts)

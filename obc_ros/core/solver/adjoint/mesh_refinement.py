@@ -7,8 +7,6 @@ Along a path with costates the Hamiltonian loss H(x, u, lam) - min H(x, ., lam) 
 the running cost at each time. Its integral is the excess of the cost over the minimum, to first
 order. Where the minimising input u* meets a bound it has a kink; a piecewise linear input follows
 it only with a mesh point there.
-
-The module is long because all criteria use the loss of the same samples.
 """
 
 from collections.abc import Sequence
@@ -29,9 +27,8 @@ EXCEEDED = 2e-8, 2e-6
 @dataclass(frozen=True, eq=False)
 class Error:
     """
-    Errors of all intervals, and the order with which they decrease.
+    Errors of all intervals (N,), and the order with which they decrease.
 
-    :ivar values: (N,).
     :ivar share: error that an interval may have.
     :ivar rate: power of the length to which the error of an interval is proportional.
     """
@@ -70,14 +67,10 @@ class HamiltonianLoss:
 def measure_loss(problem: Problem, integrator: CostateIntegrator, course: Extremal,
                  slack: Array | None = None) -> HamiltonianLoss:
     """
-    Compute the Hamiltonian loss of a path.
+    Compute the Hamiltonian loss of a path, from the quadratic model of H at the input.
 
-    :param problem: the one that was solved.
-    :param integrator: of its structure.
-    :param course: states, inputs and costates.
     :param slack: (2, K), optional, multipliers times distances of path constraints from their
         bounds, at the start and at the end of each part (`Fitter.slack`).
-    :return: from the quadratic model of H at the input, with the bounds of the input.
     """
     # All starts of parts, then all their ends.
     x, u, lam = (np.vstack(pair) for pair in (
@@ -141,10 +134,7 @@ def refine_mesh(mesh: Mesh, path: Path, kinks: Array, errors: Sequence[Error], l
     """
     Refine a mesh where errors are too large, and merge intervals where they are small.
 
-    :param mesh: the present one.
-    :param path: the solution on it.
     :param kinks: times [s] that become mesh points.
-    :param errors: errors of the N intervals of the mesh.
     :param longest: length [s] up to which two intervals with a straight input between them are
         merged.
     :param most: maximum number of intervals of a mesh of one phase; more are returned only if the
@@ -206,8 +196,7 @@ def align_mesh(mesh: Mesh, t: Array, kinks: Array, spare: NDArray[np.bool_]) -> 
     The nearest mesh point is moved to a kink if it is close, otherwise an interval is cut. Ends
     of phases stay.
 
-    :param mesh: the present one.
-    :param t: (N + 1,), its times [s].
+    :param t: (N + 1,), times of the mesh [s].
     :param kinks: times [s], sorted.
     :param spare: (N - 1,), inner points that are removed.
     """
@@ -246,15 +235,12 @@ def compute_tightening(problem: Problem, value: Array, size: Array, course: Extr
     The cost of a large tightening exceeds the loss of the mesh, so the mesh is refined where
     bounds are violated, too.
 
-    :param problem: with n states and l path constraints.
-    :param value: (K + 1, n + l), x and the path constraints along the course.
-    :param size: (n + l,), their sizes.
-    :param course: K parts in N intervals.
+    :param value, size: (K + 1, n + l), x and the path constraints along the course, and their
+        sizes (n + l,).
     :param margin: (n + l,), tightening with which the course was found.
     :param most: violation above which a constraint is not tightened, relative to its size.
-    :return: margin: (n + l,), new tightening, >= 0; 0 where none is needed or the mesh is too
-        coarse; exceeded: (N,), violation in each interval, relative to the sizes of the
-        constraints.
+    :return: margin: (n + l,), new tightening, 0 where none is needed or the mesh is too coarse;
+        exceeded: (N,), violation in each interval, relative to the sizes of the constraints.
     """
     lower = np.append(problem.x_lower, problem.path_lower) + margin
     upper = np.append(problem.x_upper, problem.path_upper) - margin
@@ -277,10 +263,5 @@ def compute_tightening(problem: Problem, value: Array, size: Array, course: Extr
 
 
 def is_below(cost: float, other: float, part: float) -> bool:
-    """
-    Return whether a cost is lower than another by more than a tolerance.
-
-    :param cost, other: Costs.
-    :param part: tolerance relative to |other|.
-    """
+    """Return whether a cost is lower than another one by more than a part of |other|."""
     return cost < other - part * abs(other)

@@ -10,8 +10,6 @@ These are fitted with their signs so that dH/du = 0 for free inputs, dH/du has t
 inputs at bounds, and H is constant.
 Constraints c(u) on inputs alone do not enter dlam/dt: the costates of the transcription are kept,
 and the densities are fitted at each time separately.
-
-The module is long because all fits share one set of rows.
 """
 
 from dataclasses import dataclass, replace
@@ -27,7 +25,6 @@ from obc_ros.core.ocp.certificate.certificate import LEAST_PART
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.ocp.solution import Solution
 from obc_ros.core.solver.adjoint.costates import Extremal
-from obc_ros.core.solver.adjoint.signed_least_squares import solve_signed_least_squares
 from obc_ros.core.solver.arcs.mixed_constraints import compute_densities
 from obc_ros.core.solver.arcs.state_contacts import AT_BOUND
 from obc_ros.core.solver.transcription.program import TranscriptionOutcome
@@ -93,13 +90,10 @@ class Fitter:
 
     def fit(self, problem: Problem, outcome: TranscriptionOutcome, course: Extremal) -> Extremal:
         """
-        Fit costates and multipliers by least squares.
+        Fit costates and multipliers of a course by least squares.
 
-        :param problem: the one that was solved.
-        :param outcome: its multipliers tell which constraints are active.
-        :param course: its states, inputs and costates.
-        :return: with new `lam`, `nu`, `density_x` and `density_path`; `course` itself without
-            active constraints.
+        The multipliers of its outcome tell which constraints are active; without any the course
+        itself is returned.
         """
         found = self._contacts(problem, outcome, course)
         if not found:
@@ -134,7 +128,7 @@ class Fitter:
         size = _sizes(problem, course.ua)
         for side, x, u, lam in ((0, course.x, course.ua, course.lam),
                                 (1, course.x_end, course.ub, course.lam_end)):
-            _, _, L_u, f_u, c_u, _ = self._shaped(self._point(x, u, problem.p_value))
+            _, _, L_u, f_u, c_u, _ = self._derivatives(problem, x, u)
             low, high = _at_bounds(problem, u, size)
             density[:, side] = _pressing(
                 (L_u + np.einsum('knm,kn->km', f_u, lam)) * size, c_u * size, limits, low, high)
@@ -145,10 +139,6 @@ class Fitter:
         Fit the multipliers of constraints on inputs alone pointwise to dH/du = 0.
 
         Where all inputs of such a constraint are at bounds its multiplier is not unique.
-
-        :param problem: the one that was solved.
-        :param answer: with samples of all multipliers.
-        :return: with new `path_multipliers`.
         """
         mine, mu = np.flatnonzero(self._of_inputs[self.n:]), answer.path_multipliers
         if not mine.size or mu is None:
@@ -160,7 +150,7 @@ class Fitter:
         limits = np.stack([np.where(c <= lower + near, -np.inf, 0.0),
                            np.where(c >= upper - near, np.inf, 0.0)])
         size = _sizes(problem, answer.u)
-        _, _, L_u, f_u, c_u, _ = self._shaped(self._point(answer.x, answer.u, problem.p_value))
+        _, _, L_u, f_u, c_u, _ = self._derivatives(problem, answer.x, answer.u)
         slope = L_u + np.einsum('knm,kn->km', f_u, answer.lam) + np.einsum(
             'krm,kr->km', c_u[:, self.n:][:, others], mu[:, others])
         mu = mu.copy()
@@ -198,7 +188,7 @@ class Fitter:
         at least `LEAST_PART` of the size of its terms.
         """
         x, u = course.x, course.ua
-        *_, of_inputs, of_states = self._shaped(self._point(x, u, problem.p_value))
+        *_, of_inputs, of_states = self._derivatives(problem, x, u)
         terms = (np.abs(of_states).max(axis=0) @ np.abs(x).max(axis=0)
                  + np.abs(of_inputs).max(axis=0) @ np.abs(u).max(axis=0))
         return np.asarray(np.maximum(np.abs(value).max(axis=0), LEAST_PART * terms))
@@ -220,7 +210,7 @@ class Fitter:
         value = self.values(problem, course)
         sizes = self.sizes(problem, course, value)
         mass = np.hstack([outcome.node_bounds, outcome.node_path])
-        slopes = self._shaped(self._point(course.x, course.ua, problem.p_value))[4]
+        slopes = self._derivatives(problem, course.x, course.ua)[4]
         weights = compute_densities(outcome, slopes[:, self.n:], course.ua)
         cost = outcome.scales.cost if outcome.scales else abs(outcome.objective)
         equal = np.append(problem.x_lower, problem.path_lower) == np.append(
@@ -290,7 +280,8 @@ class Fitter:
                        for part, density in ((from_a, unknowns.density[:, 0]),
                                              (from_b, unknowns.density[:, 1])))
         V_x, psi_x = self._last(course.x_end[-1:], problem.p_value)
-        drops = np.einsum('krn,kru->knu', self._points(problem, course)[5], unknowns.mass)
+        x, u, _ = course.points
+        drops = np.einsum('krn,kru->knu', self._derivatives(problem, x, u)[5], unknowns.mass)
         without, each = np.empty((K, 2, n)), np.empty((K, 2, n, q + drops.shape[2]))
         now = V_x[0]
         slope = np.hstack([psi_x.reshape(q, n).T, drops[-1]])
@@ -304,15 +295,12 @@ class Fitter:
             slope[:, q:] += drops[k]
         return without, each
 
-    def _points(self, problem: Problem, course: Extremal) -> tuple[Array, ...]:
-        """Return L, f, L_u, f_u, c_u, c_x at the starts of all parts and at T."""
-        x, u, _ = course.points
-        return self._shaped(self._point(x, u, problem.p_value))
-
-    def _shaped(self, values: tuple[Array, ...]) -> tuple[Array, ...]:
+    def _derivatives(self, problem: Problem, x: Array, u: Array) -> tuple[Array, ...]:
+        """Return L, f, L_u, f_u, c_u, c_x at some points; c is x and the path constraints."""
         n, m, r = self.n, self.m, self.rows
         return tuple(value.reshape(-1, *shape) for value, shape in zip(
-            values, ((), (n,), (m,), (n, m), (r, m), (r, n)), strict=True))
+            self._point(x, u, problem.p_value), ((), (n,), (m,), (n, m), (r, m), (r, n)),
+            strict=True))
 
     def _equations(self, problem: Problem, course: Extremal, unknowns: _Unknowns,
                    lam: tuple[Array, Array]) -> tuple[Array, Array, Array, Array]:
@@ -327,7 +315,7 @@ class Fitter:
         weight = 0.1   # of H = const relative to dH/du = 0
         free, energies, signed = list[_Rows](), list[_Rows](), list[_Rows]()
         for side, x, u in ((0, course.x, course.ua), (1, course.x_end, course.ub)):
-            L, f, L_u, f_u, c_u, _ = self._shaped(self._point(x, u, problem.p_value))
+            L, f, L_u, f_u, c_u, _ = self._derivatives(problem, x, u)
             slope = np.einsum('knm,knu->kmu', f_u, each[:, side])
             slope[:, :, q:] += np.einsum('krm,kru->kmu', c_u, unknowns.density[:, side])
             slope *= size[:, None]
@@ -421,14 +409,19 @@ def _fit_signed(A: Array, b: Array, G: Array, g: Array, signs: Array, free: int)
     """
     Return v that minimises |A v - b|^2 + |min(G v - g, 0)|^2.
 
-    `signs` are those of the entries after the first `free`.
+    `signs` are those of the entries after the first `free`; the last ones are free, too.
     """
-    v = _least_squares(A, b, signs, free)
+    sign = np.zeros(A.shape[1])
+    sign[free:free + len(signs)] = signs
+    size = _column_sizes(A)
+    ridge = 1e-8 * np.eye(A.shape[1])   # Tikhonov regularisation
+    v: Array = optimize.lsq_linear(
+        np.vstack([A / size, ridge]), np.concatenate([b, np.zeros(A.shape[1])]),
+        (np.where(sign > 0, 0.0, -np.inf), np.where(sign < 0, 0.0, np.inf)),
+        method='bvls').x / size
     beyond = G @ v - g
     if np.all(beyond >= -1e-7 * np.abs(beyond).max(initial=0.0)):   # rounding
         return v
-    sign = np.zeros(len(v))
-    sign[free:free + len(signs)] = signs
     size = _column_sizes(np.vstack((A, G))) * np.where(sign < 0, -1.0, 1.0)
     try:
         return solve_signed_least_squares(A / size, b, G / size, g, sign != 0) / size
@@ -442,16 +435,72 @@ def _column_sizes(A: Array) -> Array:
     return np.where(size > 1e-12 * size.max(), size, 1.0)
 
 
-def _least_squares(A: Array, b: Array, signs: Array, free: int) -> Array:
-    """Return the least squares solution whose entries after the first `free` have given signs."""
-    size = _column_sizes(A)
-    extra = A.shape[1] - free - len(signs)
-    lower = np.concatenate([np.full(free, -np.inf), np.where(signs > 0, 0.0, -np.inf),
-                            np.full(extra, -np.inf)])
-    upper = np.concatenate([np.full(free, np.inf), np.where(signs > 0, np.inf, 0.0),
-                            np.full(extra, np.inf)])
-    ridge = 1e-8 * np.eye(A.shape[1])   # Tikhonov regularisation
-    result = optimize.lsq_linear(
-        np.vstack([A / size, ridge]), np.concatenate([b, np.zeros(A.shape[1])]), (lower, upper),
-        method='bvls')
-    return np.asarray(result.x / size)
+def solve_signed_least_squares(A: Array, b: Array, G: Array, g: Array, positive: Mask) -> Array:
+    """
+    Return v that minimises |A v - b|^2 + |min(G v - g, 0)|^2 with v_i >= 0 where `positive`.
+
+    It always exists, and is found by a primal-dual interior-point method with predictor and
+    corrector (Mehrotra, SIAM J. Optim. 2, 1992) for dense matrices of small rank. If the minimum
+    is not unique, the one on the central path is taken, far from inequalities that need not be
+    active. The iteration therefore ends early; a correction of least norm then satisfies the
+    equations to rounding errors.
+
+    :param A, b: (r, n), (r,), equations; the columns of A and G should have similar sizes.
+    :param G, g: (k, n), (k,), inequalities G v >= g that should hold as far as possible.
+    :raises numpy.linalg.LinAlgError: if numbers are not finite, or overflow.
+    """
+    n, k, ridge = A.shape[1], len(g), 1e-8   # Tikhonov regularisation
+    unit: float = max(np.abs(b).max(initial=0.0), np.abs(g).max(initial=0.0)) or 1.0
+    # w = C v + soft z - c, where z are the multipliers and, of the soft rows, the violations.
+    C = np.vstack((G, np.eye(n)[positive]))
+    c = np.append(g / unit, np.zeros(int(positive.sum())))
+    soft = np.append(np.ones(k), np.zeros(len(c) - k))
+    H, right = A.T @ A + ridge**2 * np.eye(n), A.T @ b / unit
+    v, z = np.zeros(n), np.ones(len(c))
+    w = np.maximum(C @ v + soft * z - c, 1.0)
+    for _ in range(60):
+        off, slope = C @ v + soft * z - c - w, H @ v - right - C.T @ z
+        mean = float(w @ z) / len(c)
+        # b and g are of size 1.
+        if mean <= 1e-12 and max(np.abs(off).max(), np.abs(slope).max()) <= 1e-10:
+            break
+        newton = _Newton(H, C, soft, w, z, off, slope)
+        _, dz, dw = newton.step(-w * z)
+        part = _reach(w, z, dw, dz)
+        ahead = float((w + part * dw) @ (z + part * dz)) / len(c)
+        dv, dz, dw = newton.step((ahead / mean)**3 * mean - w * z - dw * dz)
+        part = 0.995 * _reach(w, z, dw, dz)   # of the way to the nearest bound
+        v, z, w = v + part * dv, z + part * dz, w + part * dw
+    violated = z[:k] > w[:k]
+    rows, wanted = np.vstack((A, G[violated])), np.append(b, g[violated]) / unit
+    near = v + np.linalg.lstsq(rows, wanted - rows @ v, rcond=ridge)[0]
+    near[positive] = np.maximum(near[positive], 0.0)
+    best: Array = min((v, near), key=lambda v: float(
+        np.sum((A @ v - b / unit)**2) + np.sum(np.minimum(G @ v - g / unit, 0)**2)))
+    return best * unit
+
+
+class _Newton:
+    """Newton steps of one iterate, for several right sides."""
+
+    def __init__(self, H: Array, C: Array, soft: Array, w: Array, z: Array, off: Array,
+                 slope: Array) -> None:
+        self._C, self._soft, self._off, self._slope = C, soft, off, slope
+        self._z, self._weight = z, 1 / (w + soft * z)
+        matrix = H + C.T @ ((self._weight * z)[:, None] * C)
+        tiny = np.finfo(float).eps * np.trace(matrix)
+        self._inverse = np.linalg.inv(np.linalg.cholesky(matrix + tiny * np.eye(len(H))))
+
+    def step(self, product: Array) -> tuple[Array, Array, Array]:
+        """Return the steps of v, z and w after which w z is `product` more, to first order."""
+        dz = self._weight * (product - self._z * self._off)
+        dv = self._inverse.T @ (self._inverse @ (self._C.T @ dz - self._slope))
+        dz = dz - self._weight * self._z * (self._C @ dv)
+        return dv, dz, self._C @ dv + self._soft * dz + self._off
+
+
+def _reach(w: Array, z: Array, dw: Array, dz: Array) -> float:
+    """Return the largest part of a step, up to 1, that keeps w and z from being negative."""
+    x, dx = np.concatenate((w, z)), np.concatenate((dw, dz))
+    falls = dx < 0
+    return min(1.0, float((-x[falls] / dx[falls]).min(initial=np.inf)))

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 import numpy as np
 from obc_ros.core.ocp.certificate.certificate import certify
-from obc_ros.core.solver.adjoint.signed_least_squares import solve_signed_least_squares
+from obc_ros.core.solver.adjoint.multipliers import solve_signed_least_squares
 from obc_ros.core.solver.bench import build_bench, Task
 from obc_ros.core.solver.nlp.meter import Meter
 from obc_ros.core.solver.options import DEFAULTS
