@@ -224,7 +224,7 @@ class CostateIntegrator:
 
     def extremal(self, problem: Problem, outcome: TranscriptionOutcome, parts: int) -> Extremal:
         """
-        Integrate states and costates under the input of an outcome, with `parts` of intervals.
+        Integrate states and costates under the input of an outcome, `parts` steps per interval.
 
         Where explicit steps are too inaccurate for the system, the states and costates of the
         transcription are returned, with one part in each interval.

@@ -3,22 +3,20 @@
 """
 The improvements, in the order in which they are tried in their stage.
 
-A new improvement is a file and a line in IMPROVEMENTS. Three strategies are called directly. Mesh
+A new improvement is a file and a line in IMPROVEMENTS; that of bounds is here. Three strategies are called directly. Mesh
 refinement and constraint tightening are the loop itself (`descent`). Negative curvature is a step
 of the nonlinear program, which knows no mesh (`nlp`). The indirect method is a method by name
 (`refine_indirectly`), which explains why it does not apply.
 """
 
-from obc_ros.core.ocp.solution import Verdict
+from dataclasses import replace
+
+from obc_ros.core.ocp.solution import Condition, Verdict
 from obc_ros.core.solver.improve.arc_iteration import (
     has_jumping_inputs,
     has_switching_inputs,
     hold_jumping_inputs,
     hold_switching_inputs,
-)
-from obc_ros.core.solver.improve.back_off import (
-    solve_within_tighter_bounds,
-    violates_bounds_only,
 )
 from obc_ros.core.solver.improve.hamiltonian_wells import has_branches, move_to_best_branch
 from obc_ros.core.solver.improve.improvement import DescentStage, Improvement, State
@@ -29,6 +27,39 @@ from obc_ros.core.solver.improve.state_arcs import (
     solve_along_bounds,
     solve_at_once,
 )
+from obc_ros.core.solver.transcription.program import Nearby, SolveEffort
+
+
+def violates_bounds_only(state: State) -> bool:
+    """Return whether the last path violates its bounds, by little, and no other constraint."""
+    certificate = state.best.solution.certificate if state.best else None
+    return (certificate is not None and certificate.faults == (Condition.BOUNDS,)
+            and certificate.residuals[Condition.BOUNDS] < state.bench.options.descent.back_off)
+
+
+def solve_within_tighter_bounds(state: State) -> State | str:
+    """
+    Solve on the same mesh within bounds that are tightened by what the path exceeds them.
+
+    A descent tightens bounds by little, since tightening costs, and refines the mesh instead; this
+    is for where there is no finer mesh, or no time for one. The new state has a feasible path as
+    the best candidate. Outcome and tightening of the descent stay, since its next mesh has smaller
+    violations.
+    """
+    bench, outcome = state.bench, state.outcome
+    options = bench.options.descent
+    bench, _ = bench.tighten(bench.course(outcome), options.back_off)
+    # A path within the bounds is sought, not its optimum.
+    outcome = bench.collocate(
+        outcome.mesh, outcome.path, near=Nearby(outcome.scales, warm=outcome),
+        effort=SolveEffort(options.iterations, rough=options.back_off))
+    if not outcome.converged:
+        return 'no path within tighter bounds was found'
+    found = bench.certify(outcome)
+    if not found.feasible:
+        return 'the path within tighter bounds exceeds the bounds'
+    return replace(state, best=found)
+
 
 IMPROVEMENTS = (
     Improvement('Hamiltonian minima', DescentStage.COARSE,
@@ -55,13 +86,7 @@ IMPROVEMENTS = (
 
 
 def try_improvements(stage: DescentStage, state: State) -> State:
-    """
-    Try the improvements of a stage in turn, until one helps.
-
-    :param stage: which improvements.
-    :param state: the path.
-    :return: the new one; `state` itself if none helps.
-    """
+    """Try the improvements of a stage in turn, until one helps; return `state` if none does."""
     for improvement in IMPROVEMENTS:
         if improvement.stage is not stage or not improvement.applies(state):
             continue

@@ -16,9 +16,9 @@ class Meter:
     Work is counted in iterations times `each`, so that it does not depend on the load of the
     machine.
 
+    :param whole, work: for a part of the work: what it is a part of, and its budget.
     :ivar stopped: '' while work goes on, then 'cancelled', 'timed_out' or, for a part of the work,
         'spent'.
-    :ivar trace: what is tried, for reports and for the solution.
     :ivar iterations, most: so far, and at which the present solve ends. `stopped` stays '' then.
     :ivar each: work of one iteration.
     :ivar effort: work of the solves that led to outcomes, from `credit`: by it a search compares
@@ -26,34 +26,34 @@ class Meter:
         left out.
     :ivar deadline: on the monotonic clock [s].
     :ivar kept: time after the deadline for a certificate and a path within the bounds [s].
-    :ivar max_intervals: maximum number of intervals of a mesh.
+    :ivar max_intervals: of a mesh.
     """
 
     def __init__(self, time_limit: float = math.inf, report: Report | None = None,
-                 max_intervals: int = MAX_INTERVALS, kept: float = 0.0) -> None:
+                 max_intervals: int = MAX_INTERVALS, kept: float = 0.0, *,
+                 whole: 'Meter | None' = None, work: float = math.inf) -> None:
         self.max_intervals, self.kept = max_intervals, kept
         self.deadline = time.monotonic() + time_limit
-        self._reason = ''
-        self.trace = Trace()
-        self.iterations = 0
-        self.most = 1_000_000
-        self.each = 1
-        self.effort = 0
-        self._report = report
+        self.trace = Trace() if whole is None else whole.trace
+        self.iterations, self.most = 0, 1_000_000
+        self.each, self.effort = 1, 0
+        self._whole, self._left = whole, work
+        self._report, self._reason = report, ''
 
     @property
     def stopped(self) -> str:
         """Return why work is to stop, '' while it goes on."""
-        return self._reason
+        return (self._whole.stopped if self._whole else '') or self._reason
 
     def limit(self, iterations: int, each: int = 1) -> None:
         """
-        Limit the next solve.
+        Limit the iterations of the next solve.
 
-        :param iterations: maximum number of iterations.
         :param each: work of one iteration: intervals, with collocation times 1 + stages.
         """
         self.most, self.each = self.iterations + iterations, each
+        if self._whole:
+            self._whole.limit(iterations, each)
 
     def credit(self, work: int) -> None:
         """Add the work of an outcome to `effort`."""
@@ -74,10 +74,13 @@ class Meter:
         """
         Return a meter that begins at zero, with its own budget, which also counts for this one.
 
+        It stops with this one, too.
+
         :param work: budget, after which `stopped` is 'spent'; without limit if left out.
         :param time_limit: [s], so that a slow machine keeps time for the rest.
         """
-        return _Part(self, work, min(time_limit, self.remaining()))
+        return Meter(min(time_limit, self.remaining()), max_intervals=self.max_intervals,
+                     whole=self, work=work)
 
     def overtime(self, least: float) -> 'Meter':
         """
@@ -85,10 +88,15 @@ class Meter:
 
         :param least: part of it that is left for the certificate [s].
         """
-        return _Overtime(self, self.remaining() + self.kept - least, self._report)
+        later = Meter(self.remaining() + self.kept - least, self._report, self.max_intervals)
+        later.trace = self.trace
+        return later
 
     def extend(self, work: int) -> None:
         """Increase the budget of a part, and of the parts that contain it; the whole has none."""
+        self._left += work
+        if self._whole:
+            self._whole.extend(work)
 
     def remaining(self) -> float:
         """Return the time left [s]."""
@@ -101,53 +109,19 @@ class Meter:
         :param cost, infeasibility: of the iterate: cost, and largest violation of a constraint.
         :return: whether to stop.
         """
-        self.trace.spend(self.each)
-        if self._report is not None and self._report(
-                self.trace.describe(), self.iterations + 1, cost, infeasibility):
-            self._reason = 'cancelled'
-        ended = self._count()
-        if self._reason == 'timed_out':
-            self.trace.note_time_up()
-        return ended
-
-    def _count(self) -> bool:
+        if self._whole:
+            self._whole.step(cost, infeasibility)
+        else:
+            self.trace.spend(self.each)
+            if self._report is not None and self._report(
+                    self.trace.describe(), self.iterations + 1, cost, infeasibility):
+                self._reason = 'cancelled'
         self.iterations += 1
-        if not self.stopped and time.monotonic() > self.deadline:
-            self._reason = 'timed_out'
-        return bool(self.stopped) or self.iterations >= self.most
-
-
-class _Part(Meter):
-    """A meter with its own budget that stops with the meter it is part of."""
-
-    def __init__(self, whole: Meter, work: float, time_limit: float) -> None:
-        super().__init__(time_limit, max_intervals=whole.max_intervals)
-        self._whole, self._left = whole, work
-        self.trace = whole.trace
-
-    @property
-    def stopped(self) -> str:
-        return self._whole.stopped or self._reason
-
-    def limit(self, iterations: int, each: int = 1) -> None:
-        super().limit(iterations, each)
-        self._whole.limit(iterations, each)
-
-    def extend(self, work: int) -> None:
-        self._left += work
-        self._whole.extend(work)
-
-    def step(self, cost: float, infeasibility: float) -> bool:
-        self._whole.step(cost, infeasibility)
         self._left -= self.each
         if not self._reason and self._left < 0:
             self._reason = 'spent'
-        return self._count()
-
-
-class _Overtime(Meter):
-    """A meter for what follows after the deadline of another one."""
-
-    def __init__(self, whole: Meter, time_limit: float, report: Report | None) -> None:
-        super().__init__(time_limit, report, whole.max_intervals)
-        self.trace = whole.trace
+        if not self.stopped and time.monotonic() > self.deadline:
+            self._reason = 'timed_out'
+        if self._reason == 'timed_out' and not self._whole:
+            self.trace.note_time_up()
+        return bool(self.stopped) or self.spent
