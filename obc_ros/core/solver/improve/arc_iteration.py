@@ -10,7 +10,7 @@ solution on these phases are detected again and compared.
 from dataclasses import replace
 
 import numpy as np
-from obc_ros.core.numerics.arrays import Array, Mask
+from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.ocp.structure import find_mixed_equalities, find_shared_inputs
 from obc_ros.core.solver.adjoint.costates import Extremal
 from obc_ros.core.solver.adjoint.mesh_refinement import is_below
@@ -39,12 +39,12 @@ _PERHAPS, _NEVER = 1, 2   # `touch`: boundary arcs also at near contacts; no bou
 
 
 def solve_on_arcs(bench: Bench, arcs: list[Arc], outcome: TranscriptionOutcome, density: float,
-                  most: int, kept: float = 0.0) -> TranscriptionOutcome | None:
+                  kept: float = 0.0) -> TranscriptionOutcome | None:
     """
-    Solve with a phase for each arc, from an outcome.
+    Solve with a phase for each arc, from an outcome; return None if it does not converge.
 
-    `density`: intervals of the whole horizon, about. `most`: maximum number of iterations. `kept`:
-    least length of arcs at bounds, as part of the given one. None if it does not converge.
+    `density`: intervals of the whole horizon, about. `kept`: least length of arcs at bounds, as
+    part of the given one.
     """
     problem = bench.problem
     mesh, durations = build_arc_mesh(problem, arcs, bench.stages, density / outcome.path.t[-1])
@@ -55,7 +55,7 @@ def solve_on_arcs(bench: Bench, arcs: list[Arc], outcome: TranscriptionOutcome, 
     new = bench.collocate(
         mesh, replace(sharpen_steps(outcome.path, arcs), durations=durations),
         near=Nearby(bench.sizes(outcome), shortest=kept * durations * held),
-        effort=SolveEffort(most))
+        effort=SolveEffort(bench.options.coarse.iterations))
     return new if new.converged else None
 
 
@@ -63,14 +63,17 @@ class ArcIteration:
     """
     The arc iteration for one problem.
 
-    :param bench: of the search.
     :param switching: length m, inputs that may be held at bounds.
-    :param coarse: number of intervals of a coarse mesh.
+    :ivar free, seen: the signature of one free arc, and those that were tried.
+    :ivar density: intervals of the whole horizon, about.
     """
 
-    def __init__(self, bench: Bench, switching: tuple[bool, ...], coarse: int) -> None:
+    def __init__(self, bench: Bench, switching: tuple[bool, ...]) -> None:
         self.bench, self.problem, self.programs = bench, bench.problem, bench.programs
-        self.switching, self.coarse, self.touch = switching, coarse, 0
+        self.switching, self.touch = switching, 0
+        self.free: Signature = ((None,) * self.problem.m,)
+        self.seen: set[Signature] = {self.free}
+        self.density = 2.0 * bench.options.coarse.intervals
 
     def settle(self, outcome: TranscriptionOutcome) -> TranscriptionOutcome:
         """
@@ -78,10 +81,7 @@ class ArcIteration:
 
         The last outcome that converged at no higher cost is returned; its arcs may still change.
         """
-        options = self.bench.options.bangs
-        bench = self.bench
-        free: Signature = ((None,) * self.problem.m,)
-        now, seen, density = free, {free}, 2.0 * self.coarse
+        bench, options, now = self.bench, self.bench.options.bangs, self.free
         for _ in range(options.solves):
             arcs = found = self.shown(outcome)
             if get_signature(arcs) == now:
@@ -91,56 +91,53 @@ class ArcIteration:
             if bench.meter.stopped:
                 break
             if shown == now and not elsewhere:
-                new, now = self.closed(found, outcome, density, seen)
+                new, now = self.closed(found, outcome)
                 if new is None:
                     break
                 outcome = new
                 continue
             if shown == now:   # ends move, but no arc at a bound shrinks by more than 2 %
-                new = self.with_arcs(arcs, outcome, density, kept=0.98)
+                new = self.with_arcs(arcs, outcome, kept=0.98)
                 if new is None or not is_below(new.objective, outcome.objective, CHEAPER):
-                    new, now = self.freed(found, outcome, density, seen)
+                    new, now = self.freed(found, outcome)
                     if new is None:
                         break
                 outcome = new
                 continue
-            if shown in seen:
-                density *= 1.5
-                if density > bench.meter.max_intervals / 4:
+            if shown in self.seen:
+                self.density *= 1.5
+                if self.density > bench.meter.max_intervals / 4:
                     break
-            seen.add(shown)
-            new = self.with_arcs(arcs, outcome, density)
+            self.seen.add(shown)
+            new = self.with_arcs(arcs, outcome)
             if new is None and get_signature(found) == now:
-                new, shown = self.freed(found, outcome, density, seen)
+                new, shown = self.freed(found, outcome)
             if new is not None:
                 outcome, now = new, shown
                 continue
-            if self.touches_otherwise(outcome, seen):
+            if self.touches_otherwise(outcome):
                 continue
-            density *= 2
-            if not bench.meter.allows(int(density)):
+            self.density *= 2
+            if not bench.meter.allows(int(self.density)):
                 break
             new = bench.collocate(
-                build_uniform_mesh(self.problem, int(density), bench.stages),
+                build_uniform_mesh(self.problem, int(self.density), bench.stages),
                 outcome.path.in_one_phase(), near=Nearby(bench.sizes(outcome)))
             if not new.converged:
                 break
-            outcome, now = new, free
+            outcome, now = new, self.free
         return self.without_vanishing(outcome)
 
-    def freed(self, found: list[Arc], outcome: TranscriptionOutcome, density: float,
-              seen: set[Signature]
+    def freed(self, found: list[Arc], outcome: TranscriptionOutcome
               ) -> tuple[TranscriptionOutcome | None, Signature]:
         """
         Solve with inputs free where dH/du has the wrong sign; return the outcome and its arcs.
 
         On a coarse mesh a short singular arc looks like several bang arcs.
         """
-        return self.solve_unseen(
-            self.checked(found, outcome, moving=False), outcome, density, seen)
+        return self.solve_unseen(self.checked(found, outcome, moving=False), outcome)
 
-    def closed(self, found: list[Arc], outcome: TranscriptionOutcome, density: float,
-               seen: set[Signature]
+    def closed(self, found: list[Arc], outcome: TranscriptionOutcome
                ) -> tuple[TranscriptionOutcome | None, Signature]:
         """
         Solve with short bang arcs at the ends of singular ones; return the outcome and its arcs.
@@ -152,19 +149,19 @@ class ArcIteration:
             return None, ()
         course = self.bench.course(outcome)
         arcs = close_ends(
-            self.problem, found, self.linear, self.programs.deciding,
-            ((course.t[:-1] + course.t[1:]) / 2, (course.ua + course.ub) / 2,
-             self.slopes(course)))
-        return self.solve_unseen(arcs, outcome, density, seen)
+            self.problem, found, np.logical_and(self.switching, self.programs.switching),
+            self.programs.deciding, ((course.t[:-1] + course.t[1:]) / 2,
+                                     (course.ua + course.ub) / 2, self.slopes(course)))
+        return self.solve_unseen(arcs, outcome)
 
-    def solve_unseen(self, arcs: list[Arc], outcome: TranscriptionOutcome, density: float,
-                     seen: set[Signature]) -> tuple[TranscriptionOutcome | None, Signature]:
+    def solve_unseen(self, arcs: list[Arc], outcome: TranscriptionOutcome
+                     ) -> tuple[TranscriptionOutcome | None, Signature]:
         """Solve with arcs and return the outcome, None if they were seen; and their signature."""
         shown = get_signature(arcs)
-        if shown in seen or self.bench.meter.stopped:
+        if shown in self.seen or self.bench.meter.stopped:
             return None, shown
-        seen.add(shown)
-        return self.with_arcs(arcs, outcome, density), shown
+        self.seen.add(shown)
+        return self.with_arcs(arcs, outcome), shown
 
     def shown(self, outcome: TranscriptionOutcome) -> list[Arc]:
         """Return the arcs detected on an outcome."""
@@ -191,24 +188,19 @@ class ArcIteration:
                               perhaps=self.touch == _PERHAPS)
         return add_contacts(arcs, found, free) if found else arcs
 
-    def touches_otherwise(self, outcome: TranscriptionOutcome, seen: set[Signature]) -> bool:
+    def touches_otherwise(self, outcome: TranscriptionOutcome) -> bool:
         """Change `touch` until other boundary arcs are detected; return whether there are any."""
         while self.touch < _NEVER:
             self.touch += 1
-            if get_signature(self.shown(outcome)) not in seen:
+            if get_signature(self.shown(outcome)) not in self.seen:
                 return True
         self.touch = 0
         return False
 
-    def with_arcs(self, arcs: list[Arc], outcome: TranscriptionOutcome, density: float,
-                  kept: float = 0.0) -> TranscriptionOutcome | None:
-        """
-        Solve with the given arcs; return None without convergence or at a higher cost.
-
-        `kept`: least length of arcs at bounds, as part of the given one.
-        """
-        new = solve_on_arcs(self.bench, arcs, outcome, density,
-                            self.bench.options.coarse.iterations, kept)
+    def with_arcs(self, arcs: list[Arc], outcome: TranscriptionOutcome, *, kept: float = 0.0,
+                  density: float = 0.0) -> TranscriptionOutcome | None:
+        """Return the outcome of `solve_on_arcs` unless its cost is higher."""
+        new = solve_on_arcs(self.bench, arcs, outcome, density or self.density, kept)
         return new if new is not None and self.no_dearer(new, outcome) else None
 
     def no_dearer(self, new: TranscriptionOutcome, outcome: TranscriptionOutcome) -> bool:
@@ -228,16 +220,10 @@ class ArcIteration:
             return outcome
         arcs = [arc for arc in self.shown(outcome)
                 if arc.end - arc.start > options.vanishing * T]
-        density = max(2.0 * self.coarse, outcome.mesh.layout.intervals)
-        new = self.with_arcs(close_gaps(arcs, T), outcome, density)
+        density = max(2.0 * self.bench.options.coarse.intervals, outcome.mesh.layout.intervals)
+        new = self.with_arcs(close_gaps(arcs, T), outcome, density=density)
         room = options.room * abs(outcome.objective)
         return outcome if new is None or new.objective > outcome.objective + room else new
-
-    @staticmethod
-    def vanished(outcome: TranscriptionOutcome) -> bool:
-        """Return whether a phase of an outcome has vanished."""
-        durations = outcome.path.durations
-        return bool(durations.min() < 1e-6 * durations.sum())
 
     def checked(self, arcs: list[Arc], outcome: TranscriptionOutcome, *,
                 moving: bool = True) -> list[Arc]:
@@ -251,11 +237,6 @@ class ArcIteration:
         moves = self.programs.switching if moving else (False,) * self.problem.m
         arcs = open_arcs(arcs, course.t, Hu, self.problem, self.programs.switching, moves)
         return self.broken(self.touching(arcs, outcome), outcome)
-
-    @property
-    def linear(self) -> Mask:
-        """Return which inputs may be held and occur linearly in H, (m,)."""
-        return np.logical_and(self.switching, self.programs.switching)
 
     def slopes(self, course: Extremal) -> Array:
         """Return dH/du in the middle of each part of a course, shape (K, m)."""
@@ -277,7 +258,7 @@ def hold_switching_inputs(state: State) -> State | str:
     Inputs are no longer held if the arcs are too long for the intervals in them.
     """
     bench, outcome = state.bench, state.outcome
-    settled = _iterate(state).settle(outcome)
+    settled = ArcIteration(bench, state.switching).settle(outcome)
     if bench.is_accurate(outcome) and not bench.is_accurate(settled):
         return replace(state, switching=(False,) * bench.problem.m, in_vain=True)
     return replace(state, outcome=settled)
@@ -295,7 +276,7 @@ def hold_jumping_inputs(state: State) -> State | str:
     bench, outcome = state.bench, state.outcome
     above = bench.excess(outcome, bench.course(outcome))
     held = replace(state, switching=find_jumping_inputs(bench.problem, outcome.path))
-    new = _iterate(held).settle(outcome)
+    new = ArcIteration(bench, held.switching).settle(outcome)
     if new.objective > outcome.objective and bench.excess(new, bench.course(new)) >= above:
         return replace(state, in_vain=True)
     return replace(held, outcome=new)
@@ -303,10 +284,8 @@ def hold_jumping_inputs(state: State) -> State | str:
 
 def remove_vanished_arcs(state: State) -> State:
     """Remove the arcs that have vanished on a finer mesh of a descent."""
-    if not ArcIteration.vanished(state.outcome):
+    durations = state.outcome.path.durations
+    if not durations.min() < 1e-6 * durations.sum():
         return state
-    return replace(state, outcome=_iterate(state).without_vanishing(state.outcome))
-
-
-def _iterate(state: State) -> ArcIteration:
-    return ArcIteration(state.bench, state.switching, state.bench.options.coarse.intervals)
+    iteration = ArcIteration(state.bench, state.switching)
+    return replace(state, outcome=iteration.without_vanishing(state.outcome))

@@ -152,8 +152,7 @@ def _with_jumps(bench: Bench, outcome: TranscriptionOutcome) -> TranscriptionOut
         if len(arcs) == len(path.durations) and not have_moved(
                 arcs, path.durations, bench.options.bangs.vanishing):
             break
-        new = solve_on_arcs(bench, arcs, outcome, len(path.ua),
-                            bench.options.coarse.iterations)
+        new = solve_on_arcs(bench, arcs, outcome, len(path.ua))
         if new is None or is_below(outcome.objective, new.objective, CHEAPER):
             break
         outcome = new

@@ -3,7 +3,7 @@
 """
 The improvements, in the order in which they are tried in their stage.
 
-A new improvement is a file and a line in IMPROVEMENTS; that of bounds is here. Three strategies are called directly. Mesh
+A new improvement is a file and a line in IMPROVEMENTS. Three strategies are called directly. Mesh
 refinement and constraint tightening are the loop itself (`descent`). Negative curvature is a step
 of the nonlinear program, which knows no mesh (`nlp`). The indirect method is a method by name
 (`refine_indirectly`), which explains why it does not apply.

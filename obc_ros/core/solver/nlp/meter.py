@@ -31,10 +31,11 @@ class Meter:
 
     def __init__(self, time_limit: float = math.inf, report: Report | None = None,
                  max_intervals: int = MAX_INTERVALS, kept: float = 0.0, *,
-                 whole: 'Meter | None' = None, work: float = math.inf) -> None:
+                 trace: Trace | None = None, whole: 'Meter | None' = None,
+                 work: float = math.inf) -> None:
         self.max_intervals, self.kept = max_intervals, kept
         self.deadline = time.monotonic() + time_limit
-        self.trace = Trace() if whole is None else whole.trace
+        self.trace = Trace() if trace is None else trace
         self.iterations, self.most = 0, 1_000_000
         self.each, self.effort = 1, 0
         self._whole, self._left = whole, work
@@ -80,7 +81,7 @@ class Meter:
         :param time_limit: [s], so that a slow machine keeps time for the rest.
         """
         return Meter(min(time_limit, self.remaining()), max_intervals=self.max_intervals,
-                     whole=self, work=work)
+                     trace=self.trace, whole=self, work=work)
 
     def overtime(self, least: float) -> 'Meter':
         """
@@ -88,9 +89,8 @@ class Meter:
 
         :param least: part of it that is left for the certificate [s].
         """
-        later = Meter(self.remaining() + self.kept - least, self._report, self.max_intervals)
-        later.trace = self.trace
-        return later
+        return Meter(self.remaining() + self.kept - least, self._report, self.max_intervals,
+                     trace=self.trace)
 
     def extend(self, work: int) -> None:
         """Increase the budget of a part, and of the parts that contain it; the whole has none."""

@@ -17,7 +17,7 @@ import numpy as np
 from obc_ros.core.numerics.arrays import Index
 from obc_ros.core.numerics.vectorized import VectorizedFunction
 
-Places = tuple[Index, Index]   # rows and columns of the entries of a matrix
+_Places = tuple[Index, Index]   # rows and columns of the entries of a matrix
 
 
 class Piece:
@@ -43,7 +43,7 @@ class Piece:
                 ca.sparsify(H), both)
 
     @cached_property
-    def places(self) -> tuple[Places, Places, Places]:
+    def places(self) -> tuple[_Places, _Places, _Places]:
         """Return where the gradient of the cost, the Jacobian of g and the Hessian are not 0."""
         _, _, slope, J, H, _ = self._symbols
         return _places(slope), _places(J), _places(H)
@@ -80,7 +80,7 @@ class Piece:
             [self._g, self._cost, slope.nz[:], both, J.nz[:], H.nz[:]], 8)
 
 
-def _places(value: ca.SX) -> Places:
+def _places(value: ca.SX) -> _Places:
     rows, columns = value.sparsity().get_triplet()
     return np.array(rows, dtype=np.int64), np.array(columns, dtype=np.int64)
 

@@ -10,11 +10,11 @@ from obc_ros.core.ocp.solution import Condition, Status
 from obc_ros.core.solver.bench import build_bench, Task
 from obc_ros.core.solver.conclusion import conclude
 from obc_ros.core.solver.descent import descend
+from obc_ros.core.solver.improve.improvement import State
 from obc_ros.core.solver.improve.registry import (
     solve_within_tighter_bounds,
     violates_bounds_only,
 )
-from obc_ros.core.solver.improve.improvement import State
 from obc_ros.core.solver.nlp import meter as clocks
 from obc_ros.core.solver.nlp.meter import Meter
 from obc_ros.core.solver.options import DEFAULTS
