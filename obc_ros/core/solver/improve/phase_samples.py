@@ -20,10 +20,10 @@ from obc_ros.core.ocp.certificate.certificate import certify
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.ocp.solution import Condition, Solution, Status
 from obc_ros.core.solver.adjoint.costates import CostateIntegrator
-from obc_ros.core.solver.adjoint.multipliers import Fitter
 from obc_ros.core.solver.arcs.mixed_constraints import move_onto_constraints
 from obc_ros.core.solver.arcs.phase_program import PhasedProgram
 from obc_ros.core.solver.arcs.phases import DEGREE, Phased
+from obc_ros.core.solver.bench import Bench
 from obc_ros.core.solver.transcription.mesh import build_path, Path
 
 # The conditions whose residuals more samples may reduce.
@@ -55,8 +55,7 @@ def _parts(found: Phased, samples: int) -> Index:
 
 
 def sample_phases(problem: Problem, program: PhasedProgram, integrator: CostateIntegrator,
-                  found: Phased,
-                  samples: int) -> Solution:
+                  found: Phased, samples: int) -> Solution:
     """
     Return phases as about so many samples, with costates and densities of the stated bounds.
 
@@ -74,8 +73,8 @@ def sample_phases(problem: Problem, program: PhasedProgram, integrator: CostateI
     u, bend = (np.einsum('ksj,kjm->ksm', on_u[order], found.u) for order in (0, 2))
     # The interpolation between samples of u has a mean error of h^2 / 12 times its second
     # derivative.
-    u = move_onto_constraints(problem, program, found, x,
-                              u) - bend / (12 * parts[:, None, None]**2)
+    u = (move_onto_constraints(problem, program, found, x, u)
+         - bend / (12 * parts[:, None, None]**2))
     eta = [np.einsum('ksj,kjr->ksr', basis, found.eta) / found.h[:, None, None]**order
            for order, basis in enumerate(on_u)]
     density = np.zeros_like(eta[0])
@@ -119,13 +118,12 @@ def _slid(problem: Problem, program: PhasedProgram, found: Phased, terms: list[A
         return [terms[1] / s, (terms[2] - terms[1] * ds / s) / s]
 
 
-def certify_samples(problem: Problem, program: PhasedProgram, integrator: CostateIntegrator,
-                    fitter: Fitter,
-                    found: Phased) -> Solution:
+def certify_samples(bench: Bench, program: PhasedProgram, found: Phased) -> Solution:
     """Return phases as samples with their certificate, on more samples if these may help."""
+    problem, integrator = bench.problem, bench.programs.stated_integrator
     free, off = any(np.isnan(arc.levels).any() for arc in found.arcs), math.inf
     for samples in _SAMPLES if free else _SAMPLES[:1]:   # without free inputs a few are exact
-        answer = fitter.pressed(
+        answer = bench.programs.fitter(problem).pressed(
             problem, sample_phases(problem, program, integrator, found, samples))
         certificate = certify(problem, answer)
         answer, worst = replace(answer, certificate=certificate), certificate.worst
@@ -149,8 +147,7 @@ def _replayed(problem: Problem, integrator: CostateIntegrator, x: Array, u: Arra
 
 
 def _carried_back(problem: Problem, integrator: CostateIntegrator, found: Phased, lam: Array,
-                  x: Array,
-                  u: Array, h: Array) -> Array:
+                  x: Array, u: Array, h: Array) -> Array:
     """
     Return costates (K, s, n) integrated backward from the first of the next interval.
 

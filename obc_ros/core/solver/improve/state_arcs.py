@@ -6,8 +6,6 @@ Solutions with boundary arcs, on which state constraints are active, from a path
 A transcription on a fine mesh approximates such a solution, but on boundary arcs its inputs and
 multipliers oscillate. Here the arcs are detected on it, the phases are solved for with their
 junctions (`phase_program`), and the arcs are detected again until they do not change.
-
-The module is long because detection, solution and repeated detection share the form of an arc.
 """
 
 from dataclasses import dataclass, replace
@@ -20,7 +18,6 @@ from obc_ros.core.numerics.collocation import build_collocation
 from obc_ros.core.numerics.samples import find_runs
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.ocp.solution import Condition, Solution, Verdict
-from obc_ros.core.solver.adjoint.costates import CostateIntegrator
 from obc_ros.core.solver.adjoint.mesh_refinement import is_below
 from obc_ros.core.solver.arcs.bang_arcs import cut_at_bounds, cut_at_ends
 from obc_ros.core.solver.arcs.constraint_orders import BoundRates, find_sliding
@@ -45,8 +42,7 @@ from obc_ros.core.solver.arcs.state_contacts import add_contacts, find_contacts,
 from obc_ros.core.solver.bench import Bench, Candidate
 from obc_ros.core.solver.improve.improvement import State
 from obc_ros.core.solver.improve.phase_samples import BY_SAMPLES, certify_samples, join_phases
-from obc_ros.core.solver.nlp.meter import Meter
-from obc_ros.core.solver.options import BoundaryOptions, DEFAULTS, Options
+from obc_ros.core.solver.options import BoundaryOptions
 from obc_ros.core.solver.trace import judge_path
 from obc_ros.core.solver.transcription.local_minima import ANOTHER, CHEAPER
 from obc_ros.core.solver.transcription.mesh import build_uniform_mesh, Path
@@ -54,32 +50,24 @@ from obc_ros.core.solver.transcription.program import Nearby, ProblemScales, Tra
 
 _VANISHING = 1e-4     # length, as part of T, up to which a phase has vanished
 _NEAR = 1e-5          # relative distance from a bound up to which a constraint is active
-
-
 _VAIN = 'no solution with these arcs was certified'
 
 
-def read_spans(problem: Problem, program: PhasedProgram, outcome: TranscriptionOutcome,
-               value: Array,
-               margin: Array, switching: tuple[bool, ...], gap: float,
-               jump: float = DEFAULTS.bangs.jump) -> list[Arc]:
+def _read_spans(bench: Bench, program: PhasedProgram, outcome: TranscriptionOutcome, value: Array,
+                gap: float) -> list[Arc]:
     """
     Detect the arcs of an outcome, boundary arcs among them.
 
-    :param problem, program: the problem, and the phase program of its structure.
-    :param outcome: on N intervals.
     :param value: (N + 1, n + l), x and the path constraints at its mesh points.
-    :param margin: (n + l,), tightening of the bounds.
-    :param switching: length m, inputs in which H is linear.
     :param gap: part of T up to which an oscillating path may leave a bound within a contact, and a
         switching input may be between its bounds.
-    :param jump: as for `find_jumps`.
     """
+    problem, switching = bench.problem, bench.programs.switching
     arcs = find_arcs(problem, outcome.path, (True,) * problem.m)
     bounds, T = program.bounds, outcome.path.t[-1]
     mixed, following = bounds.orders == 0, bounds.following
-    found = _merged(find_contacts(problem, outcome, value, margin, bounds.orders > 0, near=_NEAR)
-                    + find_active(problem, outcome, program), gap * T)
+    found = _merged(find_contacts(problem, outcome, value, bench.margin, bounds.orders > 0,
+                                  near=_NEAR) + find_active(problem, outcome, program), gap * T)
     found = [each for each in found if not _implied(each, arcs, bounds.deciding[each.row])
              and (each.end - each.start > each.beside / 2
                   or bounds.orders[each.row] and each.end < T)]
@@ -87,7 +75,8 @@ def read_spans(problem: Problem, program: PhasedProgram, outcome: TranscriptionO
         arcs = add_contacts(arcs, found, bounds.deciding, following)
         arcs = [_without_implied_levels(problem, program, arc, outcome.path) for arc in arcs]
     jumping = bounds.deciding[mixed].any(axis=0) & switching
-    arcs = cut_at_jumps(arcs, outcome.path, jumping.tolist(), mixed.tolist(), jump)
+    arcs = cut_at_jumps(arcs, outcome.path, jumping.tolist(), mixed.tolist(),
+                        bench.options.bangs.jump)
     return tidy_arcs(_without_smears(arcs, switching, gap * T), _VANISHING)
 
 
@@ -140,28 +129,24 @@ def _without_smears(arcs: list[Arc], switching: tuple[bool, ...], gap: float) ->
     return kept
 
 
-def settle_arcs(problem: Problem, program: PhasedProgram, arcs: list[Arc], guess: Path,
-                sizes: ProblemScales, pinned: Mask, meter: Meter, fine: float,
-                spread: tuple[Array, Array], options: Options = DEFAULTS) -> Phased | None:
+def settle_arcs(bench: Bench, program: PhasedProgram, arcs: list[Arc], guess: Path,
+                sizes: ProblemScales, fine: float, spread: tuple[Array, Array]) -> Phased | None:
     """
     Solve on phases with the given arcs, and again without those that vanish.
 
-    :param problem, program: the problem, and the phase program of its structure.
-    :param arcs: initial arcs.
-    :param guess: initial guess.
-    :param sizes, pinned, meter: as in `PhasedProgram.solve`.
+    :param sizes: as in `PhasedProgram.solve`.
     :param fine: factor of the number of intervals.
     :param spread: distribution of the intervals, as returned by `spread_like`.
-    :param options: of the search.
     :return: None without convergence, or if the mesh is too large.
     """
+    meter, options = bench.meter, bench.options
     for _ in range(options.bangs.solves):
         meshes = _meshes(arcs, spread, fine, options.boundary)
         K = sum(len(mesh) for mesh in meshes)
         if meter.stopped or not meter.allows(K):
             return None
         meter.limit(options.coarse.iterations, K * DEGREE)
-        found = program.solve(problem, arcs, meshes, guess, sizes, pinned, meter)
+        found = program.solve(bench.problem, arcs, meshes, guess, sizes, bench.pinned, meter)
         smooth = tidy_arcs([replace(arc, jump=False) for arc in arcs], _VANISHING)
         if not found.converged and len(smooth) < len(arcs):
             arcs = smooth
@@ -172,8 +157,8 @@ def settle_arcs(problem: Problem, program: PhasedProgram, arcs: list[Arc], guess
         arcs = found.arcs
         kept = tidy_arcs(_shrunk(_that_jump(found), program.bounds), _VANISHING)
         if len(kept) == len(arcs) and np.all(found.durations >= short):
-            return _grazing(problem, program, found, sizes, pinned, meter, found.grazing(),
-                            options) if found.converged else None
+            return (_grazing(bench, program, found, sizes, found.grazing())
+                    if found.converged else None)
         arcs, guess = kept, join_phases(found)
     return None
 
@@ -217,17 +202,17 @@ def _meshes(arcs: list[Arc], spread: tuple[Array, Array], fine: float,
     return meshes
 
 
-def _grazing(problem: Problem, program: PhasedProgram, found: Phased, sizes: ProblemScales,
-             pinned: Mask, meter: Meter, where: Grazing,
-             options: Options) -> Phased:
+def _grazing(bench: Bench, program: PhasedProgram, found: Phased, sizes: ProblemScales,
+             where: Grazing) -> Phased:
     """Solve again with tangential junctions; return the former path if that costs more."""
+    meter, room = bench.meter, bench.options.bangs.room
     if not where or meter.stopped:
         return found
-    meter.limit(options.coarse.iterations, len(found.h) * DEGREE)
-    new = program.solve(
-        problem, found.arcs, found.meshes, join_phases(found), sizes, pinned, meter, where)
+    meter.limit(bench.options.coarse.iterations, len(found.h) * DEGREE)
+    new = program.solve(bench.problem, found.arcs, found.meshes, join_phases(found), sizes,
+                        bench.pinned, meter, where)
     whole = new.converged and len(tidy_arcs(new.arcs, _VANISHING)) == len(new.arcs)
-    return new if whole and not is_below(found.cost, new.cost, options.bangs.room) else found
+    return new if whole and not is_below(found.cost, new.cost, room) else found
 
 
 def may_have_arcs(state: State) -> bool:
@@ -262,8 +247,7 @@ def solve_along_bounds(state: State) -> State | str:
     seen: set[tuple[Signature, float, int]] = set()
     bench = replace(bench, meter=bench.meter.part(max(options.work, bench.work)))
     for gap in options.gaps:
-        arcs = read_spans(problem, program, outcome, value, bench.margin,
-                          bench.programs.switching, gap, bench.options.bangs.jump)
+        arcs = _read_spans(bench, program, outcome, value, gap)
         if (get_signature(arcs), 1.0, 0) in seen:
             continue
         with bench.trace.attempt('phases', f'{len(arcs)} arcs at first') as attempt:
@@ -298,13 +282,12 @@ class _Turn:
         return replace(self, arcs=arcs, guess=sharpen_steps(join_phases(found), arcs),
                        off=math.inf)
 
-    def finer(self, found: Phased, erred: float, meter: Meter,
-              options: BoundaryOptions) -> '_Turn':
+    def finer(self, found: Phased, erred: float, bench: Bench) -> '_Turn':
         """Continue with shorter intervals, distributed anew after the first time."""
         arcs, guess, spread = self.arcs, self.guess, self.spread
         again = get_signature(found.arcs) == self.led_to
         if erred < self.erred < math.inf:
-            meter.extend(round(options.work * self.fine))
+            bench.meter.extend(round(bench.options.boundary.work * self.fine))
         fewer = len(found.arcs) < len(arcs)
         if again or fewer or self.erred < math.inf:
             spread = spread_by_error(found)
@@ -322,11 +305,9 @@ def _settled_on(bench: Bench, program: PhasedProgram, outcome: TranscriptionOutc
 
     `allowed`: maximum cost. `seen`: arcs and meshes that were tried and are not tried again.
     """
-    options = bench.options.boundary
-    problem, meter, pinned = bench.problem, bench.meter, bench.pinned
-    integrator, fitter = bench.programs.stated_integrator, bench.programs.fitter(problem)
-    turn, sizes = _Turn(arcs, sharpen_steps(outcome.path, arcs), spread_like(outcome.path)), (
-        bench.sizes(outcome))
+    problem, sizes = bench.problem, bench.sizes(outcome)
+    fitter = bench.programs.fitter(problem)
+    turn = _Turn(arcs, sharpen_steps(outcome.path, arcs), spread_like(outcome.path))
     for number in range(bench.options.bangs.solves):
         if number and turn.key in seen:
             # On this mesh the detected arcs alternate.
@@ -335,26 +316,25 @@ def _settled_on(bench: Bench, program: PhasedProgram, outcome: TranscriptionOutc
         if turn.fine > max(8.0, turn.finest) or turn.key in seen:
             break
         seen.add(turn.key)
-        found = settle_arcs(problem, program, turn.arcs, turn.guess, sizes, pinned, meter,
-                            turn.fine, turn.spread, bench.options)
+        found = settle_arcs(bench, program, turn.arcs, turn.guess, sizes, turn.fine, turn.spread)
         if found is None or found.cost > allowed:
             break
-        answer = certify_samples(problem, program, integrator, fitter, found)
+        answer = certify_samples(bench, program, found)
         assert answer.certificate is not None
         if answer.certificate.holds:
             return answer
         value = fitter.at(problem, answer.x, answer.u)
         erred = answer.certificate.residuals[Condition.DYNAMICS]
         # The signs of dH/du mean nothing while a bound is missing.
-        touched = add_touching_arcs(problem, found.arcs, found, program.bounds, answer.t, value)
+        touched = _add_touching_arcs(problem, found.arcs, found, program.bounds, answer.t, value)
         if get_signature(touched) != get_signature(found.arcs) and (
                 get_signature(touched), turn.fine, turn.graded) not in seen:
             turn = turn.like(found, touched)
             continue
         if erred > answer.certificate.tolerances[Condition.COSTATE]:
-            turn = turn.finer(found, erred, meter, options)
+            turn = turn.finer(found, erred, bench)
             continue
-        new = reread_arcs(problem, program, integrator, found, answer, value)
+        new = _reread_arcs(bench, program, found, answer, value)
         if get_signature(new) == get_signature(found.arcs):
             new = add_exceeded_bounds(problem, new, program.bounds, answer.t, value,
                                       answer.certificate.tolerances[Condition.BOUNDS])
@@ -363,10 +343,9 @@ def _settled_on(bench: Bench, program: PhasedProgram, outcome: TranscriptionOutc
             continue
         # The cost hardly depends on the time of a tangential junction, which is inaccurate. A
         # junction with a relative rate of 0.1 may be one.
-        smooth = _grazing(problem, program, found, sizes, pinned, meter,
-                          found.grazing(0.1, touched=True), bench.options)
+        smooth = _grazing(bench, program, found, sizes, found.grazing(0.1, touched=True))
         if smooth is not found and (
-                better := certify_samples(problem, program, integrator, fitter, smooth)).certified:
+                better := certify_samples(bench, program, smooth)).certified:
             return better
         turn = replace(turn, arcs=new, guess=sharpen_steps(join_phases(found), new))
         turn = _resolve(bench, program, turn, found, answer, seen)
@@ -419,8 +398,8 @@ def solve_at_once(state: State) -> State | str:
     return _VAIN
 
 
-def reread_arcs(problem: Problem, program: PhasedProgram, integrator: CostateIntegrator,
-                found: Phased, answer: Solution, value: Array) -> list[Arc]:
+def _reread_arcs(bench: Bench, program: PhasedProgram, found: Phased, answer: Solution,
+                 value: Array) -> list[Arc]:
     """
     Correct the arcs of a path on phases by its multipliers.
 
@@ -428,11 +407,11 @@ def reread_arcs(problem: Problem, program: PhasedProgram, integrator: CostateInt
     in them, become free. Bounds with a multiplier become active or touched. `value` (N, n + l)
     are x and the path constraints at the samples of `answer`.
     """
-    rows = np.flatnonzero(np.diff(answer.t) > 0)
+    problem, rows = bench.problem, np.flatnonzero(np.diff(answer.t) > 0)
     x, u, lam = ((values[rows] + values[rows + 1]) / 2 for values in (
         answer.x, answer.u, answer.lam))
     mu = answer.path_multipliers
-    _, Hu, _ = integrator.hamiltonian(
+    _, Hu, _ = bench.programs.stated_integrator.hamiltonian(
         problem, x, u, lam, None if mu is None else (mu[rows] + mu[rows + 1]) / 2)
     bounds = program.bounds
     new = open_arcs(cut_at_bounds(problem, found, program.switching, bounds.deciding),
@@ -447,12 +426,11 @@ def reread_arcs(problem: Problem, program: PhasedProgram, integrator: CostateInt
                        jump=on.jump and abs(start - on.start) <= 1e-9 * times[-1]))
         start = float(end)
     held = hold_constraints(tidy_arcs(cut, _VANISHING), found, bounds)
-    return add_touching_arcs(problem, held, found, bounds, answer.t, value)
+    return _add_touching_arcs(problem, held, found, bounds, answer.t, value)
 
 
-def add_touching_arcs(problem: Problem, arcs: list[Arc], found: Phased, bounds: BoundRates,
-                      times: Array,
-                      value: Array) -> list[Arc]:
+def _add_touching_arcs(problem: Problem, arcs: list[Arc], found: Phased, bounds: BoundRates,
+                       times: Array, value: Array) -> list[Arc]:
     """
     Add touch points and boundary arcs where bounds of the state have multipliers.
 
@@ -463,27 +441,26 @@ def add_touching_arcs(problem: Problem, arcs: list[Arc], found: Phased, bounds: 
         value - np.append(problem.x_lower, problem.path_lower),
         np.append(problem.x_upper, problem.path_upper) - value]) <= 1e-2 * np.abs(
             value).max(axis=0)
-    d = DEGREE
     met = [(arc.start, int(row), arc.met[row]) for phase, arc in enumerate(found.arcs)
            for row in np.flatnonzero(arc.met) if (phase, int(row)) not in found.astray]
     held = [(arc.start, arc.end, int(row), arc.on[row]) for arc in found.arcs
             for row in np.flatnonzero(arc.on)]
     held += [(time, time, row, sign) for time, row, sign in met]
     t = np.append(0.0, np.cumsum(found.h))
-    t = (t[:-1, None] + found.h[:, None] * build_collocation(d, 'radau')[0]).ravel()
+    t = (t[:-1, None] + found.h[:, None] * build_collocation(DEGREE, 'radau')[0]).ravel()
     longer, least = [], 1e-5   # multiplier of a touched bound, relative to the costates
     for row in np.flatnonzero(np.abs(found.pushed).max(axis=(0, 1)) > least).tolist():
         for sign in (1, -1):
             weight = np.maximum(sign * found.pushed[:, :, row].ravel(), 0.0)
             places = np.flatnonzero(weight > least)
-            for run in np.split(places, np.flatnonzero(np.diff(places) > d) + 1):
+            for run in np.split(places, np.flatnonzero(np.diff(places) > DEGREE) + 1):
                 if not run.size:
                     continue
-                first, last, h = t[run[0]], t[run[-1]], found.h[run // d].max()
+                first, last, h = t[run[0]], t[run[-1]], found.h[run // DEGREE].max()
                 if any((row, sign) == (r, s) and start - h < last and first < end + h
                        for start, end, r, s in held):
                     continue
-                if run[-1] - run[0] > 2 * d:
+                if run[-1] - run[0] > 2 * DEGREE:
                     longer.append(StateContact(row, sign, first, last, 0.0))
                 else:
                     time = float(t[run] @ weight[run] / weight[run].sum())

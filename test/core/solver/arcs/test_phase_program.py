@@ -213,10 +213,9 @@ def test_phases_without_an_input_jump_are_merged():
                  np.array([2.0]))
     free, on = (np.nan, np.nan), (0, 0, 0, 1)
     arcs = [Arc(0.0, 1.0, free, on), Arc(1.0, 2.0, free, on, jump=True)]
-    found = settle_arcs(problem, PhasedProgram(problem, (True, True)), arcs, guess,
-                        estimate_scales(problem, guess), np.zeros(3, dtype=bool),
-                        Meter(), 1,
-                        spread_like(guess))
+    bench = build_bench(Task(problem, ProgramCache(problem), Meter()))
+    found = settle_arcs(replace(bench, pinned=np.zeros(3, dtype=bool)), bench.programs.phased,
+                        arcs, guess, estimate_scales(problem, guess), 1, spread_like(guess))
     assert len(found.arcs) == 1
     assert found.cost == pytest.approx(minimum, abs=1e-8)
 
