@@ -289,8 +289,7 @@ class _Equations:
         F = inner.F.reshape(now.y.shape)
         stages = now.z[:-1, None] + h[:, None] * np.einsum('ij,kjz->kiz', self.a, F) - now.y
         nodes = now.z[:-1] + h * np.einsum('j,kjz->kz', self.b, F) - now.z[1:]
-        psi, _, last, _, _ = self.parts.end(
-            self.problem, self.scales, now.z[-1], now.theta[P:])
+        psi, _, last, _, _ = self.parts.end(self.problem, self.scales, now.z[-1], now.theta[P:])
         border = np.concatenate([psi, self._switches(now, sides)[0]])
         left = [inner.off, sides.off, stages, nodes,
                 self.problem.x0 / self.scales.x - now.z[0, :self.problem.n],
@@ -353,8 +352,7 @@ class _Equations:
                             np.repeat(z[self.ends], 2, axis=0)) + sides.move
         return _Unknowns(z, y, u.reshape(now.u.shape), at_ends.reshape(now.at_ends.shape), theta)
 
-    def _condensed(self, left: list[Array], inner: _Rates, now: _Unknowns
-                   ) -> tuple[Array, ...]:
+    def _condensed(self, left: list[Array], inner: _Rates, now: _Unknowns) -> tuple[Array, ...]:
         """
         Return the steps at the Gauss points and at the end of each interval.
 
@@ -374,8 +372,7 @@ class _Equations:
         return tuple(map(np.concatenate, zip(*parts, strict=True)))
 
     def _condensed_some(self, h: Array, fractions: Array, left: Array, left_at_end: Array,
-                        F: Array, total: Array, moved: Array
-                        ) -> tuple[Array, Array, Array, Array]:
+                        F: Array, total: Array, moved: Array) -> tuple[Array, Array, Array, Array]:
         """Return the result of `_condensed` for some intervals."""
         N, s, two_n = F.shape
         matrix = -np.einsum('ij,kjzw->kizjw', self.a, h[..., None] * total).reshape(

@@ -245,8 +245,7 @@ class CostateIntegrator:
         single = bool(defect.max() < 1e-5)
         x, x_end, J = (x[:-1], x[1:], running[-1]) if single else (anew, anew_end, J)
         V, _, last = self._end(x_end[-1:], outcome.nu[None, :], problem.p_value)
-        lam, lam_end = self._costates(
-            problem, outcome, (t, x, ua, ub), last[0], parts, single)
+        lam, lam_end = self._costates(problem, outcome, (t, x, ua, ub), last[0], parts, single)
         if not single and path.inner.shape[1] and self._failed(outcome, lam, size, parts):
             return self._at_nodes(outcome, float(defect.max()), local)
         return Extremal(

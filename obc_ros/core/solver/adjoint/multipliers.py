@@ -128,11 +128,15 @@ class Fitter:
         size = _sizes(problem, course.ua)
         for side, x, u, lam in ((0, course.x, course.ua, course.lam),
                                 (1, course.x_end, course.ub, course.lam_end)):
-            _, _, L_u, f_u, c_u, _ = self._derivatives(problem, x, u)
-            low, high = _at_bounds(problem, u, size)
-            density[:, side] = _pressing(
-                (L_u + np.einsum('knm,kn->km', f_u, lam)) * size, c_u * size, limits, low, high)
+            slope, c_u = self._slopes(problem, x, u, lam)
+            density[:, side] = _pressing(slope * size, c_u * size, limits,
+                                         *_at_bounds(problem, u, size))
         return density
+
+    def _slopes(self, problem: Problem, x: Array, u: Array, lam: Array) -> tuple[Array, Array]:
+        """Return the derivatives of L + lam' f and of x and c by u at some points."""
+        _, _, L_u, f_u, c_u, _ = self._derivatives(problem, x, u)
+        return L_u + np.einsum('knm,kn->km', f_u, lam), c_u
 
     def pressed(self, problem: Problem, answer: Solution) -> Solution:
         """
@@ -150,11 +154,10 @@ class Fitter:
         limits = np.stack([np.where(c <= lower + near, -np.inf, 0.0),
                            np.where(c >= upper - near, np.inf, 0.0)])
         size = _sizes(problem, answer.u)
-        _, _, L_u, f_u, c_u, _ = self._derivatives(problem, answer.x, answer.u)
-        slope = L_u + np.einsum('knm,kn->km', f_u, answer.lam) + np.einsum(
-            'krm,kr->km', c_u[:, self.n:][:, others], mu[:, others])
+        slope, c_u = self._slopes(problem, answer.x, answer.u, answer.lam)
+        slope += np.einsum('krm,kr->km', c_u[:, self.n + others], mu[:, others])
         mu = mu.copy()
-        mu[:, mine] = _pressing(slope * size, c_u[:, self.n:][:, mine] * size, limits,
+        mu[:, mine] = _pressing(slope * size, c_u[:, self.n + mine] * size, limits,
                                 *_at_bounds(problem, answer.u, size))
         return replace(answer, path_multipliers=mu)
 
@@ -341,8 +344,7 @@ class Fitter:
 def _sizes(problem: Problem, u: Array) -> Array:
     """Return the scale of each input, (m,): the distance of its bounds, or its largest value."""
     span = problem.u_upper - problem.u_lower
-    return np.asarray(np.where(np.isfinite(span), span, np.maximum(
-        np.abs(u).max(axis=0), 1e-6)))
+    return np.asarray(np.where(np.isfinite(span), span, np.maximum(np.abs(u).max(axis=0), 1e-6)))
 
 
 def _at_bounds(problem: Problem, u: Array, size: Array) -> tuple[Mask, Mask]:

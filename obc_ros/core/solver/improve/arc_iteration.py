@@ -218,8 +218,7 @@ class ArcIteration:
         durations, T = outcome.path.durations, outcome.path.t[-1]
         if np.all(durations > options.vanishing * T):
             return outcome
-        arcs = [arc for arc in self.shown(outcome)
-                if arc.end - arc.start > options.vanishing * T]
+        arcs = [arc for arc in self.shown(outcome) if arc.end - arc.start > options.vanishing * T]
         density = max(2.0 * self.bench.options.coarse.intervals, outcome.mesh.layout.intervals)
         new = self.with_arcs(close_gaps(arcs, T), outcome, density=density)
         room = options.room * abs(outcome.objective)

@@ -144,8 +144,7 @@ def solve_on_kinks(state: State) -> State | str:
         found, 4e-3, longest, 2 * bench.meter.max_intervals))
     if not bench.meter.allows(guide.mesh.layout.intervals):
         return 'it would have too many intervals'
-    new = bench.collocate(guide.mesh, guide.path,
-                          near=Nearby(bench.sizes(outcome), guide=guide))
+    new = bench.collocate(guide.mesh, guide.path, near=Nearby(bench.sizes(outcome), guide=guide))
     if not new.converged or is_below(outcome.objective, new.objective, bench.options.bangs.room):
         return 'its cost is higher' if new.converged else new.status
     return replace(state, outcome=new, extremal=found)

@@ -80,8 +80,7 @@ def _read_spans(bench: Bench, program: PhasedProgram, outcome: TranscriptionOutc
     return tidy_arcs(_without_smears(arcs, switching, gap * T), _VANISHING)
 
 
-def _without_implied_levels(problem: Problem, program: PhasedProgram, arc: Arc,
-                            path: Path) -> Arc:
+def _without_implied_levels(problem: Problem, program: PhasedProgram, arc: Arc, path: Path) -> Arc:
     """Return an arc with inputs free at bounds that follow from a constraint held on it."""
     lower, upper = program.implied(problem, arc, path)
     levels = np.array(arc.levels)
@@ -238,8 +237,7 @@ def solve_along_bounds(state: State) -> State | str:
     value = bench.programs.fitter(problem).at(problem, outcome.path.x, outcome.path.u)
     bounds = bench.programs.phased.bounds
     contacts = find_contacts(problem, outcome, value, bench.margin, bounds.orders == 1, near=_NEAR)
-    program = bench.programs.phased.slid(
-        find_sliding(problem, bounds, outcome.path, contacts))
+    program = bench.programs.phased.slid(find_sliding(problem, bounds, outcome.path, contacts))
     allowed = outcome.objective + ANOTHER * abs(outcome.objective)
     if known is not None and known.certified:
         cost = known.solution.objective
@@ -344,8 +342,7 @@ def _settled_on(bench: Bench, program: PhasedProgram, outcome: TranscriptionOutc
         # The cost hardly depends on the time of a tangential junction, which is inaccurate. A
         # junction with a relative rate of 0.1 may be one.
         smooth = _grazing(bench, program, found, sizes, found.grazing(0.1, touched=True))
-        if smooth is not found and (
-                better := certify_samples(bench, program, smooth)).certified:
+        if smooth is not found and (better := certify_samples(bench, program, smooth)).certified:
             return better
         turn = replace(turn, arcs=new, guess=sharpen_steps(join_phases(found), new))
         turn = _resolve(bench, program, turn, found, answer, seen)

@@ -169,8 +169,7 @@ class Factor:
 
 def _odd(diagonal: Array, pivots: Any) -> int:
     """Return the number of factors -1 of det: row exchanges and negative pivots of an LU."""
-    return int(np.count_nonzero(pivots != np.arange(len(pivots)))
-               + np.count_nonzero(diagonal < 0))
+    return int(np.count_nonzero(pivots != np.arange(len(pivots))) + np.count_nonzero(diagonal < 0))
 
 
 @dataclass(frozen=True)
@@ -393,8 +392,7 @@ class Filter:
         falls, most = min(-slope, 1e100), min(theta, 1e100)   # powers of larger ones overflow
         if theta <= self.least and falls > 0 and part * falls**2.3 > most**1.1:
             return new_phi <= phi + 1e-8 * part * slope + slack, True
-        return (new_theta <= (1 - 1e-5) * theta
-                or new_phi <= phi - 1e-5 * theta + slack), False
+        return (new_theta <= (1 - 1e-5) * theta or new_phi <= phi - 1e-5 * theta + slack), False
 
 
 def solve_program(work: Interior, now: Iterate, goal: StoppingRule,
@@ -495,8 +493,7 @@ def leave_saddle(work: Interior, end: Iterate, goal: StoppingRule,
                                   replace(goal, most=goal.most + below.iterations, rough=0.0),
                                   watch)
         below = replace(below, iterations=below.iterations + end.iterations)
-        if not (below.converged
-                and below.values.f < end.values.f - 1e-9 * abs(end.values.f)):
+        if not (below.converged and below.values.f < end.values.f - 1e-9 * abs(end.values.f)):
             return replace(end, iterations=below.iterations)
         end = below
     return end

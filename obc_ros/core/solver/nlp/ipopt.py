@@ -158,9 +158,8 @@ def run_ipopt(solver: ca.Function, start: Array, bounds: tuple[Array, Array],
         iterations=int(str(stats['iter_count'])))
 
 
-def _measure(solver: ca.Function, w: Array, p: Array,
-             bounds: tuple[Array, Array], rows: tuple[Array | float, Array | float],
-             multipliers: tuple[Array, Array]) -> float:
+def _measure(solver: ca.Function, w: Array, p: Array, bounds: tuple[Array, Array],
+             rows: tuple[Array | float, Array | float], multipliers: tuple[Array, Array]) -> float:
     """Return the residual of the optimality conditions, with the derivatives of the solver."""
     if not all(np.isfinite(each).all() for each in (w, *multipliers)):
         return math.inf
@@ -175,8 +174,7 @@ def _measure(solver: ca.Function, w: Array, p: Array,
 
 
 def measure_optimality(w: Array, bounds: tuple[Array, Array], rows: tuple[Array, Array],
-                       values: tuple[float, Array, Array],
-                       jacobian: tuple[Index, Index, Array],
+                       values: tuple[float, Array, Array], jacobian: tuple[Index, Index, Array],
                        multipliers: tuple[Array, Array]) -> float:
     """
     Return the largest scaled residual of the optimality conditions; inf if a number is not finite.

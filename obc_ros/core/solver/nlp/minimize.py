@@ -343,8 +343,7 @@ def _parameters(given: Given, names: tuple[str, ...]) -> dict[str, float]:
     return values
 
 
-def _bounds(given: Given, names: tuple[str, ...], values: dict[str, float]
-            ) -> tuple[Array, Array]:
+def _bounds(given: Given, names: tuple[str, ...], values: dict[str, float]) -> tuple[Array, Array]:
     lower, upper = np.full(len(names), -np.inf), np.full(len(names), np.inf)
     for name, pair in read_section(given, 'bounds', MAX_COUNT).items():
         if name not in names:

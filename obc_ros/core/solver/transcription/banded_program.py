@@ -85,10 +85,6 @@ class Stages:
         self._slots, self._summands = np.minimum(slot, nowhere + 1), summand
         self._entries = np.concatenate([part.ravel() for part in entries])[self._kept]
 
-    def bind(self, constants: Array) -> None:
-        """Set the constants."""
-        self._constants = constants
-
     @cached_property
     def _squares(self) -> tuple[Pattern, Index]:
         """Return the pattern of the Hessian plus J'J, and which of their entries it contains."""
@@ -119,8 +115,7 @@ class Stages:
         if values is not self._squared[0]:   # only the diagonal changes from test to test
             parts = []
             with np.errstate(over='ignore'):
-                for copies, (jacobian, curvature) in zip(
-                        self._copies, values.parts, strict=True):
+                for copies, (jacobian, curvature) in zip(self._copies, values.parts, strict=True):
                     a, b = copies.pairs
                     heavy = np.sqrt(1e7) * jacobian   # a factor of J'J
                     parts += [curvature.ravel(), (heavy[:, a] * heavy[:, b]).ravel()]
@@ -128,7 +123,7 @@ class Stages:
         return pattern.definite(self._squared[1], self._without[1], diagonal)
 
     @np.errstate(over='ignore', invalid='ignore')   # trial points that overflow are rejected
-    def run(self, w: Array, bounds: tuple[Array, Array], goal: StoppingRule,
+    def run(self, w: Array, constants: Array, bounds: tuple[Array, Array], goal: StoppingRule,
             watch: Callable[[float, float], bool], *, near: bool = False,
             multipliers: tuple[Array, Array] | None = None, mu: float = 0.0) -> Found:
         """
@@ -143,7 +138,7 @@ class Stages:
         y, lower = np.zeros(self.size), np.full(self.size, -np.inf)
         upper = -lower
         y[self.at_w], lower[self.at_w], upper[self.at_w] = w, *bounds
-        self.factor = 1.0
+        self._constants, self.factor = constants, 1.0
 
         def seen(f: float, worst: float) -> bool:
             return watch(f / self.factor, worst)

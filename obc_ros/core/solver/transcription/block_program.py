@@ -161,8 +161,7 @@ def assemble(blocks: Sequence[Block], unknowns: int, shared: int, constants: int
             args += [ca.repmat(multiplier, 1, copies),
                      ca.reshape(lam[first:first + length], piece.r, copies)]
             upper = where[:, a] <= where[:, b]
-            hessian.append((np.where(upper, where[:, a], -1), where[:, b],
-                            ca.vec(H(*args).nz[:])))
+            hessian.append((np.where(upper, where[:, a], -1), where[:, b], ca.vec(H(*args).nz[:])))
         first += length
     g = ca.vertcat(*rows)
     return BlockProgram(

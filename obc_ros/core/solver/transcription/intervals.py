@@ -17,8 +17,7 @@ def _gauss(problem: Problem, states: tuple[ca.SX, ca.SX, ca.SX], inputs: tuple[c
     rate = ca.Function('rate', [problem.x, problem.u, problem.p], [problem.f, problem.L])
     rows, cost, end = [], ca.SX(0), last[0] * xa
     for j, point in enumerate(c):
-        f, L = rate.call([
-            inner[:, j], (1 - point) * inputs[0] + point * inputs[1], problem.p])
+        f, L = rate.call([inner[:, j], (1 - point) * inputs[0] + point * inputs[1], problem.p])
         rows.append(derivative[j, 0] * xa + ca.mtimes(inner, ca.DM(derivative[j, 1:])) - h * f)
         cost += b[j] * h * L
         end += last[j + 1] * inner[:, j]

@@ -288,9 +288,7 @@ class Transcription:
         """Return intervals, the end, path constraints at ends of phases, lengths, the start."""
         layout, pieces, problem = self.layout, self._pieces, self._problem
         none = np.zeros((1, 0), dtype=np.int64)
-        blocks = [
-            Block(pieces.interval, *self._index()),
-            Block(pieces.end, self.at_x[-1:], none)]
+        blocks = [Block(pieces.interval, *self._index()), Block(pieces.end, self.at_x[-1:], none)]
         if self.l:
             last = self._ends(problem)
             blocks.append(Block(pieces.limits, np.hstack([self.at_x[last + 1], self.at_ub[last]]),
@@ -414,8 +412,7 @@ class Transcription:
         given = ~np.isnan(x)
         if not self.l or not given.any():
             return np.zeros(self.l, dtype=bool)
-        value = self._path(np.where(given, x, 0.0), np.zeros(self.m),
-                           problem.p_value).full()[:, 0]
+        value = self._path(np.where(given, x, 0.0), np.zeros(self.m), problem.p_value).full()[:, 0]
         near = COUNTS_AS_MET * (1 + np.abs(value))
         lower, upper = problem.path_lower, problem.path_upper
         met = (value >= lower - near) & (value <= upper + near)
@@ -487,7 +484,6 @@ class Transcription:
         multipliers = (warm.lam_w, warm.lam_g) if warm else None
         once, known = effort.once, effort.known
         if self._staged is not None:
-            self._staged.bind(constants)
             guessed = multipliers
             if guide is not None and multipliers is None:
                 guessed = self.multipliers(mesh, start, guide, scales, (lower, upper))
@@ -497,8 +493,8 @@ class Transcription:
                 return meter.step(f * scales.cost, worst) or once and again
 
             found = self._staged.run(
-                start, (lower, upper), StoppingRule(rough=effort.rough, once=once), seen,
-                near=near is not None, multipliers=guessed, mu=0.0 if guide is None else guide.mu)
+                start, constants, (lower, upper), StoppingRule(rough=effort.rough, once=once),
+                seen, near=near is not None, multipliers=guessed, mu=guide.mu if guide else 0.0)
             if found.converged or once or meter.stopped or meter.spent:
                 return self._outcome(problem, mesh, scales, found, (0.0, 0.0))
         rows = self._row_bounds(problem, mesh, scales, limits)
@@ -508,8 +504,7 @@ class Transcription:
         found = run_ipopt(
             solver, start, (lower, upper), rows, multipliers=multipliers, constants=constants)
         # A program that IPOPT refuses leaves the number of its iterations undefined.
-        found = replace(found, iterations=min(
-            max(found.iterations, 0), meter.iterations - begun))
+        found = replace(found, iterations=min(max(found.iterations, 0), meter.iterations - begun))
         return self._outcome(problem, mesh, scales, found, rows)
 
     def _first_costate(self, lam: Array) -> Array:
@@ -528,8 +523,7 @@ class Transcription:
         durations = everything[self.at_duration] * scales.time
         ua, ub = (everything[places] * scales.u for places in (self.at_ua, self.at_ub))
         times = problem.final_time.place_end(self.times(mesh, durations))
-        path = Path(times, w[self.at_x] * scales.x, w[self.at_inner] * scales.x, ua, ub,
-                    durations)
+        path = Path(times, w[self.at_x] * scales.x, w[self.at_inner] * scales.x, ua, ub, durations)
         N, s, l = self.layout.intervals, self.layout.stages, self.l  # noqa: E741  # as in Outcome
         lam, bounds = lam_g * scales.cost, lam_w * scales.cost
         first = N * (self.n * (s + 1) + (s + 1) * l)
