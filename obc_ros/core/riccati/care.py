@@ -12,7 +12,6 @@ of P.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
 import math
 
 import numpy as np
@@ -21,27 +20,7 @@ from obc_ros.core.numerics.rounding import COMFORTABLE, compute_mode_tolerance, 
 from obc_ros.core.riccati import dare, propagation
 
 
-@dataclass(frozen=True, eq=False)
-class RiccatiSolution:
-    """
-    The stabilising solution of a Riccati equation and its accuracy.
-
-    :ivar P: (n, n), the solution, symmetric.
-    :ivar residual: norm of the residual of the equation, relative to the size of its terms.
-    :ivar error: estimated bound of the rounding error of P, relative to P, in scaled coordinates.
-    :ivar X: (n, n), Lyapunov matrix of the closed loop M in scaled coordinates: M'X + X M = -I
-        (discrete: M'X M - X = -I).
-    :ivar scale: (n,), powers of 2; x = scale * z are the scaled coordinates.
-    """
-
-    P: Array
-    residual: float
-    error: float
-    X: Array
-    scale: Array
-
-
-def solve_continuous(A: Array, F: Array, Q: Array) -> RiccatiSolution | None:
+def solve_continuous(A: Array, F: Array, Q: Array) -> dare.AssessedSolution | None:
     """
     Return the stabilising solution of A'P + P A - P F F'P + Q = 0.
 
@@ -55,40 +34,31 @@ def solve_continuous(A: Array, F: Array, Q: Array) -> RiccatiSolution | None:
         or a mode on the imaginary axis is unobservable in Q. Otherwise `error` states the
         accuracy; whether the gain stabilises is checked by `measure_robustness`.
     """
-    H = np.empty((2 * len(A), 2 * len(A)), order='F')
-    scale = compute_balancing(A, F, Q, H)
+    scale = compute_balancing(A, F, Q)
     A = A * (scale / scale[:, None])
     F = F / scale[:, None]
     Q = Q * (scale * scale[:, None])
     G = F @ F.T
     found = _by_doubling(A, G, Q) if len(A) >= _LARGE else None
     if found is None or not found.error <= _WANTED_ERROR:
-        found = _by_schur(A, G, Q, H)
+        found = _by_schur(A, G, Q)
     if found is not None and _WANTED_ERROR < found.error < math.inf:
         found = _refine(A, F, Q, found)
     if found is None or not math.isfinite(found.error):
         return None
-    P = found.P / (scale * scale[:, None])
-    return RiccatiSolution(P, found.residual, found.error, found.X, scale)
+    return found._replace(P=found.P / (scale * scale[:, None]), scale=scale)
 
 
-def compute_balancing(A: Array, F: Array, Q: Array, H: Array | None = None) -> Array:
+def compute_balancing(A: Array, F: Array, Q: Array) -> Array:
     """
     Return the scaling d for which x = diag(d) z balances the Hamiltonian matrix.
 
-    :param A, Q: (n, n), matrices of the equation; Q symmetric.
-    :param F: (n, m), factor of G = F F'.
-    :param H: (2 n, 2 n), optional, workspace in column-major order; it is overwritten.
     :return: (n,), powers of 2, so that scaling is exact; ones if an entry of the matrix is not
         finite.
     """
     n = len(A)
-    if H is None:
-        H = np.empty((2 * n, 2 * n), order='F')
-    H[:n, :n] = A
-    H[:n, n:] = F @ F.T
-    H[n:, :n] = Q
-    H[n:, n:] = A.T
+    H = np.empty((2 * n, 2 * n), order='F')
+    H[:n, :n], H[:n, n:], H[n:, :n], H[n:, n:] = A, F @ F.T, Q, A.T
     if not np.isfinite(H).all():
         return np.ones(n)
     scale = lapack.dgebal(H, scale=1, permute=0)[3]
@@ -105,21 +75,11 @@ def _is_stable(re: float, im: float) -> bool:
     return re < 0.0
 
 
-def _inverse(M: Array) -> Array | None:
-    lu, pivots, info = lapack.dgetrf(M)
-    if info:
-        return None
-    inverse: Array = lapack.dgetri(lu, pivots)[0]
-    return inverse
-
-
-def _by_schur(A: Array, G: Array, Q: Array, H: Array) -> dare.AssessedSolution | None:
-    """Return the solution spanned by the stable subspace; `H` is workspace."""
+def _by_schur(A: Array, G: Array, Q: Array) -> dare.AssessedSolution | None:
+    """Return the solution spanned by the stable subspace."""
     n = len(A)
-    H[:n, :n] = A
-    np.negative(G, out=H[:n, n:])
-    np.negative(Q, out=H[n:, :n])
-    np.negative(A.T, out=H[n:, n:])
+    H = np.empty((2 * n, 2 * n), order='F')
+    H[:n, :n], H[:n, n:], H[n:, :n], H[n:, n:] = A, -G, -Q, -A.T
     if not np.isfinite(H).all():
         return None
     T, stable, _, _, U, _, info = lapack.dgees(
@@ -127,9 +87,10 @@ def _by_schur(A: Array, G: Array, Q: Array, H: Array) -> dare.AssessedSolution |
     if stable != n or 0 < info <= 2 * n:
         return None
     T, V = T[:n, :n], U[:n, :n]
-    W = _inverse(V)
-    if W is None:
+    lu, pivots, info = lapack.dgetrf(V)
+    if info:
         return None
+    W = lapack.dgetri(lu, pivots)[0]
     P = U[n:, :n].dot(W)
     return _newton(A, G, Q, 0.5 * (P + P.T), lambda C: _lyapunov(C, T, V, W))
 
@@ -252,20 +213,15 @@ def measure_robustness(M: Array, X: Array, rounding: Array) -> float:
 
     :param M, X: (n, n), X should solve M'X + X M = -I; the residual is checked.
     :param rounding: (n, n), bound of the absolute error of each entry of M.
-    :return: the lower bound of c, from X or `compute_mode_tolerance`; 0 if stability is not
-        verified.
+    :return: the lower bound of c, from (M + E)'X + X (M + E) < 0 or `compute_mode_tolerance`; 0
+        if stability is not verified.
     """
-    bound = _by_lyapunov(M, X, rounding)
+    bound = 0.0
+    if not lapack.dpotrf(X)[1]:
+        S = X @ M
+        S += S.T
+        S.flat[::len(M) + 1] += 1.0
+        left = 1.0 - norm(S) - 4.0 * len(M) * EPS * norm(X) * norm(M)
+        bound = max(0.0, left / (2.0 * norm(X) * max(norm(rounding), TINY)))
     return bound if bound > COMFORTABLE else max(
         bound, compute_mode_tolerance(M, lambda modes: -modes.real, rounding))
-
-
-def _by_lyapunov(M: Array, X: Array, rounding: Array) -> float:
-    """Bound the robustness by (M + E)'X + X (M + E) < 0."""
-    if lapack.dpotrf(X)[1]:
-        return 0.0
-    S = X @ M
-    S += S.T
-    S.flat[::len(M) + 1] += 1.0
-    left = 1.0 - norm(S) - 4.0 * len(M) * EPS * norm(X) * norm(M)
-    return max(0.0, left / (2.0 * norm(X) * max(norm(rounding), TINY)))

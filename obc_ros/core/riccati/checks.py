@@ -19,10 +19,8 @@ def check_matrices(A: Any, B: Any, Qx: Any, Qu: Any, cross: Any
     Check shapes, numbers and symmetry, and return float copies.
 
     :param A, B: (n, n) and (n, m), system and input matrix.
-    :param Qx, Qu: (n, n) and (m, m), weights, symmetric; definiteness is checked by
-        `remove_cross_term`.
+    :param Qx, Qu: (n, n) and (m, m), weights; definiteness is checked by `remove_cross_term`.
     :param cross: (n, m), or None, weight N of the cross term 2 x'N u.
-    :return: A, B, Qx, Qu and cross; cross is None if it was.
     :raises StatementError: if an argument is not a matrix of finite numbers, has the wrong shape
         or is not symmetric (Qx, Qu), or if there are more than `LARGEST` states or inputs.
     """
@@ -115,18 +113,15 @@ def _definite(name: str, M: Array) -> Array:
             if value <= 0.0:
                 raise RefusedDesignError(
                     f'{name}[{i}] = {value:g}: {name} must be positive definite')
-        least = _least_eigenvalue(M)
+        size = np.sqrt(diagonal)
+        least = float(np.linalg.eigvalsh(M / size / size[:, None])[0])
         raise RefusedDesignError(f'{name} must be positive definite: scaled to a unit diagonal, '
                                  f'its minimum eigenvalue is {least:.3g}')
     return L
 
 
 def _check_semidefinite(name: str, M: Array, reduced: Array, what: str) -> None:
-    """
-    Raise RefusedDesignError if M or `reduced` is not positive semidefinite.
-
-    `reduced` is M minus the contribution of the cross term.
-    """
+    """Raise RefusedDesignError if M, or `reduced` by the cross term, is not semidefinite."""
     for i, value in enumerate(M.diagonal()):
         if value < 0.0:
             raise RefusedDesignError(
@@ -144,19 +139,11 @@ def _check_semidefinite(name: str, M: Array, reduced: Array, what: str) -> None:
                                  f'minimum eigenvalue is {least:.3g}')
 
 
-def _least_eigenvalue(M: Array) -> float:
-    size = np.sqrt(M.diagonal())
-    return float(np.linalg.eigvalsh(M / size / size[:, None])[0])
-
-
 def check_semidefinite(name: str, M: Any, n: int) -> Array:
     """
     Check that a weight is symmetric and positive semidefinite, and return a float copy.
 
-    :param name: name of the weight, for messages.
-    :param M: (n, n), the weight.
-    :param n: number of rows and columns.
-    :return: (n, n).
+    :param name: for messages.
     :raises StatementError: if M is not a symmetric (n, n) matrix of finite numbers.
     :raises RefusedDesignError: if M is not positive semidefinite.
     """
@@ -181,16 +168,15 @@ def check_matrix(name: str, M: Any, shape: tuple[int | None, int | None]) -> Arr
     """
     Check the numbers and the shape of a matrix, and return a float copy.
 
-    :param name: name of the matrix, for messages.
-    :param M: (rows, columns), the matrix.
+    :param name: for messages.
     :param shape: wanted numbers of rows and columns; None: any from 1 to `LARGEST`.
     :raises StatementError: if it is not a matrix of finite numbers, or has the wrong shape.
     """
     matrix = _matrix(name, M)
-    for size, wanted in zip(matrix.shape, shape, strict=True):
+    rows, columns = matrix.shape
+    for size, wanted in ((rows, shape[0]), (columns, shape[1])):
         if wanted is None and not 0 < size <= LARGEST:
             raise StatementError(f'{name}: {size} rows or columns: wanted 1 to {LARGEST}')
-    _check_size(name, matrix, tuple(  # type: ignore[arg-type] # two of them
-        size if wanted is None else wanted
-        for size, wanted in zip(matrix.shape, shape, strict=True)))
+    _check_size(name, matrix, (rows if shape[0] is None else shape[0],
+                               columns if shape[1] is None else shape[1]))
     return matrix

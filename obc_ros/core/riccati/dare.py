@@ -26,12 +26,14 @@ class AssessedSolution(NamedTuple):
     :ivar error: estimated bound of the rounding error of P, relative to P.
     :ivar X: (n, n), Lyapunov matrix of the closed loop M: M'X M - X = -I; of a continuous one M'X
         + X M = -I.
+    :ivar scale: (n,), powers of 2; error and X are those in the coordinates z of x = scale * z.
     """
 
     P: Array
     residual: float
     error: float
     X: Array
+    scale: Array = np.ones(1)
 
 
 def solve_discrete(A: Array, F: Array, Q: Array) -> AssessedSolution | None:
@@ -105,12 +107,10 @@ def measure_discrete_robustness(M: Array, X: Array, rounding: Array) -> float:
     """
     Bound from below the factor c for which M + c E is stable for all |E| <= rounding.
 
-    The bound follows from (M + c E)'X (M + c E) < X.
-
     :param M, X: (n, n), X should solve M'X M - X = -I; the residual is checked.
     :param rounding: (n, n), bound of the absolute error of each entry of M.
-    :return: the lower bound of c, from X or `compute_mode_tolerance`; 0 if stability is not
-        verified.
+    :return: the lower bound of c, from (M + c E)'X (M + c E) < X or `compute_mode_tolerance`; 0
+        if stability is not verified.
     """
     bound = 0.0
     if not lapack.dpotrf(X)[1]:

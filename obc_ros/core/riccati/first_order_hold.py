@@ -86,9 +86,8 @@ class Feedback:
 
     def __init__(self, extended: Extended, P1: Array, blocks: list[tuple[float, float]]) -> None:
         self.extended, self.P1, self.blocks, self.T = extended, P1, blocks, blocks[-1][1]
-        self.halvings = [_FEWEST] * len(blocks)
+        self.halvings = np.full(len(blocks), _FEWEST)
         self._costs: dict[int, Array] = {}
-        self._laws: dict[int, Array] = {}
         self._inputs: dict[int, Array] = {}
         self._stretches: dict[int, propagation.Stretch] = {}
         self._joined: dict[int, bool] = {}
@@ -101,35 +100,34 @@ class Feedback:
     def refine(self, block: int, more: int) -> None:
         """Halve the steps of a block `more` times."""
         self.halvings[block] += more
-        for known in (self._costs, self._laws, self._inputs):
+        for known in (self._costs, self._inputs):
             known.pop(block, None)
 
     def may_refine(self, more: Index) -> bool:
         """Return whether `more` (blocks,) halvings stay within the limits of steps and memory."""
-        steps = sum(1 << int(each) for each in self.halvings + more)
-        return steps <= min(_MOST_STEPS, _LARGEST_TABLE / self.P1.size)
+        steps = np.sum(2.0**(self.halvings + more))
+        return bool(steps <= min(_MOST_STEPS, _LARGEST_TABLE / self.P1.size))
 
     def costs(self, block: int) -> Array:
         """Return P at the ends of the steps of a block, (2^c + 1, n+1+q, n+1+q)."""
         if block not in self._costs:
-            last = block == len(self.blocks) - 1
-            end = self.P1 if last else self.costs(block + 1)[0]
-            halvings = self.halvings[block]
+            halvings = int(self.halvings[block])
             self._costs[block] = propagation.propagate_steps_back(
-                self._levels(block, halvings), end, 2**halvings)[::-1]
+                self._levels(block, halvings), self._cost_after(block), 2**halvings)[::-1]
         return self._costs[block]
+
+    def _cost_after(self, block: int) -> Array:
+        return self.P1 if block == len(self.blocks) - 1 else self.costs(block + 1)[0]
 
     def law(self, block: int) -> Array:
         """Return F of u = F z at the ends of the steps of a block, (2^c + 1, m, n+1+q)."""
-        if block not in self._laws:
-            form, scale, n = self.extended.form, self.extended.scale, self.extended.n
-            P, B = self.costs(block), np.zeros((len(self.P1), form.B.shape[1]))
-            B[:n] = form.B / scale[:, None]
-            right = np.swapaxes((P.reshape(-1, len(B)) @ B).reshape(*P.shape[:2], -1), 1, 2)
-            right[:, :, :n] += form.N.T * scale
-            right[:, :, n] += form.r / self.extended.one
-            self._laws[block] = -np.linalg.inv(form.R) @ right
-        return self._laws[block]
+        form, scale, n = self.extended.form, self.extended.scale, self.extended.n
+        P, B = self.costs(block), np.zeros((len(self.P1), form.B.shape[1]))
+        B[:n] = form.B / scale[:, None]
+        right = np.swapaxes((P.reshape(-1, len(B)) @ B).reshape(*P.shape[:2], -1), 1, 2)
+        right[:, :, :n] += form.N.T * scale
+        right[:, :, n] += form.r / self.extended.one
+        return np.asarray(-np.linalg.inv(form.R) @ right)
 
     def inputs(self, block: int) -> Array:
         """Return K of u+ = K (x, one, nu, u) for the steps of a block, (2^c, m, n+1+q+m)."""
@@ -151,7 +149,7 @@ class Feedback:
         States are in units of `scale`; the input goes along a line from u to u+.
         """
         n, m = self.extended.form.B.shape
-        level = self._level(block)
+        level = self._length(block) + int(self.halvings[block])
         flow, step = self._flow(level)[:n], self.T * 0.5**level
         slope = flow[:, n + 1 + m:] / step
         return np.hstack([flow[:, :n + 1], flow[:, n + 1:n + 1 + m] - slope, slope])
@@ -165,10 +163,8 @@ class Feedback:
         steps = 2**halvings
         x, y = np.empty((2, len(self.blocks), steps + 1, len(z)))
         for block in range(len(self.blocks)):
-            last = block == len(self.blocks) - 1
             x[block], y[block] = propagation.solve_inside(
-                self._levels(block, halvings), z,
-                self.P1 if last else self.costs(block + 1)[0], steps)
+                self._levels(block, halvings), z, self._cost_after(block), steps)
             z = x[block, -1]
         return np.array([np.linspace(*block, steps + 1) for block in self.blocks]), x, y
 
@@ -192,10 +188,6 @@ class Feedback:
         """Return k for the length T 2^-k of a block."""
         low, high = self.blocks[block]
         return round(math.log2(self.T / (high - low)))
-
-    def _level(self, block: int) -> int:
-        """Return k for the length T 2^-k of the steps of a block."""
-        return self._length(block) + self.halvings[block]
 
     def _stretch(self, level: int) -> propagation.Stretch:
         e = self.extended
@@ -239,8 +231,8 @@ def follow_feedback(feedback: Feedback, x0: Array, nu: Array) -> Held | None:
     A step over which the free response grows by more than `_MOST_GROWTH` is halved first: a
     piecewise linear input does not stabilise such a step.
 
-    :param feedback: of the problem; its blocks are refined.
-    :param x0: (n,), initial state in units of `scale`.
+    :param feedback: its blocks are refined.
+    :param x0: (n,), in units of `scale`.
     :param nu: (q,), multipliers of the optimal path.
     :return: None if steps of allowed growth would exceed the limits of steps and memory, or the
         path is not finite. The sum of `errors` is above `_ALLOWED` if a limit has ended the
@@ -260,7 +252,7 @@ def follow_feedback(feedback: Feedback, x0: Array, nu: Array) -> Held | None:
                 return held
             if not math.isfinite(error):
                 break
-            more = _halvings(held.errors, np.array(feedback.halvings))
+            more = _halvings(held.errors, feedback.halvings)
             while not feedback.may_refine(more) and more.max() > 1:
                 more = np.minimum(more, more.max() - 1)
             if not feedback.may_refine(more):

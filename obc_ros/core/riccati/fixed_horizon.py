@@ -42,26 +42,19 @@ def solve_finite_horizon(A: ArrayLike, B: ArrayLike, Qx: ArrayLike, Qu: ArrayLik
     A, B, Qx, Qu, cross = checks.check_matrices(A, B, Qx, Qu, cross)
     P1 = checks.check_semidefinite('P1', P1, len(A))
     L, Ac, Qc, _ = checks.remove_cross_term(A, B, Qx, Qu, cross)
-    to_go = _to_go(t, T)
-    F = lapack.dtrtrs(L, B.T, lower=1)[0].T
-    d = compute_balancing(Ac, F, Qc)
-    F = F / d[:, None]
-    weight = d * d[:, None]
-    P = propagation.evaluate_before_end(Ac * (d / d[:, None]), F @ F.T, Qc * weight, P1 * weight,
-                                        to_go) / weight
-    right = P.reshape(-1, len(A)) @ B
-    if cross is not None:
-        right = (right.reshape(len(P), *B.shape) + cross).reshape(right.shape)
-    K = lapack.dpotrs(L, right.T, lower=1)[0].T.reshape(len(P), *B.shape)
-    return P, np.swapaxes(K, 1, 2)
-
-
-def _to_go(t: Sequence[float] | Array, T: float) -> Array:
-    """Return T - t; raise StatementError if the times are not finite and increasing."""
     times = np.asarray(t, dtype=float)
     if times.ndim != 1 or not times.size or not np.isfinite(times).all() or not math.isfinite(T):
         raise StatementError('t and T: wanted a list of finite times and a finite final time')
     if (np.diff(times) <= 0.0).any() or times[-1] > T:
         raise StatementError(f't: wanted increasing times of at most T = {T:g}')
-    to_go: Array = T - times
-    return to_go
+    F = lapack.dtrtrs(L, B.T, lower=1)[0].T
+    d = compute_balancing(Ac, F, Qc)
+    F = F / d[:, None]
+    weight = d * d[:, None]
+    P = propagation.evaluate_before_end(Ac * (d / d[:, None]), F @ F.T, Qc * weight, P1 * weight,
+                                        T - times) / weight
+    right = P.reshape(-1, len(A)) @ B
+    if cross is not None:
+        right = (right.reshape(len(P), *B.shape) + cross).reshape(right.shape)
+    K = lapack.dpotrs(L, right.T, lower=1)[0].T.reshape(len(P), *B.shape)
+    return P, np.swapaxes(K, 1, 2)

@@ -43,7 +43,8 @@ def find_lq_form(problem: Problem) -> LqForm | None:
     """
     Return the matrices of a problem with affine f and psi and quadratic L and V.
 
-    :param problem: its bounds, path constraints and final time are ignored.
+    Bounds, path constraints and final time are ignored.
+
     :return: None if the problem is not linear quadratic, a matrix is not finite, or L is not
         strictly convex in u.
     """
@@ -55,13 +56,11 @@ def find_lq_form(problem: Problem) -> LqForm | None:
     fz, psix = ca.jacobian(f, z), ca.jacobian(psi, x)
     Lzz, Lz = ca.hessian(L, z)
     Vxx, Vx = ca.hessian(V, x)
-    curved = ca.veccat(fz, psix, Lzz, Vxx)
-    if ca.depends_on(curved, z):
+    if ca.depends_on(ca.veccat(fz, psix, Lzz, Vxx), z):
         return None
-    zero = ca.DM.zeros(z.numel())
     read = ca.Function('read', [z], [ca.densify(part) for part in (
         fz, f, Lzz, Lz, L, Vxx, Vx, V, psix, psi)])
-    parts = [part.full() for part in read(zero)]
+    parts = [part.full() for part in read(ca.DM.zeros(z.numel()))]
     if not all(np.isfinite(part).all() for part in parts):
         return None
     fz, f, Lzz, Lz, L, Vxx, Vx, V, psix, psi = parts

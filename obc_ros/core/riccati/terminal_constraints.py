@@ -59,9 +59,6 @@ def solve_form(form: LqForm, x0: Array, T: float, names: tuple[str, ...]) -> Sol
     """
     Return the optimal path from x0 over T seconds, or the reason why there is none.
 
-    :param form: the problem.
-    :param x0: (n,), initial state.
-    :param T: final time [s].
     :param names: names of the states, for messages.
     :return: its status is SOLVED; INFEASIBLE if the input does not affect a terminal constraint
         that is not met; NOT_CONVERGED if the cost has no minimum or rounding hides the effect of
@@ -105,19 +102,17 @@ def _extended(form: LqForm, T: float) -> Extended:
     # Without a time constant of the plant, as for an integrator, that of the horizon counts.
     speed = max(norm(A) + math.sqrt(norm(G) * norm(Q)), 1.0 / T)
     one = max(norm(a / d), norm(linear * d)) / speed or 1.0
-    size = n + 1 + q
-    big = {name: np.zeros((size, size)) for name in ('A', 'G', 'Q', 'P1')}
-    big['A'][:n, :n], big['A'][:n, n] = A, a / d / one
-    big['G'][:n, :n] = G
-    big['Q'][:n, :n] = 0.5 * (Q + Q.T)
-    big['Q'][:n, n] = big['Q'][n, :n] = linear * d / one
-    rows = np.zeros((q, size))
-    rows[:, :n], rows[:, n] = C / row[:, None], -form.d / row / one
-    P1 = big['P1']
+    A_z, G_z, Q_z, P1 = np.zeros((4, n + 1 + q, n + 1 + q))
+    A_z[:n, :n], A_z[:n, n] = A, a / d / one
+    G_z[:n, :n] = G
+    Q_z[:n, :n] = 0.5 * (Q + Q.T)
+    Q_z[:n, n] = Q_z[n, :n] = linear * d / one
     P1[:n, :n] = form.P1 * (d * d[:, None])
     P1[:n, n] = P1[n, :n] = form.p1 * d / one
-    P1[n + 1:], P1[:, n + 1:] = rows, rows.T
-    return Extended(form, **big, C=rows, scale=d, one=one, row=row)
+    rows = P1[n + 1:]
+    rows[:, :n], rows[:, n] = C / row[:, None], -form.d / row / one
+    P1[:, n + 1:] = rows.T
+    return Extended(form, A_z, G_z, Q_z, P1, C=rows, scale=d, one=one, row=row)
 
 
 def _terminal_weight(extended: Extended, T: float) -> tuple[Array, Array]:

@@ -21,7 +21,7 @@ from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.ocp.guess import Guess
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.ocp.solution import Solution
-from obc_ros.core.solver.proofs.strict_convexity import has_one_mean_input
+from obc_ros.core.solver.proofs.convexity import has_one_mean_input
 
 _LOOKS = 11      # points of a path, and inputs at each, at which convexity is examined
 

@@ -22,18 +22,15 @@ from obc_ros.core.solver.exact.bang_bang import (
 from obc_ros.core.solver.exact.reachable_set import compute_exponential, Reach
 
 _ROUNDING = 1e-10
-# Relative gap between a lower bound and a solution that counts as none.
-_NEAR = 1e-8
-# Largest real part of a pole times T: beyond it e^(A T) overflows or has no correct digits.
-_MOST_GROWTH = 300.0
+_NEAR = 1e-8   # relative gap between a lower bound and a solution that counts as none
+_MOST_GROWTH = 300.0   # of a pole times T: beyond it e^(A T) overflows or has no correct digits
 
 
 @dataclass(frozen=True, eq=False)
 class FirstTime:
     """
-    Bounds of the minimum time, and the inputs if they were found.
+    Bounds of the minimum time, and the inputs that meet the target in it if they were found.
 
-    :ivar answer: inputs that meet the target in the minimum time.
     :ivar too_short: the target is met at no time before this [s]. It is the upper bound of T if no
         time is long enough, and less if the search ended undecided.
     :ivar at_once: whether the target can be met at the lower bound of T.
@@ -180,7 +177,6 @@ class _Part:
     """
     The part of a problem that determines T: without singular inputs and the directions they move.
 
-    :ivar whole, part: the problem and its part.
     :ivar eta: (r,), direction, for the rows of `part`.
     :ivar columns, singular: inputs of `part`, and the others.
     :ivar tied, free: (q, r) and (q, q - r), combinations of the terminal constraints on which the
@@ -246,27 +242,23 @@ def _polished(part: _Part, T: float, abnormal: bool) -> BangBang | None:
     # left out.
     if abnormal and (found is None or part.part.reached(T, found.nu) > 1e4 * T):
         found = polish(part.part, drop_short_arcs(guess, 0.02), 'abnormal') or found
-    if found is None:
-        return None
-    m = part.whole.B.shape[1]
-    nothing = replace(found, nu=part.tied @ found.nu, tau=np.zeros(0), owner=np.zeros(0, int),
+    found = found and _fill_singular(part, found)
+    return found if found is not None and found.level.max() <= 1 + 1e-9 else None
+
+
+def _fill_singular(part: _Part, answer: BangBang, small: float = 0.0) -> BangBang | None:
+    """Return the inputs of a part, with singular ones at the lowest levels that meet the target."""
+    reach, (n, m) = part.whole, part.whole.B.shape
+    nothing = replace(answer, nu=part.tied @ answer.nu, tau=np.zeros(0), owner=np.zeros(0, int),
                       sign=np.ones(m), level=np.zeros(m))
-    found = _joined(nothing, found, part.columns)
+    found = _joined(nothing, answer, part.columns)
     if not len(part.singular):
         return found
-    reach, x = part.whole, compute_final_state(part.whole, found)
-    gap = part.free.T @ (reach.d - reach.C @ x)
-    rest = _from_zero(reach, part.singular, part.free, gap)
-    filled = _lowest(rest, found.T, 1e-12 * (np.abs(reach.d).max() + np.abs(x).max()))
-    if filled is None or filled.level.max() > 1 + 1e-9:
-        return None
-    return _joined(found, filled, part.singular)
-
-
-def _from_zero(reach: Reach, columns: NDArray[np.int_], rows: Array, gap: Array) -> Reach:
-    """Return the problem of closing a gap in combinations of the constraints by some inputs."""
-    n = len(reach.x0)
-    return Reach(reach.A, reach.B[:, columns], np.zeros(n), np.zeros(n), rows.T @ reach.C, gap)
+    x = compute_final_state(reach, found)
+    left = Reach(reach.A, reach.B[:, part.singular], np.zeros(n), np.zeros(n),
+                 part.free.T @ reach.C, part.free.T @ (reach.d - reach.C @ x))
+    rest = _lowest(left, found.T, small or 1e-12 * (np.abs(reach.d).max() + np.abs(x).max()))
+    return rest and _joined(found, rest, part.singular)
 
 
 def _lowest(reach: Reach, T: float, small: float) -> BangBang | None:
@@ -275,21 +267,13 @@ def _lowest(reach: Reach, T: float, small: float) -> BangBang | None:
 
     The inputs that determine the highest level are found first; the others close what is left.
     """
-    m = reach.B.shape[1]
-    found = BangBang(T, np.zeros(len(reach.d)), np.zeros(0), np.zeros(0, int), np.ones(m),
-                     np.zeros(m))
     if not len(reach.d) or np.abs(reach.d).max() <= small:
-        return found
+        m = reach.B.shape[1]
+        return BangBang(T, np.zeros(len(reach.d)), np.zeros(0), np.zeros(0, int), np.ones(m),
+                        np.zeros(m))
     part = _deciding_part(reach, T, reach.largest_multiple(T)[1])
     level = _level(part.part, T, part.part.d, part.eta / (part.eta @ part.part.d))
-    if level is None:
-        return None
-    found = _joined(found, level, part.columns)
-    if not len(part.singular):
-        return found
-    gap = part.free.T @ (reach.d - reach.C @ compute_final_state(reach, found))
-    rest = _lowest(_from_zero(reach, part.singular, part.free, gap), T, small)
-    return None if rest is None else _joined(found, rest, part.singular)
+    return level and _fill_singular(part, level, small)
 
 
 def _joined(found: BangBang, more: BangBang, columns: NDArray[np.int_]) -> BangBang:

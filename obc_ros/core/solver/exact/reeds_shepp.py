@@ -19,8 +19,6 @@ under time reversal (theta, phi -> pi - theta, -phi), under reflection (left and
 and under travel from goal to start. The formulas are derived, not copied: (8.3), (8.4) and
 (8.11) are misprinted in the paper.
 
-The module is long because the 48 words share one chain of circles.
-
 J. A. Reeds, L. A. Shepp, Optimal paths for a car that goes both forwards and backwards, Pacific
 J. Math. 145(2), 1990. H. J. Sussmann, G. Tang, Shortest paths for the Reeds-Shepp car,
 SYCON-91-10, 1991.
@@ -31,7 +29,6 @@ from math import acos, asin, atan2, cos, hypot, inf, isfinite, pi, remainder, si
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.text.errors import StatementError
 
@@ -56,20 +53,13 @@ class Segment(NamedTuple):
 
 
 class CarPath(NamedTuple):
-    """
-    Shortest path of a car.
-
-    :ivar start, goal: (x, y, theta) [m, m, rad].
-    :ivar radius: minimum turning radius [m].
-    :ivar length: sum of the segments' absolute lengths [m].
-    :ivar segments: in order; none has length zero.
-    """
+    """Shortest path of a car from pose to pose, (x, y, theta) [m, m, rad]."""
 
     start: tuple[float, float, float]
     goal: tuple[float, float, float]
-    radius: float
-    length: float
-    segments: tuple[Segment, ...]
+    radius: float   # minimum turning radius [m]
+    length: float   # sum of the segments' absolute lengths [m]
+    segments: tuple[Segment, ...]   # none has length zero
 
     @property
     def word(self) -> str:
@@ -87,23 +77,15 @@ class CarPath(NamedTuple):
         """
         if not isinstance(n, (int, np.integer)) or isinstance(n, bool) or n < 2:
             raise StatementError(f'a path is sampled at 2 or more points, not at {n!r}')
-        points = self._at(np.arange(n, dtype=float) * (self.length / (n - 1)))
+        points = self.at(np.arange(n, dtype=float) * (self.length / (n - 1)))
         x, y, theta = self.goal
         theta += _TWO_PI * round((float(points[-1, 2]) - theta) / _TWO_PI)
         points[0] = self.start
         points[-1] = x, y, theta
         return points
 
-    def at(self, distance: ArrayLike) -> Array:
-        """
-        Return the poses (x, y, theta) at given arc lengths.
-
-        :param distance: (k,), arc lengths from the start [m]; clipped to [0, length].
-        :return: (k, 3).
-        """
-        return self._at(np.clip(np.asarray(distance, dtype=float).ravel(), 0.0, self.length))
-
-    def _at(self, s: Array) -> Array:
+    def at(self, s: Array) -> Array:
+        """Return the poses (k, 3) at arc lengths (k,) from the start [m]."""
         points = np.empty((len(s), 3))
         begins, pieces = self._pieces()
         piece = np.array(begins[1:]).searchsorted(s, 'right')
@@ -120,8 +102,7 @@ class CarPath(NamedTuple):
         """Return where segments begin, and (theta, rate, side, x, along_x, y, along_y) of each."""
         x, y, theta = self.start
         s = 0.0
-        begins: list[float] = []
-        pieces: list[float] = []
+        begins, pieces = list[float](), list[float]()
         for steering, length in self.segments or (Segment('S', 0.0),):
             begins.append(s)
             forward = 1.0 if length > 0 else -1.0
@@ -153,7 +134,7 @@ def find_shortest_path(start: Sequence[float] | Array, goal: Sequence[float] | A
     """
     x0, y0, theta0 = first = _pose('start', start)
     x1, y1, theta1 = last = _pose('goal', goal)
-    radius = _positive('radius', radius)
+    radius = check_positive('radius', radius)
     c, s = cos(theta0), sin(theta0)
     dx, dy = (x1 - x0) / radius, (y1 - y0) / radius
     # Farther away, in radii, angles have no correct digits.
@@ -260,7 +241,8 @@ def _pose(name: str, pose: Sequence[float] | Array) -> tuple[float, float, float
     return float(x), float(y), float(theta)
 
 
-def _positive(name: str, value: float) -> float:
+def check_positive(name: str, value: float) -> float:
+    """Return a number as a float; raise StatementError if it is not finite and > 0."""
     try:
         good = isfinite(value) and value > 0
     except (OverflowError, TypeError, ValueError):

@@ -16,6 +16,7 @@ so that the residuals of H = L + lam'f are small relative to its size.
 
 from collections.abc import Callable
 from dataclasses import replace
+from math import inf
 from time import perf_counter
 from typing import Literal
 
@@ -32,6 +33,7 @@ from obc_ros.core.ocp.least_time_form import (
 )
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.ocp.solution import Optimality, Solution, Status
+from obc_ros.core.ocp.wording import describe_sum
 from obc_ros.core.solver.exact import double_integrator
 from obc_ros.core.solver.exact.bang_bang import BangBang
 from obc_ros.core.solver.exact.least_time import (
@@ -40,11 +42,11 @@ from obc_ros.core.solver.exact.least_time import (
     split_directions,
 )
 from obc_ros.core.solver.exact.reachable_set import bound_first_reach, compute_exponential, Reach
-from obc_ros.core.solver.exact.unreachable_modes import explain_unreachable_mode
 from obc_ros.core.solver.exact.weak_duality import is_never_met
 
 _METHOD = 'time_optimal'
 _SAMPLES = 17   # of an arc, at least
+_ACCURACY = 1e-9   # relative accuracy of eigenvectors and of comparisons that use them
 
 
 def solve_time_optimal(problem: Problem) -> Solution | None:
@@ -147,7 +149,7 @@ def _general(problem: Problem, aim: Target, plant: Affine) -> Solution | None:
     moved, fixed = split_directions(whole.A, whole.B, whole.C)
 
     def in_words(part: Reach) -> str | None:
-        return explain_unreachable_mode(problem.states, replace(stated, C=part.C / size, d=part.d))
+        return _explain_unreachable_mode(problem.states, replace(stated, C=part.C / size, d=part.d))
 
     if fixed.shape[1]:
         meets = _meets_by_itself(whole, fixed, bounds.upper)
@@ -242,9 +244,8 @@ def _multiplier(reach: Reach, answer: BangBang) -> Array:
     """Return nu; for an abnormal extremal a large multiple of it, plus a nu with H = 0 at T."""
     if answer.normal:
         return answer.nu
-    xdot = reach.A @ compute_final_state(reach,
-                                         answer) + reach.B @ (answer.sign * answer.level) + reach.c
-    rate = reach.C @ xdot
+    x, v = compute_final_state(reach, answer), answer.sign * answer.level
+    rate = reach.C @ (reach.A @ x + reach.B @ v + reach.c)
     balance = -rate / max(float(rate @ rate), 1e-300)
     # An abnormal costate is large relative to the one that balances L.
     return balance + 1e7 * max(float(np.linalg.norm(balance)), 1.0) * answer.nu
@@ -261,37 +262,35 @@ def _solution(problem: Problem, reach: Reach, answer: BangBang, aim: Target,
     v = answer.v(T - (edges[:-1] + edges[1:]) / 2)
     grid = np.arange(per_arc) / (per_arc - 1)
     t = (edges[:-1, None] + np.diff(edges)[:, None] * grid).ravel()
-    x, lam = np.empty((len(t), n)), np.empty((len(t), n))
-    z = np.append(problem.x0, 1.0)
+    courses, costates = [np.append(problem.x0, 1.0)[None]], [(aim.C.T @ answer.nu)[None]]
     for k, duration in enumerate(np.diff(edges)):
-        step = np.zeros((n + 1, n + 1))
-        step[:n, :n], step[:n, n] = reach.A, reach.B @ v[k] + reach.c
-        step = compute_exponential(step * (duration / (per_arc - 1)))
-        rows = range(k * per_arc, (k + 1) * per_arc)
-        x[rows[0]] = z[:n]
-        for row in rows[1:]:
-            z = step @ z
-            x[row] = z[:n]
-    costate = aim.C.T @ answer.nu
-    for k in range(len(edges) - 2, -1, -1):
-        back = compute_exponential(reach.A.T * (edges[k + 1] - edges[k]) / (per_arc - 1))
-        last = (k + 1) * per_arc - 1
-        lam[last] = costate
-        for row in range(last, k * per_arc, -1):
-            lam[row - 1] = back @ lam[row]
-        costate = lam[k * per_arc]
+        rate = np.zeros((n + 1, n + 1))
+        rate[:n, :n], rate[:n, n] = reach.A, reach.B @ v[k] + reach.c
+        step = compute_exponential(rate * (duration / (per_arc - 1)))
+        courses.append(_repeat(step, courses[-1][-1], per_arc))
+    for duration in np.diff(edges)[::-1]:
+        back = compute_exponential(reach.A.T * duration / (per_arc - 1))
+        costates.append(_repeat(back, costates[-1][-1], per_arc))
+    x, lam = np.vstack(courses[1:])[:, :n], aim.rate * np.vstack(costates[1:])[::-1]
     u = np.tile((problem.u_lower + problem.u_upper) / 2, (len(t), 1))
     half = (problem.u_upper - problem.u_lower)[driven] / 2
     u[:, driven] += np.repeat(v * half, per_arc, axis=0)
     u = np.clip(u, problem.u_lower, problem.u_upper)
     v_all = np.repeat(v, per_arc, axis=0)
-    lam *= aim.rate
     hamiltonian = aim.rate + np.sum(lam * (x @ reach.A.T + v_all @ reach.B.T + reach.c), axis=1)
     singular = [problem.inputs[driven[j]] for j in np.flatnonzero(answer.level < 1)]
     return Solution(
         status=Status.SOLVED, message=_sentence(T, len(switches), singular, answer.normal),
         objective=aim.rate * T + aim.V, t=t, x=x, u=u, lam=lam, hamiltonian=hamiltonian,
         nu=aim.rate * answer.nu, interpolation='zoh', switching_times=switches)
+
+
+def _repeat(step: Array, z: Array, count: int) -> Array:
+    """Return z, step z, step^2 z, ..., (count, n)."""
+    found = [z]
+    for _ in range(count - 1):
+        found.append(step @ found[-1])
+    return np.array(found)
 
 
 def _merged(times: Array, T: float) -> Array:
@@ -308,3 +307,57 @@ def _sentence(T: float, switches: int, singular: list[str] | None = None,
     if not normal:
         text += '; abnormal: no finite costate satisfies H = 0, a very large one nearly does'
     return text
+
+
+def _explain_unreachable_mode(states: tuple[str, ...], reach: Reach) -> str | None:
+    """
+    Return a sentence if a real mode of A keeps the terminal constraints from ever being met.
+
+    For a left eigenvector w of A with real eigenvalue sigma, y = w'x satisfies the scalar equation
+    y' = sigma y + gamma + rho v, |v| <= 1. If y cannot rise at t = 0 it never rises above y(0). If
+    sigma < 0, y stays below its equilibrium for v = 1. The same holds downwards.
+
+    The rows of `reach.C` are independent.
+    """
+    for sigma, w in _modes(reach.A, reach.B):
+        y, *_ = np.linalg.lstsq(reach.C.T, w, rcond=None)
+        if np.abs(reach.C.T @ y - w).max() > _ACCURACY:
+            continue
+        name = describe_sum(((name, weight) for name, weight in zip(states, w, strict=True)
+                             if abs(weight) > _ACCURACY), ' ')
+        sentence = _limit_mode(name, sigma, w, reach, float(y @ reach.d))
+        if sentence:
+            return sentence
+    return None
+
+
+def _modes(A: Array, B: Array) -> list[tuple[float, Array]]:
+    """Return real eigenvalues and left eigenvectors, first those on which no input acts."""
+    values = np.linalg.eigvals(A)
+    real = [float(v.real) for v in values if abs(v.imag) <= _ACCURACY * (1 + abs(v))]
+    n = len(A)
+    found = []
+    for blocks in (B.T, np.zeros((0, n))):
+        for sigma in dict.fromkeys(real):
+            _, sizes, V = np.linalg.svd(np.vstack((A.T - sigma * np.eye(n), blocks)))
+            null = V[sizes <= _ACCURACY * max(1.0, sizes[0])]
+            found += [(sigma, w / w[np.argmax(np.abs(w) > 0.99 * np.abs(w).max())]) for w in null]
+    return found
+
+
+def _limit_mode(name: str, sigma: float, w: Array, reach: Reach, wanted: float) -> str | None:
+    start = float(w @ reach.x0)
+    gamma, rho = float(w @ reach.c), float(np.abs(w @ reach.B).sum())
+    small = _ACCURACY * (abs(sigma) * abs(start) + abs(gamma) + rho + 1e-300)
+    for sign, verb in ((1.0, 'rise above'), (-1.0, 'fall below')):
+        y, drift, goal = sign * start, sign * gamma, sign * wanted
+        limit = y if sigma * y + drift + rho <= small else -(drift + rho) / sigma if (
+            sigma < 0) else inf
+        if goal > limit + _ACCURACY * (abs(y) + abs(limit) + abs(goal)) or (
+                limit < inf and limit != y and goal >= limit):
+            reason = (f'the unstable mode of eigenvalue {sigma:.6g} grows faster than the '
+                      'inputs can counteract' if sigma > 0 and limit == y else
+                      'the inputs are too weak' if rho > 0 else 'no input acts on it')
+            return (f'{name} cannot {verb} {sign * limit:.6g} but must be {wanted:.6g} at T: '
+                    f'{reason}')
+    return None

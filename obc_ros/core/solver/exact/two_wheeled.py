@@ -18,7 +18,7 @@ where the direction of turning changes. H = 0 gives L |p| + M |lambda3| = 1.
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import permutations
-from math import ceil, isfinite, pi
+from math import ceil, pi
 
 import casadi as ca
 import numpy as np
@@ -27,17 +27,13 @@ from obc_ros.core.ocp.certificate.certificate import COUNTS_AS_MET
 from obc_ros.core.ocp.least_time_form import find_target, Target
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.ocp.solution import Optimality, Solution, Status
-from obc_ros.core.solver.exact.reeds_shepp import CarPath, find_shortest_path
-from obc_ros.core.text.errors import StatementError
-
-LetterOrder = tuple[int, ...]
+from obc_ros.core.solver.exact.reeds_shepp import CarPath, check_positive, find_shortest_path
 
 _METHOD = 'reeds_shepp'
 
 
 def find_least_time_path(start: Sequence[float] | Array, goal: Sequence[float] | Array,
-                         max_speed: float,
-                         max_turn_rate: float) -> Solution:
+                         max_speed: float, max_turn_rate: float) -> Solution:
     """
     Return a minimum-time trajectory between two poses of a two-wheeled robot.
 
@@ -47,18 +43,14 @@ def find_least_time_path(start: Sequence[float] | Array, goal: Sequence[float] |
         ``objective`` [s]. theta is continuous.
     :raises StatementError: if a pose is not three finite numbers or a limit is not a positive one.
     """
-    for name, value in (('max_speed', max_speed), ('max_turn_rate', max_turn_rate)):
-        if not (isinstance(value, (int, float)) and isfinite(value) and value > 0):
-            raise StatementError(f'{name} must be a finite number > 0; found {value!r:.80}')
-    path = find_shortest_path(start, goal, max_speed / max_turn_rate)
-    return _drive(path, float(max_speed), float(max_turn_rate))
+    speed = check_positive('max_speed', max_speed)
+    turn_rate = check_positive('max_turn_rate', max_turn_rate)
+    return _drive(find_shortest_path(start, goal, speed / turn_rate), speed, turn_rate)
 
 
 def solve_two_wheeled(problem: Problem) -> Solution | None:
     """
     Return the minimum-time solution of a problem that is equivalent to Exercise 2.6.
-
-    The problem is recognised by its dynamics; its states may have other names and another order.
 
     :return: None if the problem is not of this form: constant L > 0 and V, symmetric bounds on v
         and omega, T free, and terminal constraints that determine the whole final state. Because
@@ -79,9 +71,8 @@ def solve_two_wheeled(problem: Problem) -> Solution | None:
         return Solution(Status.INFEASIBLE, method=_METHOD, message=(
             f'the terminal constraints cannot be met by T = {bounds.upper:.10g}: '
             f'the minimum time is {shortest:.10g}'))
-    if len(found.t) == 1 or abs(found.x[-1, 2] - goal[2]) > 1e-9:
-        return None
-    if not bounds.lower <= shortest <= bounds.upper:
+    if len(found.t) == 1 or abs(found.x[-1, 2] - goal[2]) > 1e-9 or not (
+            bounds.lower <= shortest <= bounds.upper):
         return None
     back = np.argsort(order)
     lam = aim.rate * found.lam[:, back]
@@ -108,7 +99,6 @@ def _bound_savings(found: Solution, L: float, M: float) -> float:
 def _drive(path: CarPath, L: float, M: float) -> Solution:
     """Return the trajectory along a path at full speed."""
     T = path.length / L if path.word else 0.0   # without segments the length is a rounding error
-    costate = _costate(path, L, M)
     t, x, u, begin = [], [], [], 0.0
     for steering, length in path.segments or (('S', 0.0),):
         # Samples are 0.05 rad, or radii, apart.
@@ -124,7 +114,9 @@ def _drive(path: CarPath, L: float, M: float) -> Solution:
     states[-1, :2] = path.goal[:2]
     states[-1, 2] = path.goal[2] + 2 * pi * round((states[-1, 2] - path.goal[2]) / (2 * pi))
     states[0] = path.start
-    lam = _costates(costate, states)
+    lam = np.tile(_costate(path, L, M), (len(states), 1))
+    lam[:, 2] += (lam[:, 0] * (states[:, 1] - states[0, 1])
+                  - lam[:, 1] * (states[:, 0] - states[0, 0]))
     p = lam[:, 0] * np.cos(states[:, 2]) + lam[:, 1] * np.sin(states[:, 2])
     ends = np.cumsum([abs(segment.length) for segment in path.segments])[:-1] / L
     return Solution(
@@ -139,13 +131,6 @@ def _sentence(path: CarPath, T: float) -> str:
     if path.segments and path.start[:2] == path.goal[:2]:
         sentence += '; turning on the spot (v = 0) takes as long'
     return sentence
-
-
-def _costates(costate: Array, states: Array) -> Array:
-    lam = np.tile(costate, (len(states), 1))
-    lam[:, 2] += (costate[0] * (states[:, 1] - states[0, 1])
-                  - costate[1] * (states[:, 0] - states[0, 0]))
-    return lam
 
 
 def _costate(path: CarPath, L: float, M: float) -> Array:
@@ -176,24 +161,18 @@ def _costate(path: CarPath, L: float, M: float) -> Array:
     A, G = np.column_stack(columns), np.vstack(signs)
     costate, _, rank, _ = np.linalg.lstsq(A, right, rcond=1e-6)
     if rank < 3:
-        inside = _most_inside(A, right, G)
-        costate = costate if inside is None else inside
+        # A z = right and G z <= -d for the largest d <= 1; rounding may leave no such z.
+        inside = optimize.linprog(
+            [0, 0, 0, -1], np.column_stack((G, np.ones(len(G)))), np.zeros(len(G)),
+            np.column_stack((A, np.zeros(len(A)))), right, [(None, None)] * 3 + [(-1, 1)])
+        costate = costate if inside.x is None else inside.x[:3]
     return np.asarray(costate * scale, dtype=float)
 
 
-def _most_inside(A: Array, b: Array, G: Array) -> Array | None:
-    """Return z with A z = b and G z <= -d for the largest d <= 1; None if rounding leaves none."""
-    found = optimize.linprog(
-        [0, 0, 0, -1], np.column_stack((G, np.ones(len(G)))), np.zeros(len(G)),
-        np.column_stack((A, np.zeros(len(A)))), b, [(None, None)] * 3 + [(-1, 1)])
-    return None if found.x is None else np.asarray(found.x[:3], dtype=float)
-
-
-def _recognise(problem: Problem) -> tuple[Target, LetterOrder, LetterOrder] | None:
+def _recognise(problem: Problem) -> tuple[Target, tuple[int, ...], tuple[int, ...]] | None:
     """Return the target and which states are (x, y, theta) and inputs (v, omega)."""
-    if (problem.n, problem.m, problem.q) != (3, 2, 3):
-        return None
-    if (problem.u_lower != -problem.u_upper).any() or not (problem.u_upper > 0).all():
+    if ((problem.n, problem.m, problem.q) != (3, 2, 3)
+            or (problem.u_lower != -problem.u_upper).any() or not (problem.u_upper > 0).all()):
         return None
     aim = find_target(problem)
     if aim is None or np.linalg.matrix_rank(aim.C) < 3:

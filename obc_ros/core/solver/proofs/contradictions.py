@@ -50,15 +50,8 @@ _ROUNDING = 1e-9   # of a state that exact arithmetic has found
 
 
 def explain_contradiction(problem: Problem) -> str:
-    """
-    Return which parts of a problem provably exclude each other.
-
-    :return: the first contradiction as a sentence; '' if none is found.
-    """
-    for check in CONTRADICTIONS:
-        for sentence in check(problem):
-            return sentence
-    return ''
+    """Return the first contradiction between parts of a problem as a sentence; '' without one."""
+    return next((sentence for check in CONTRADICTIONS for sentence in check(problem)), '')
 
 
 def _at_start(problem: Problem) -> Iterator[str]:
@@ -110,13 +103,6 @@ def _path_at(problem: Problem, box: tuple[Array, Array], where: str, known: Mask
                     f'be {sign} {format_number(bound)}')
 
 
-def _range(a: Array, b: float, lower: Array, upper: Array) -> tuple[float, float]:
-    """Return the minimum and the maximum of a'z + b over a box."""
-    part = a != 0
-    ends = np.array([a[part]*lower[part], a[part]*upper[part]])
-    return float(b + ends.min(axis=0).sum()), float(b + ends.max(axis=0).sum())
-
-
 def _at_end(problem: Problem) -> Iterator[str]:
     end = find_affine_end(problem)
     if end is None:
@@ -124,9 +110,9 @@ def _at_end(problem: Problem) -> Iterator[str]:
     for row, parts in end.rows.items():
         a = np.array([float(parts.get(k, 0)) for k in range(problem.n)])
         b = float(parts.get(problem.n, 0))
-        low, high = _range(a, b, problem.x_lower, problem.x_upper)
         used = a != 0
         ends = a[used] * np.array([problem.x_lower, problem.x_upper])[:, used]
+        low, high = b + ends.min(axis=0).sum(), b + ends.max(axis=0).sum()
         slack = COUNTS_AS_MET * (1 + abs(b) + np.abs(ends[np.isfinite(ends)]).sum())
         if low > slack or high < -slack:
             yield _against_bounds(problem, row, a, low > slack)
@@ -168,9 +154,8 @@ def _where_pinned(problem: Problem, end: End) -> Iterator[str]:
         [value] = enclose_outputs(psi, [box, (problem.p_value, problem.p_value)])
         size = COUNTS_AS_MET * (1 + float(np.abs(x).max()))**2
         if value.low > size or value.high < -size:
-            where = ', '.join(f'{name} = {format_number(float(x[index]))}' for index,
-                              name in enumerate(
-                problem.states) if used[index])
+            where = ', '.join(f'{name} = {format_number(float(x[index]))}'
+                              for index, name in enumerate(problem.states) if used[index])
             yield (
                 f'{problem.ends[row]} is {format_number(0.5 * (value.low + value.high))} '
                 f'and not 0 where the other terminal constraints hold ({where})')
@@ -257,27 +242,6 @@ def _in_between(problem: Problem, end: Array, pinned: Mask) -> Iterator[str]:
                    f'{format_number(problem.x0[index])} to {format_number(float(end[index]))}')
 
 
-def _words(problem: Problem) -> list[str]:
-    """Return the bounds of each state, the lower one first, and the terminal constraints."""
-    return [state_bound(problem, index, upper) for index in range(problem.n)
-            for upper in (False, True)] + [describe_terminal(problem, row)
-                                           for row in range(problem.q)]
-
-
-def _beyond_control(problem: Problem) -> Iterator[str]:
-    """Yield violated constraints on states on which no input acts, directly or indirectly."""
-    if problem.start is None:
-        yield from find_missed_states(problem, _words(problem))
-
-
-def _beyond_reach(problem: Problem) -> Iterator[str]:
-    """Yield violated terminal constraints on uncontrollable modes of a linear system."""
-    given = problem.start is None and find_affine_dynamics(problem) is not None
-    end = find_affine_end(problem) if given else None
-    if end is not None and end.clash is None:
-        yield from find_missed_combinations(problem, end, _words(problem))
-
-
 def _too_soon(problem: Problem) -> Iterator[str]:
     """Yield the minimum time of a linear system with bounded inputs if less time is available."""
     rows = find_affine_rows(problem) if problem.start is None else None
@@ -295,7 +259,6 @@ def _too_soon(problem: Problem) -> Iterator[str]:
         yield f'{found.message}{", without regard to the other constraints" if more else ""}'
 
 
-# In this order.
 CONTRADICTIONS: tuple[Callable[[Problem], Iterator[str]], ...] = (
-    _at_start, _at_end, _path_at_end, _beyond_control, _beyond_reach, _too_soon,
+    _at_start, _at_end, _path_at_end, find_missed_states, find_missed_combinations, _too_soon,
     find_unsatisfiable, find_changed_invariants)

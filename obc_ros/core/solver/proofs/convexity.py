@@ -12,14 +12,17 @@ apply nothing is concluded.
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from fractions import Fraction
 
 import casadi as ca
 import numpy as np
 from obc_ros.core.numerics.enclosures.interval_arithmetic import enclose_outputs
 from obc_ros.core.numerics.instructions import Instructions
+from obc_ros.core.numerics.rational_polynomials import Polynomial, split_affine, TooHardError
 from obc_ros.core.ocp.nonconvexity import is_semidefinite
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.ocp.structure import find_clocks
+from obc_ros.core.solver.proofs.existence import read_exactly
 
 
 @dataclass(frozen=True)
@@ -152,9 +155,10 @@ class _Reader:
         if term.is_symbolic():
             return Shape()
         operation, first = term.op(), term.dep(0)
-        if operation in _BINARY:
-            second = term.dep(1)
-            return _BINARY[operation](self._shape(first), self._shape(second))
+        if operation in (ca.OP_ADD, ca.OP_SUB):
+            second = self._shape(term.dep(1))
+            return _add(self._shape(first),
+                        second if operation == ca.OP_ADD else second.negative())
         if operation in (ca.OP_MUL, ca.OP_DIV):
             return self._product(operation, first, term.dep(1))
         if operation in (ca.OP_POW, ca.OP_CONSTPOW):
@@ -172,9 +176,7 @@ class _Reader:
         a, b = self._shape(first), self._shape(second)
         if second.is_constant():
             factor = float(second)
-            if operation == ca.OP_DIV:
-                return a.times(factor) if factor else Shape()
-            return a.times(factor)
+            return a.times(factor) if factor or operation == ca.OP_MUL else Shape()
         if not ca.depends_on(second, self.z):
             return _scaled(a, b)
         if operation == ca.OP_MUL and not ca.depends_on(first, self.z):
@@ -186,16 +188,15 @@ class _Reader:
         same, more = _monomial(second)
         if operation == ca.OP_MUL and base.element_hash() == same.element_hash():
             return _power(self._shape(base), exponent + more)
-        above = a.above and b.above or a.below and b.below
-        return Shape(above=above, below=a.above and b.below or a.below and b.above)
+        return Shape(above=a.above and b.above or a.below and b.below,
+                     below=a.above and b.below or a.below and b.above)
 
     def _of_time(self, term: ca.SX) -> Shape:
         """Return the shape of an expression of clocks alone: that of a constant."""
         function = ca.Function('of_time', [self._clocks], [term], {'allow_free': True})
         if function.has_free():
             return Shape()
-        low, high = self._span
-        found, = enclose_outputs(function, [(low, high)])
+        found, = enclose_outputs(function, [self._span])
         return Shape(True, True, found.low >= 0.0, found.high <= 0.0)
 
     def is_apart(self, term: ca.SX) -> bool:
@@ -300,10 +301,6 @@ def _absolute(a: Shape) -> Shape:
     return Shape(convex, above=True)
 
 
-_BINARY: dict[int, Callable[[Shape, Shape], Shape]] = {
-    ca.OP_ADD: _add,
-    ca.OP_SUB: lambda a, b: _add(a, b.negative()),
-}
 _UNARY: dict[int, Callable[[Shape], Shape]] = {
     ca.OP_NEG: Shape.negative,
     ca.OP_SQ: lambda a: _power(a, 2.0),
@@ -312,5 +309,55 @@ _UNARY: dict[int, Callable[[Shape], Shape]] = {
     ca.OP_SQRT: lambda a: _power(a, 0.5),
     ca.OP_EXP: lambda a: Shape(a.convex, above=True),
     ca.OP_LOG: lambda a: Shape(concave=a.concave),
-    ca.OP_COSH: lambda a: replace(_absolute(a), above=True),
+    ca.OP_COSH: _absolute,
 }
+
+
+def has_one_mean_input(problem: Problem) -> bool:
+    """
+    Return whether it is proved that only one mean input attains the infimum of a problem.
+
+    Let f = A x + B u + c, L = l(x) + m(u) with an input u, and V, l and the constraints be convex.
+    Relaxed, m is replaced by its convex hull, and the problem is convex. The difference d of two
+    of its solutions has d' = A d + B w, d(0) = 0 and Q d = 0, where Q is the constant second
+    derivative of l: otherwise their mean would cost less. If a k exists with Q A^k B != 0, let it
+    be the first one: then the derivative k + 1 of Q d = 0 gives w as a linear function of d, so
+    that d = 0 and w = 0. An input that attains the infimum is a solution of the relaxed problem.
+    Hence it is the mean of the relaxed one, and where m is above its hull there, it costs more.
+    Without constraints along the path the infimum is the minimum of the relaxed problem: by
+    Lyapunov's theorem inputs that switch have the same states at the ends of any short intervals.
+    """
+    x, u = problem.x, problem.u
+    slopes = ca.veccat(ca.jacobian(problem.f, ca.vertcat(x, u)), ca.hessian(problem.L, x)[0])
+    if (problem.m != 1 or problem.start is not None or problem.constrained
+            or ca.depends_on(ca.jacobian(problem.L, x), u)
+            or ca.depends_on(slopes, ca.vertcat(x, u))
+            or not is_convex_problem(_drop_input_cost(problem))):
+        return False
+    try:
+        *f, L = read_exactly(problem, ca.vertcat(problem.f, problem.L))
+    except TooHardError:
+        return False
+    n = problem.n
+    rows = [part[0] for part in (split_affine(each, n + 1) for each in f) if part]
+    if len(rows) < n:
+        return False
+    A, reached = np.array([row[:n] for row in rows]), np.array([row[n] for row in rows])
+    Q = np.array([[_second(L, i, j) for j in range(n)] for i in range(n)], dtype=object)
+    for _ in range(n):
+        if any(Q @ reached):
+            return True
+        reached = A @ reached
+    return False
+
+
+def _drop_input_cost(problem: Problem) -> Problem:
+    """Return the problem whose running cost is l(x), up to a constant."""
+    inside = np.clip(0.0, problem.u_lower, problem.u_upper)
+    return replace(problem, structure='', L=ca.substitute(problem.L, problem.u, ca.DM(inside)))
+
+
+def _second(a: Polynomial, i: int, j: int) -> Fraction:
+    if i == j:
+        return 2 * a.get(((i, 2),), Fraction(0))
+    return a.get(((min(i, j), 1), (max(i, j), 1)), Fraction(0))

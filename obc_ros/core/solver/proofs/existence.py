@@ -13,7 +13,7 @@ instants has no solution, by a margin of 1e-6; hence none exists for all times. 
 all inputs without bounds neither case applies.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import lru_cache
 
 import casadi as ca
@@ -32,14 +32,6 @@ from obc_ros.core.solver.exact.reachable_set import compute_exponential
 _CLEAR = 1e-6   # relative size of singular values that are clearly not 0
 
 
-@dataclass(frozen=True)
-class _Curvature:
-    """Second derivatives of L by the inputs (m,), and the inputs in which f and L are affine."""
-
-    L: Array
-    linear: Mask
-
-
 def explain_no_minimum(problem: Problem) -> str:
     """
     Return why the cost provably has no lower bound, if an input without bounds is the reason.
@@ -49,34 +41,26 @@ def explain_no_minimum(problem: Problem) -> str:
     free = _unlimited(problem)
     if not free.any():
         return ''
-    curvature = _curvature(problem)
+    curved, linear = _curvature(problem)
     both = free & ~np.isfinite(problem.u_lower) & ~np.isfinite(problem.u_upper)
-    concave = both & (curvature.L < 0)
+    concave = both & (curved < 0)
     if concave.any():
         name = problem.inputs[int(np.argmax(concave))]
         return (f'the cost has no lower bound: running_cost decreases with the square of {name}, '
                 'which has no bounds')
-    both &= curvature.linear
+    both &= linear
     return _linear(problem, both) if both.any() else ''
 
 
 def find_growing_inputs(problem: Problem) -> list[str]:
-    """
-    Return the inputs without bounds in which H is linear.
-
-    :return: names of inputs.
-    """
+    """Return the names of the inputs without bounds in which H is linear."""
     free = _unlimited(problem)
-    free &= _curvature(problem).linear if free.any() else free
+    free &= _curvature(problem)[1] if free.any() else free
     return [name for name, yes in zip(problem.inputs, free, strict=True) if yes]
 
 
 def advise_bounds(problem: Problem) -> str:
-    """
-    Return the advice to bound the inputs that the cost does not limit.
-
-    :return: a clause that names the inputs; '' if there are none.
-    """
+    """Return a clause that advises to bound the inputs that the cost does not limit, or ''."""
     names = find_growing_inputs(problem)
     return (f'the cost does not limit {", ".join(names)} (it is linear in '
             f'{"them" if len(names) > 1 else "it"}): input_bounds may be missing'
@@ -99,8 +83,7 @@ def state_least_effort(problem: Problem) -> Problem:
     """
     Return a problem with a minimum, to select a path if all paths cost the same.
 
-    :param problem: a problem with a constant cost.
-    :return: the problem with the cost integral of 1 + `measure_effort`.
+    Its cost is the integral of 1 + `measure_effort`.
     """
     return replace(problem, structure='', V=ca.SX(0), L=1 + measure_effort(problem))
 
@@ -127,8 +110,12 @@ def _unlimited(problem: Problem) -> Mask:
 
 
 @lru_cache(maxsize=4)
-def _curvature(problem: Problem) -> _Curvature:
-    """Return the constant curvature of L in each input that f is affine in; otherwise zero."""
+def _curvature(problem: Problem) -> tuple[Array, Mask]:
+    """
+    Return second derivatives of L by inputs (m,), and the inputs in which f and L are affine.
+
+    A derivative that is not constant, or in an input in which f is not affine, counts as 0.
+    """
     curved, linear = np.zeros(problem.m), np.zeros(problem.m, dtype=bool)
     for index, u in enumerate(ca.vertsplit(problem.u)):
         slope = ca.vertcat(ca.jacobian(problem.L, u), ca.jacobian(problem.f, u))
@@ -142,7 +129,7 @@ def _curvature(problem: Problem) -> _Curvature:
                 continue
             curved[index] = float(L.get(((problem.n + index, 2),), 0))
             linear[index] = not curved[index]
-    return _Curvature(curved, linear)
+    return curved, linear
 
 
 def read_exactly(problem: Problem, expressions: ca.SX) -> list[Polynomial]:
@@ -152,7 +139,6 @@ def read_exactly(problem: Problem, expressions: ca.SX) -> list[Polynomial]:
     Here terms cancel exactly. CasADi sums the constants of derivatives in doubles, so that the
     second derivative of 0.3 u^2 - 0.2 u^2 - 0.1 u^2 is below 0 there.
 
-    :param problem: whose symbols and values of parameters are used.
     :param expressions: a column.
     :raises TooHardError: if there are too many terms, or a number is not finite.
     """
@@ -163,10 +149,8 @@ def read_exactly(problem: Problem, expressions: ca.SX) -> list[Polynomial]:
 
 def _linear(problem: Problem, free: Mask) -> str:
     """Return a sentence if no nu satisfies dH/du = 0 for the inputs without bounds, else ''."""
-    slopes = ca.jacobian(ca.vertcat(problem.L, problem.V, problem.psi),
-                         ca.vertcat(problem.x, problem.u))
-    if (find_affine_dynamics(problem) is None or problem.constrained or problem.final_time.free
-            or ca.depends_on(slopes, ca.vertcat(problem.x, problem.u))):
+    if (find_affine_dynamics(problem) is None or problem.constrained
+            or problem.final_time.free):
         return ''
     n, q, T = problem.n, problem.q, problem.final_time.value
     try:

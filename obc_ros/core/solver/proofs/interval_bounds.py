@@ -51,11 +51,7 @@ def find_lower_bounds(problem: Problem) -> Array:
 
 
 def bound_rates(problem: Problem) -> list[Interval]:
-    """
-    Return bounds of the derivative of each state.
-
-    :return: bounds of dx_i/dt for all states and inputs within their bounds, rounded outward.
-    """
+    """Return bounds of dx_i/dt for all states and inputs within their bounds."""
     return _rates(problem, find_lower_bounds(problem), problem.x_upper)
 
 
@@ -102,8 +98,7 @@ def _path(problem: Problem, low: Array, high: Array) -> Iterator[str]:
                 (found.low - problem.path_upper[row], f'at least {format_number(found.low)}', '<=',
                  problem.path_upper[row]),
                 (problem.path_lower[row] - found.high, f'at most {format_number(found.high)}',
-                 '>=',
-                 problem.path_lower[row])):
+                 '>=', problem.path_lower[row])):
             if excess > margin:
                 yield (f'path_constraints[{row}] is {words} for all admissible states and '
                        f'inputs but must be {sign} {format_number(bound)}')
@@ -118,8 +113,8 @@ def _values(problem: Problem, expressions: ca.SX, low: Array, high: Array) -> li
 
 def _rooted(problem: Problem) -> NDArray[np.bool_]:
     """Return on which states a function with an infinite slope acts in a rate, shape (n,)."""
-    under = [value for where,
-             value in find_steep_operands(problem) if where.startswith('dynamics.')]
+    under = [value for where, value in find_steep_operands(problem)
+             if where.startswith('dynamics.')]
     return np.array([any(ca.depends_on(value, x) for value in under)
                      for x in ca.vertsplit(problem.x)])
 
@@ -135,10 +130,8 @@ def _margin(found: Interval) -> float:
 
 def _turning(problem: Problem, row: int, low: Array) -> str:
     """Return, as text, the states of a terminal constraint that stay nonnegative by themselves."""
-    names = [name for name, used, unbounded in zip(
-        problem.states, find_dependence(problem.psi[row], problem.x)[0], low > problem.x_lower,
-        strict=True)
-        if used and unbounded]
+    used = find_dependence(problem.psi[row], problem.x)[0] & (low > problem.x_lower)
+    names = [problem.states[k] for k in np.flatnonzero(used)]
     return f' because no input takes {" or ".join(names)} below 0' if names else ''
 
 
@@ -146,8 +139,7 @@ def _extent(problem: Problem, row: int, low: Array, high: Array) -> str:
     """Return, as text, the range that the states of a terminal constraint can reach."""
     used = find_dependence(problem.psi[row], problem.x)[0]
     parts = [
-        f'{name} stays between {format_number(float(low[k]))} and {format_number(float(high[k]))}'
-             for k, name in enumerate(problem.states)
-             if used[k] and np.isfinite([low[k], high[k]]).all()]
+        f'{problem.states[k]} stays between {format_number(low[k])} and {format_number(high[k])}'
+        for k in np.flatnonzero(used & np.isfinite(low) & np.isfinite(high))]
     how_far = f' ({", ".join(parts)})' if parts else ''
     return f' by T = {problem.final_time.latest:.6g}{how_far}'

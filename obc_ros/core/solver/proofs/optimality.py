@@ -26,8 +26,7 @@ def add_optimality(problem: Problem, found: Solution) -> Solution:
     """
     Add the `optimality` of a certified solution.
 
-    :param problem: the problem that was solved.
-    :param found: its solution; `optimality` may describe a search.
+    :param found: `optimality` may describe a search.
     :return: `optimality` is 'global' if that is proved, otherwise 'local'; None without
         certificate.
     """
@@ -51,7 +50,6 @@ def describe_local(starts: int, best: float, others: Iterable[float]) -> Optimal
     :param best: cost of the solution.
     :param others: costs of other minima. Those that are not higher, or nearly equal to a lower
         one, are duplicates or were not confirmed; they are left out.
-    :return: of the kind 'local'.
     """
     minima = [best]
     for cost in sorted(others):

@@ -43,7 +43,6 @@ def explain_undefined(problem: Problem, t: Array, x: Array, u: Array) -> str:
     """
     Return which expression is undefined on a path, at what time and why.
 
-    :param problem: the problem with the expressions.
     :param t, x, u: (N,), (N, n), (N, m), the path. A divisor that changes its sign between points
         counts as zero there.
     :return: a sentence; '' if all expressions are defined.
@@ -69,10 +68,7 @@ def explain_kink(problem: Problem, t: Array, x: Array, u: Array) -> str:
     """
     Return which absolute value of states vanishes on a path, and a smooth replacement.
 
-    At the kink the costate equation does not determine dlam/dt.
-
-    :param problem, t, x, u: as for `explain_undefined`.
-    :return: a sentence; '' if there is none.
+    At the kink the costate equation does not determine dlam/dt. '' is returned if there is none.
     """
     found = [(where, operands[0]) for where, operation, operands in chain(
                  _operations(problem), ((_AT_END, *each) for each in _done_in(problem, problem.V)))
@@ -96,12 +92,11 @@ def explain_steep_root(problem: Problem, t: Array, x: Array, u: Array) -> str:
     """
     Return which root of states vanishes on a path, and a smooth replacement.
 
-    Its derivative is infinite there, and so is dlam/dt.
-
-    :param problem, t, x, u: as for `explain_undefined`.
-    :return: a sentence; '' if there is none.
+    Its derivative is infinite there, and so is dlam/dt. '' is returned if there is none.
     """
-    for where, value, row in _follow(problem, list(find_roots(problem)), x, u):
+    found = [(where, operands[0]) for where, operation, operands in _operations(problem)
+             if _root(operation, operands) and ca.depends_on(operands[0], problem.x)]
+    for where, value, row in _follow(problem, found, x, u):
         size = float(np.abs(row).max())
         k = int(np.argmin(np.abs(row)))
         if size > 0 and abs(row[k]) <= _TOUCHED * size:
@@ -121,7 +116,6 @@ def explain_level_terminal(problem: Problem, x: Array) -> str:
     multiplies the residual by (1 - 1/k)^k, which is 1/4 or more. The steps begin near x(T), where
     the residual is far above rounding.
 
-    :param problem: the problem with the constraints.
     :param x: (n,), a state near one that meets them, x(T).
     :return: a sentence; '' if there is none.
     """
@@ -168,10 +162,8 @@ def explain_escape(problem: Problem, T: float) -> str:
     """
     Return a sentence if the states diverge before T for every constant input tried.
 
-    :param problem: any problem. The inputs tried are the corners of the input bounds and their
-        middle; a missing bound is replaced by 1 or -1.
-    :param T: final time [s].
-    :return: '' if the states stay below 1e6 times 1 + |x(0)| for an input.
+    These are the corners of the input bounds and their middle; a missing bound is replaced by 1
+    or -1. '' is returned if the states stay below 1e6 times 1 + |x(0)| for an input.
     """
     f = ca.Function('f', [problem.x, problem.u, problem.p], [problem.f])
     low = np.where(np.isfinite(problem.u_lower), problem.u_lower, np.minimum(-1, problem.u_upper))
@@ -210,13 +202,6 @@ def _quoted(problem: Problem, value: ca.SX) -> str:
     return what if len(what) <= _QUOTED else f'{what[:_QUOTED]}...'
 
 
-def find_roots(problem: Problem) -> Iterator[tuple[str, ca.SX]]:
-    """Yield the keys of expressions with roots of states, and the operands of the roots."""
-    for where, operation, operands in _operations(problem):
-        if _root(operation, operands) and ca.depends_on(operands[0], problem.x):
-            yield where, operands[0]
-
-
 def find_steep_operands(problem: Problem) -> Iterator[tuple[str, ca.SX]]:
     """
     Yield the keys of expressions with operations of infinite slope, and their operands.
@@ -224,7 +209,7 @@ def find_steep_operands(problem: Problem) -> Iterator[tuple[str, ca.SX]]:
     These are roots, logarithms, inverse sines and cosines, and powers with variable exponents.
     Differential equations that contain them may have several solutions from one state.
     """
-    steep = ca.OP_SQRT, ca.OP_LOG, ca.OP_ASIN, ca.OP_ACOS
+    steep = ca.OP_LOG, ca.OP_ASIN, ca.OP_ACOS
     for where, operation, operands in _operations(problem):
         power = operation in (ca.OP_POW, ca.OP_CONSTPOW) and not operands[1].is_constant()
         if power or operation in steep or _root(operation, operands):
@@ -240,12 +225,9 @@ def _root(operation: int, operands: list[ca.SX]) -> bool:
 
 def _operations(problem: Problem) -> Iterator[tuple[str, int, list[ca.SX]]]:
     """Yield the operations in a problem: key, operation, operands."""
-    named = [(f'dynamics.{name}', each) for name, each in zip(
-        problem.states, ca.vertsplit(problem.f), strict=True)]
-    named.append(('running_cost', problem.L))
-    if problem.path.numel():
-        named += [(f'path_constraints[{index}]', each)
-                  for index, each in enumerate(ca.vertsplit(problem.path))]
+    named = [*((f'dynamics.{name}', problem.f[k]) for k, name in enumerate(problem.states)),
+             ('running_cost', problem.L), *((f'path_constraints[{k}]', problem.path[k])
+                                            for k in range(problem.path.numel()))]
     for where, expression in named:
         for operation, operands in _done_in(problem, expression):
             yield where, operation, operands
@@ -267,14 +249,12 @@ def _done_in(problem: Problem, expression: ca.SX) -> list[tuple[int, list[ca.SX]
 
 def find_suspects(problem: Problem) -> list[Suspect]:
     """
-    Return the divisors and the arguments of logarithms and roots in all expressions.
+    Return the divisors and the arguments of logarithms and roots that are not constant.
 
-    :param problem: any problem; terminal cost and terminal constraints are not examined.
-    :return: operands that are not constant.
+    Terminal cost and terminal constraints are not examined.
     """
-    found = [each for where, operation, operands in _operations(problem)
-             for each in _of(operation, operands, where)]
-    return [each for each in found if not each.value.is_constant()]
+    return [found for each in _operations(problem)
+            if (found := _suspect(*each)) and not found.value.is_constant()]
 
 
 def _follow(problem: Problem, found: list[tuple[_Place, ca.SX]], x: Array, u: Array
@@ -289,18 +269,15 @@ def _follow(problem: Problem, found: list[tuple[_Place, ca.SX]], x: Array, u: Ar
         yield where, value, row
 
 
-def _of(operation: int, operands: list[ca.SX], where: str) -> list[Suspect]:
-    """Return the conditions that an operation imposes on its operands."""
-    if operation == ca.OP_DIV:
-        return [Suspect(where, operands[1], 'divides by zero', True)]
-    if operation == ca.OP_INV:
-        return [Suspect(where, operands[0], 'divides by zero', True)]
+def _suspect(where: str, operation: int, operands: list[ca.SX]) -> Suspect | None:
+    """Return the condition that an operation imposes on an operand, if there is one."""
+    if operation in (ca.OP_DIV, ca.OP_INV):
+        return Suspect(where, operands[-1], 'divides by zero', True)
     if operation == ca.OP_LOG:
-        return [Suspect(where, operands[0], 'takes the logarithm of a negative number', False)]
+        return Suspect(where, operands[0], 'takes the logarithm of a negative number', False)
+    if operation == ca.OP_SQRT:
+        return Suspect(where, operands[0], 'takes the root of a negative number', False)
     if operation in (ca.OP_POW, ca.OP_CONSTPOW) and operands[1].is_constant() and (
             float(operands[1]) % 1.0):
-        return [Suspect(where, operands[0], 'takes a noninteger power of a negative number',
-                        False)]
-    if operation == ca.OP_SQRT:
-        return [Suspect(where, operands[0], 'takes the root of a negative number', False)]
-    return []
+        return Suspect(where, operands[0], 'takes a noninteger power of a negative number', False)
+    return None

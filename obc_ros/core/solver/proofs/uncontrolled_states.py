@@ -33,18 +33,17 @@ from obc_ros.core.numerics.rational_polynomials import (
     split_affine,
     TooHardError,
 )
-from obc_ros.core.ocp.affine_constraints import End
+from obc_ros.core.ocp.affine_constraints import find_affine_end
 from obc_ros.core.ocp.certificate.certificate import COUNTS_AS_MET
+from obc_ros.core.ocp.least_time_form import find_affine_dynamics
 from obc_ros.core.ocp.problem import Problem
-from obc_ros.core.ocp.wording import format_number
+from obc_ros.core.ocp.wording import describe_terminal, format_number, state_bound
 
 
-def find_missed_states(problem: Problem, words: list[str]) -> Iterator[str]:
-    """
-    Yield violated constraints on states on which no input acts, as sentences.
-
-    `words`: the lower and the upper bound of each state, then each terminal constraint, as text.
-    """
+def find_missed_states(problem: Problem) -> Iterator[str]:
+    """Yield violated constraints on states on which no input acts, as sentences."""
+    if problem.start is not None:
+        return
     driven = _driven(problem)
     uses = find_dependence(problem.psi, problem.x)
     bounded = np.isfinite(problem.x_lower) | np.isfinite(problem.x_upper)
@@ -54,23 +53,24 @@ def find_missed_states(problem: Problem, words: list[str]) -> Iterator[str]:
     alone = np.flatnonzero(~driven)
     steps = _states_alone(problem, alone)
     nothing = 'no input' if _movable(problem).all() else 'no input that can vary'
-    yield from _left(problem, alone, steps, nothing, words)
+    yield from _left(problem, alone, steps, nothing)
     symbols = problem.x[alone.tolist()]
     for row in map(int, np.flatnonzero(decided)):
         psi = ca.Function('psi', [symbols, problem.p], [ca.densify(problem.psi[row])])
-        values = _demanded(problem, steps, psi)
+        p, boxes = (problem.p_value, problem.p_value), _boxes_at_the_end(problem, steps)
+        values = [enclose_outputs(psi, [box, p])[0] for box in boxes]
         names = [problem.states[k] for k in np.flatnonzero(uses[row])]
         where = None
         if len(names) == 1 and steps:
             k = int(np.searchsorted(alone, problem.states.index(names[0])))
             where = float(0.5 * (steps[-1].after[0][k] + steps[-1].after[1][k]))
         yield from _missed(problem, f'{nothing} acts on {", ".join(names)}',
-                           words[2 * problem.n + row], values, where,
-                           _terms(problem, steps, psi))
+                           describe_terminal(problem, row), values, where,
+                           _terms(psi, boxes, p))
 
 
-def _left(problem: Problem, alone: NDArray[np.int_], steps: list[TaylorStep], nothing: str,
-          words: list[str]) -> Iterator[str]:
+def _left(problem: Problem, alone: NDArray[np.int_], steps: list[TaylorStep], nothing: str
+          ) -> Iterator[str]:
     """Yield bounds that states violate by the first admissible T."""
     earliest = problem.final_time.earliest
     for k, index in enumerate(map(int, alone)):
@@ -82,15 +82,20 @@ def _left(problem: Problem, alone: NDArray[np.int_], steps: list[TaylorStep], no
                 size = 1 + max(abs(low), abs(high))
                 if step.end <= earliest and excess > COUNTS_AS_MET * size:
                     yield (f'{nothing} acts on {problem.states[index]}: it violates state bound '
-                           f'{words[2 * index + upper]} by t = {step.end:.6g}')
+                           f'{state_bound(problem, index, upper)} by t = {step.end:.6g}')
                     break
 
 
-def find_missed_combinations(problem: Problem, end: End, words: list[str]) -> Iterator[str]:
+def find_missed_combinations(problem: Problem) -> Iterator[str]:
     """Yield violated terminal constraints on uncontrollable modes of a linear system."""
     n = problem.n
+    if problem.start is not None or n > 12 or find_affine_dynamics(problem) is None:
+        return
+    end = find_affine_end(problem)
+    if end is None or end.clash is not None:
+        return
     try:
-        found = _uncontrollable(problem) if n <= 12 else None
+        found = _uncontrollable(problem)
     except TooHardError:
         return
     if found is None:
@@ -113,14 +118,15 @@ def find_missed_combinations(problem: Problem, end: End, words: list[str]) -> It
         size = float(sum(value * value for value in eta.values())) ** 0.5
         rest = sum((value * end.rows[k].get(n, Fraction(0)) for k, value in eta.items()),
                    Fraction(0))
-        values = [_scaled(_dot(omega, rest, box), 1 / size)
-                  for box in _boxes_at_the_end(problem, steps)]
+        boxes = _boxes_at_the_end(problem, steps)
+        values = [multiply_intervals(_dot(omega, rest, box), Interval(1 / size, 1 / size))
+                  for box in boxes]
         terms = abs(float(rest)) / size + max((sum(
-            abs(float(value)) * float(max(abs(box[0][k]), abs(box[1][k])))
-            for k, value in omega.items()) / size
-            for box in _boxes_at_the_end(problem, steps)), default=0.0)
+            abs(float(value)) * float(max(abs(low[k]), abs(high[k])))
+            for k, value in omega.items()) / size for low, high in boxes), default=0.0)
         yield from _missed(problem, f'no input acts on {_names(A)} of A',
-                           ' with '.join(words[2 * n + k] for k in eta), values, None, terms)
+                           ' with '.join(describe_terminal(problem, k) for k in eta), values,
+                           None, terms)
 
 
 def _missed(problem: Problem, reason: str, wanted: str, values: list[Interval],
@@ -154,18 +160,12 @@ def _boxes_at_the_end(problem: Problem, steps: list[TaylorStep]) -> list[Box]:
     return [step.during for step in steps if step.end > final.lower] or [steps[-1].after]
 
 
-def _demanded(problem: Problem, steps: list[TaylorStep], psi: ca.Function) -> list[Interval]:
-    p = problem.p_value, problem.p_value
-    return [enclose_outputs(psi, [box, p])[0] for box in _boxes_at_the_end(problem, steps)]
-
-
-def _terms(problem: Problem, steps: list[TaylorStep], psi: ca.Function) -> float:
+def _terms(psi: ca.Function, boxes: list[Box], p: Box) -> float:
     """Return the size of the terms of a terminal constraint, which may cancel."""
-    p, found = (problem.p_value, problem.p_value), 0.0
-    y = ca.SX.sym('y', psi.size1_in(0))
-    q = ca.SX.sym('q', psi.size1_in(1))
+    found = 0.0
+    y, q = ca.SX.sym('y', psi.size1_in(0)), ca.SX.sym('q', psi.size1_in(1))
     slopes = ca.Function('slopes', [y, q], [ca.densify(ca.jacobian(psi(y, q), y)).T])
-    for box in _boxes_at_the_end(problem, steps):
+    for box in boxes:
         most = np.maximum(np.abs(box[0]), np.abs(box[1]))
         each = [max(abs(one.low), abs(one.high)) for one in enclose_outputs(slopes, [box, p])]
         found = max(found, float(most @ np.array(each)))
@@ -280,10 +280,6 @@ def _dot(weights: RationalRow, rest: Fraction, box: Box) -> Interval:
     return total
 
 
-def _scaled(value: Interval, factor: float) -> Interval:
-    return multiply_intervals(value, Interval(factor, factor))
-
-
 def _names(A: list[RationalRow]) -> str:
     """Return the modes of y' = A y as text."""
     matrix = np.array([[float(row.get(j, 0)) for j in range(len(A))] for row in A])
@@ -294,7 +290,6 @@ def _names(A: list[RationalRow]) -> str:
 
 
 def _movable(problem: Problem) -> Mask:
-    """Return which inputs can vary, shape (m,)."""
     movable: Mask = problem.u_lower < problem.u_upper
     return movable
 

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Problems whose relaxed solutions have one mean input, so that no other input can be better."""
 
-from obc_ros.core.solver.proofs.strict_convexity import has_one_mean_input
+from obc_ros.core.solver.proofs.convexity import has_one_mean_input
 import problems
 import pytest
 
