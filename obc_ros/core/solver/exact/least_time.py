@@ -247,7 +247,7 @@ def _polished(part: _Part, T: float, abnormal: bool) -> BangBang | None:
 
 
 def _fill_singular(part: _Part, answer: BangBang, small: float = 0.0) -> BangBang | None:
-    """Return the inputs of a part, with singular ones at the lowest levels that meet the target."""
+    """Return the inputs of a part, and singular ones at the lowest levels that meet the target."""
     reach, (n, m) = part.whole, part.whole.B.shape
     nothing = replace(answer, nu=part.tied @ answer.nu, tau=np.zeros(0), owner=np.zeros(0, int),
                       sign=np.ones(m), level=np.zeros(m))

@@ -149,7 +149,7 @@ def _general(problem: Problem, aim: Target, plant: Affine) -> Solution | None:
     moved, fixed = split_directions(whole.A, whole.B, whole.C)
 
     def in_words(part: Reach) -> str | None:
-        return _explain_unreachable_mode(problem.states, replace(stated, C=part.C / size, d=part.d))
+        return _explain_mode(problem.states, replace(stated, C=part.C / size, d=part.d))
 
     if fixed.shape[1]:
         meets = _meets_by_itself(whole, fixed, bounds.upper)
@@ -309,7 +309,7 @@ def _sentence(T: float, switches: int, singular: list[str] | None = None,
     return text
 
 
-def _explain_unreachable_mode(states: tuple[str, ...], reach: Reach) -> str | None:
+def _explain_mode(states: tuple[str, ...], reach: Reach) -> str | None:
     """
     Return a sentence if a real mode of A keeps the terminal constraints from ever being met.
 
