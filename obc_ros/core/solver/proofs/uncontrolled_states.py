@@ -39,6 +39,8 @@ from obc_ros.core.ocp.least_time_form import find_affine_dynamics
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.ocp.wording import describe_terminal, format_number, state_bound
 
+Exact = NDArray[np.object_]   # of rational numbers
+
 
 def find_missed_states(problem: Problem) -> Iterator[str]:
     """Yield violated constraints on states on which no input acts, as sentences."""
@@ -51,13 +53,17 @@ def find_missed_states(problem: Problem) -> Iterator[str]:
     if driven.all() or not (bounded[~driven].any() or decided.any()):
         return
     alone = np.flatnonzero(~driven)
-    steps = _states_alone(problem, alone)
+    symbols, x0 = problem.x[alone.tolist()], problem.x0[alone]
+    p = problem.p_value, problem.p_value
+    fixed = ca.DM(np.clip(np.zeros(problem.m), problem.u_lower, problem.u_upper))
+    rates = ca.substitute(   # inputs in these have only one value
+        ca.densify(problem.f[alone.tolist()]), problem.u, fixed)
+    steps = list(Tube(symbols, problem.p, rates, p).steps((x0, x0), _stops(problem)))
+    boxes = _boxes_at_the_end(problem, steps)
     nothing = 'no input' if _movable(problem).all() else 'no input that can vary'
     yield from _left(problem, alone, steps, nothing)
-    symbols = problem.x[alone.tolist()]
     for row in map(int, np.flatnonzero(decided)):
         psi = ca.Function('psi', [symbols, problem.p], [ca.densify(problem.psi[row])])
-        p, boxes = (problem.p_value, problem.p_value), _boxes_at_the_end(problem, steps)
         values = [enclose_outputs(psi, [box, p])[0] for box in boxes]
         names = [problem.states[k] for k in np.flatnonzero(uses[row])]
         where = None
@@ -89,18 +95,16 @@ def _left(problem: Problem, alone: NDArray[np.int_], steps: list[TaylorStep], no
 def find_missed_combinations(problem: Problem) -> Iterator[str]:
     """Yield violated terminal constraints on uncontrollable modes of a linear system."""
     n = problem.n
-    if problem.start is not None or n > 12 or find_affine_dynamics(problem) is None:
+    if not problem.m or problem.start is not None or n > 12 or (
+            find_affine_dynamics(problem) is None):
         return
     end = find_affine_end(problem)
     if end is None or end.clash is not None:
         return
     try:
-        found = _uncontrollable(problem)
+        W, A, c = _uncontrollable(problem)
     except TooHardError:
         return
-    if found is None:
-        return
-    W, A, c = found
     numbers = list(end.rows)
     # Combinations eta'C of terminal constraints that are also combinations omega'W.
     columns = [{k: value for k, value in end.rows[number].items() if k < n}
@@ -180,110 +184,78 @@ def _stops(problem: Problem) -> Array:
     return np.asarray(stops[stops > 0])
 
 
-def _states_alone(problem: Problem, alone: NDArray[np.int_]) -> list[TaylorStep]:
-    """Return an enclosure of the states on which no input acts."""
-    y, g = problem.x[alone.tolist()], problem.f[alone.tolist()]
-    fixed = ca.DM(np.clip(np.zeros(problem.m), problem.u_lower, problem.u_upper))
-    g = ca.substitute(ca.densify(g), problem.u, fixed)   # inputs in g have only one value
-    x0 = problem.x0[alone]
-    tube = Tube(y, problem.p, g, (problem.p_value, problem.p_value))
-    return list(tube.steps((x0, x0), _stops(problem)))
-
-
-def _uncontrollable(problem: Problem) -> tuple[list[RationalRow], list[RationalRow],
-                                               list[Fraction]] | None:
+def _uncontrollable(problem: Problem) -> tuple[list[RationalRow], Exact, Exact]:
     """
-    Return combinations y = W x on which no input acts, and dy/dt = A y + c, in exact arithmetic.
+    Return combinations y = W x on which no input acts, and A, c of dy/dt = A y + c.
 
-    None is returned if dx/dt is not affine, or if there is no such combination.
+    :raises TooHardError: if dx/dt is not affine in exact arithmetic.
     """
-    n, m = problem.n, problem.m
+    n, movable = problem.n, _movable(problem)
     f = ca.Function('f', [problem.x, problem.u, problem.p], [ca.densify(problem.f)])
-    movable = _movable(problem)
     held = [None if moves else float(low)
             for moves, low in zip(movable, problem.u_lower, strict=True)]
     parts = [split_affine(each, n + int(movable.sum())) for each in read_polynomials(
         f, [[None] * n, held, problem.p_value])[1]]
-    if any(part is None for part in parts) or not m:
-        return None
-    rows = [part for part in parts if part]
-    A = [{k: value for k, value in enumerate(row[:n]) if value} for row, _ in rows]
-    columns = [{i: row[n + j] for i, (row, _) in enumerate(rows) if row[n + j]}
-               for j in range(int(movable.sum()))]
-    moved: list[RationalRow] = []
+    rows = [[*part[0], part[1]] for part in parts if part]
+    if len(rows) < n:
+        raise TooHardError
+    all_rows = np.array(rows, dtype=object)
+    A, B, c = all_rows[:, :n], all_rows[:, n:-1], all_rows[:, -1]
+    moved: list[RationalRow] = []   # independent columns of B, A B, A^2 B, ...
+    columns = B.T
     for _ in range(n):
         before = len(moved)
-        moved = list(reduce_rows([*moved, *columns]).values())
+        more = [{k: value for k, value in enumerate(column) if value} for column in columns]
+        moved = list(reduce_rows([*moved, *more]).values())
         if len(moved) == before:
             break
-        columns = [{i: value for i in range(n) if (value := sum((
-            a * column.get(k, Fraction(0)) for k, a in A[i].items()), Fraction(0)))}
-            for column in moved]
+        columns = _dense(moved, n) @ A.T
     W = find_null_space(moved, n)
-    if not W:
-        return None
-    constants = [sum((value * rows[i][1] for i, value in w.items()), Fraction(0)) for w in W]
-    return W, [_in_terms_of(W, _through(w, A)) for w in W], constants
+    own = [next(iter(w)) for w in W]   # each row of W has 1 where the others have 0
+    matrix = _dense(W, n)
+    return W, (matrix @ A)[:, own], matrix @ c
 
 
-def _through(w: RationalRow, A: list[RationalRow]) -> RationalRow:
-    """Return w'A."""
-    total: RationalRow = {}
-    for i, value in w.items():
-        for k, a in A[i].items():
-            total[k] = total.get(k, Fraction(0)) + value * a
-    return {k: value for k, value in total.items() if value}
+def _dense(rows: list[RationalRow], n: int) -> Exact:
+    return np.array([[row.get(k, Fraction(0)) for k in range(n)] for row in rows],
+                    dtype=object).reshape(-1, n)
 
 
-def _in_terms_of(W: list[RationalRow], row: RationalRow) -> RationalRow:
-    """Return the weights with which the rows W add up to a row in their span."""
-    # Each vector of the null space has a nonzero entry where all others have 0.
-    found = {}
-    for j, w in enumerate(W):
-        own = next(k for k in w if all(k not in other for i, other in enumerate(W) if i != j))
-        if own in row:
-            found[j] = row[own] / w[own]
-    return found
-
-
-def _modes_alone(problem: Problem, W: list[RationalRow], A: list[RationalRow],
-                 c: list[Fraction]) -> list[TaylorStep]:
+def _modes_alone(problem: Problem, W: list[RationalRow], A: Exact, c: Exact
+                 ) -> list[TaylorStep]:
     """Return an enclosure of y = W x."""
-    n, y = len(W), ca.SX.sym('y', len(W))
-    places = [(i, j) for i, row in enumerate(A) for j in row]
-    values = [A[i][j] for i, j in places] + c
-    p, g = ca.SX.sym('p', len(values)), ca.SX(n, 1)
+    y, places = ca.SX.sym('y', len(W)), list(zip(*np.nonzero(A), strict=True))
+    values = [*A[A != 0], *c]
+    p, g = ca.SX.sym('p', len(values)), ca.SX(len(W), 1)
     for number, (i, j) in enumerate(places):
-        g[i] += p[number] * y[j]
+        g[int(i)] += p[number] * y[int(j)]
     g += p[len(places):]
     x0 = [convert_to_rational(value) for value in problem.x0]
-    start = [sum((value * x0[k] for k, value in w.items()), Fraction(0)) for w in W]
-    return list(Tube(y, p, ca.densify(g), _around(values)).steps(
-        _around(start), _stops(problem)))
+    start = _around([*(_dense(W, problem.n) @ np.array(x0, dtype=object))])
+    return list(Tube(y, p, ca.densify(g), _around(values)).steps(start, _stops(problem)))
+
+
+def _enclose(value: Fraction) -> Interval:
+    """Return doubles below and above a rational number."""
+    return Interval(nextafter(float(value), -inf), nextafter(float(value), inf))
 
 
 def _around(values: list[Fraction]) -> Box:
-    """Return doubles below and above rational numbers."""
-    near = [float(value) for value in values]
-    return (np.array([nextafter(value, -inf) for value in near]),
-            np.array([nextafter(value, inf) for value in near]))
+    low, high = np.array([_enclose(value) for value in values]).T
+    return low, high
 
 
 def _dot(weights: RationalRow, rest: Fraction, box: Box) -> Interval:
-    low, high = _around([rest])
-    total = Interval(float(low[0]), float(high[0]))
+    total = _enclose(rest)
     for k, value in weights.items():
-        below, above = _around([value])
-        total = add_intervals(total, multiply_intervals(Interval(float(below[0]), float(above[0])),
-                                                        Interval(float(box[0][k]),
-                                                                 float(box[1][k]))))
+        total = add_intervals(total, multiply_intervals(
+            _enclose(value), Interval(float(box[0][k]), float(box[1][k]))))
     return total
 
 
-def _names(A: list[RationalRow]) -> str:
+def _names(A: Exact) -> str:
     """Return the modes of y' = A y as text."""
-    matrix = np.array([[float(row.get(j, 0)) for j in range(len(A))] for row in A])
-    values = sorted(np.linalg.eigvals(matrix), key=lambda s: (-s.real, s.imag))
+    values = sorted(np.linalg.eigvals(A.astype(float)), key=lambda s: (-s.real, s.imag))
     shown = [f'{s.real + 0.0:+.4g}' + (f' {s.imag:+.4g}j' if abs(s.imag) > 1e-9 else '')
              for s in values]
     return f'the mode{"s" * (len(shown) > 1)} at {", ".join(shown)}'
