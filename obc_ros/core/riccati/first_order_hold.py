@@ -10,22 +10,17 @@ is then of second order in the interpolation error, however stiff the plant. The
 chosen such that the path under the piecewise linear input meets C x(T) = d.
 
 The horizon is divided into blocks of length T 2^-k, and each block into 2^c equal steps. The
-length of every step is T times a power of 1/2, so that its matrices follow from those of half the
-step by doubling.
+matrices of a step follow from those of half the step by doubling.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
 import math
-from typing import TypeVar
 
 import numpy as np
 from obc_ros.core.numerics.arrays import Array, Index, linalg
 from obc_ros.core.numerics.rounding import norm, TINY
 from obc_ros.core.riccati import propagation
 from obc_ros.core.riccati.problem_matrices import LqForm
-
-Of = TypeVar('Of')
 
 _FEWEST = 3             # initial halvings of a block
 _MOST_AT_ONCE = 3       # halvings added in one round
@@ -190,38 +185,31 @@ class Feedback:
         return round(math.log2(self.T / (high - low)))
 
     def _stretch(self, level: int) -> propagation.Stretch:
-        e = self.extended
-        identity, speed = np.eye(len(e.A)), norm(e.A) + math.sqrt(norm(e.G) * norm(e.Q))
-        return _doubled(
-            self._stretches, level, self.T, speed,
-            lambda step: propagation.build_stretch(e.A, e.G, e.Q, step),
-            lambda half: propagation.join_stretches(half, half, identity))
+        """Return the stretch of a step of T 2^-level, by doubling that of a short one."""
+        if level not in self._stretches:
+            e, step = self.extended, self.T * 0.5**level
+            if (norm(e.A) + math.sqrt(norm(e.G) * norm(e.Q))) * step > _SHORT:
+                half = self._stretch(level + 1)
+                found = propagation.join_stretches(half, half, np.eye(len(e.A)))
+            else:
+                found = propagation.build_stretch(e.A, e.G, e.Q, step)
+            self._stretches[level] = found
+        return self._stretches[level]
 
     def _flow(self, level: int) -> Array:
-        """Return the transition matrix of (x, one, u, du/dt) over a step."""
-        form, scale, one = self.extended.form, self.extended.scale, self.extended.one
-        n, m = form.B.shape
-        rate = np.zeros((n + 1 + 2*m, n + 1 + 2*m))
-        rate[:n, :n] = form.A * (scale / scale[:, None])
-        rate[:n, n] = form.a / scale / one
-        rate[:n, n + 1:n + 1 + m] = form.B / scale[:, None]
-        rate[n + 1:n + 1 + m, n + 1 + m:] = np.eye(m)
-        return _doubled(self._flows, level, self.T, norm(rate),
-                        lambda step: np.asarray(linalg.expm(rate * step)),
-                        lambda half: half @ half)
-
-
-def _doubled(known: dict[int, Of], level: int, T: float, speed: float,
-             begin: Callable[[float], Of], double: Callable[[Of], Of]) -> Of:
-    """Return the matrices of a step of T 2^-level, by doubling those of a short step."""
-    first = level
-    while first not in known and speed * T * 0.5**first > _SHORT:
-        first += 1
-    if first not in known:
-        known[first] = begin(T * 0.5**first)
-    for k in range(first - 1, level - 1, -1):
-        known[k] = double(known[k + 1])
-    return known[level]
+        """Return the transition matrix of (x, one, u, du/dt) over a step of T 2^-level."""
+        if level not in self._flows:
+            form, scale, step = self.extended.form, self.extended.scale, self.T * 0.5**level
+            n, m = form.B.shape
+            rate = np.zeros((n + 1 + 2*m, n + 1 + 2*m))
+            rate[:n, :n] = form.A * (scale / scale[:, None])
+            rate[:n, n] = form.a / scale / self.extended.one
+            rate[:n, n + 1:n + 1 + m] = form.B / scale[:, None]
+            rate[n + 1:n + 1 + m, n + 1 + m:] = np.eye(m)
+            self._flows[level] = (
+                self._flow(level + 1) @ self._flow(level + 1) if norm(rate) * step > _SHORT
+                else np.asarray(linalg.expm(rate * step)))
+        return self._flows[level]
 
 
 def follow_feedback(feedback: Feedback, x0: Array, nu: Array) -> Held | None:
