@@ -28,7 +28,6 @@ def solve_continuous(A: Array, F: Array, Q: Array) -> dare.AssessedSolution | No
     D. L. Kleinman, On an iterative technique for Riccati equation computations, IEEE TAC 13,
     1968.
 
-    :param A, Q: (n, n), Q symmetric.
     :param F: (n, m), any factor of G = F F', such as B L'^-1 with Qu = L L'.
     :return: None if there is no stabilising solution within rounding: (A, F) is not stabilisable,
         or a mode on the imaginary axis is unobservable in Q. Otherwise `error` states the
@@ -53,8 +52,7 @@ def compute_balancing(A: Array, F: Array, Q: Array) -> Array:
     """
     Return the scaling d for which x = diag(d) z balances the Hamiltonian matrix.
 
-    :return: (n,), powers of 2, so that scaling is exact; ones if an entry of the matrix is not
-        finite.
+    Its entries are powers of 2, so that scaling is exact; 1 if the matrix is not finite.
     """
     n = len(A)
     H = np.empty((2 * n, 2 * n), order='F')
@@ -62,8 +60,7 @@ def compute_balancing(A: Array, F: Array, Q: Array) -> Array:
     if not np.isfinite(H).all():
         return np.ones(n)
     scale = lapack.dgebal(H, scale=1, permute=0)[3]
-    d: Array = np.exp2(np.rint(0.5 * np.log2(scale[:n] / scale[n:])))
-    return d
+    return np.asarray(np.exp2(np.rint(0.5 * np.log2(scale[:n] / scale[n:]))))
 
 
 _LARGE = 40  # states from which doubling, which consists of matrix products, beats Schur
@@ -153,10 +150,8 @@ def _residual(A: Array, G: Array, Q: Array, P: Array) -> tuple[Array, float]:
 
 def _lyapunov(C: Array, T: Array, V: Array, W: Array) -> Array:
     """Return X with M'X + X M = -C for M = V T W, T quasi-triangular and W = V^-1."""
-    Y: Array
     Y, size, _ = lapack.dtrsyl(T, T, V.T.dot(C).dot(V), trana='T')
-    X = W.T.dot(Y).dot(W)
-    half: Array = X * (-0.5 / size)
+    half: Array = W.T.dot(Y).dot(W) * (-0.5 / size)
     return half + half.T
 
 

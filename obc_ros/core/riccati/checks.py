@@ -82,7 +82,6 @@ def remove_cross_term(A: Array, B: Array, Qx: Array, Qu: Array, cross: Array | N
     """
     Check the definiteness of the weights and remove the cross term.
 
-    :param A, B, Qx, Qu, cross: as returned by `check_matrices`; cross is N.
     :return: L: (m, m), lower Cholesky factor, Qu = L L'; A, Q: (n, n), A - B Qu^-1 N' and Qx - N
         Qu^-1 N'; sees_all: whether Q is positive definite, so that (A, Q) is observable.
     :raises RefusedDesignError: if Qu is not positive definite, or Q not positive semidefinite.

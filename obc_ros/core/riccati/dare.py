@@ -19,9 +19,8 @@ _LONGEST = 60  # doublings, which are 1e18 steps
 
 class AssessedSolution(NamedTuple):
     """
-    The solution of a Riccati equation and its accuracy.
+    The solution P (n, n) of a Riccati equation and its accuracy.
 
-    :ivar P: (n, n), the solution, symmetric.
     :ivar residual: norm of the residual of the equation, relative to the size of its terms.
     :ivar error: estimated bound of the rounding error of P, relative to P.
     :ivar X: (n, n), Lyapunov matrix of the closed loop M: M'X M - X = -I; of a continuous one M'X
@@ -45,7 +44,7 @@ def solve_discrete(A: Array, F: Array, Q: Array) -> AssessedSolution | None:
     E. K.-W. Chu, H.-Y. Fan, W.-W. Lin, C.-S. Wang, Structure-preserving algorithms for periodic
     discrete-time algebraic Riccati equations, International Journal of Control 77, 2004.
 
-    :param A, Q: (n, n), Q symmetric, positive semidefinite.
+    :param Q: (n, n), positive semidefinite.
     :param F: (n, m), any factor of G = B Qu^-1 B' = F F'.
     :return: None if the cost grows without bound or the closed loop is not stable.
     """
@@ -84,12 +83,7 @@ def _residual(M: Array, K: Array, Q: Array, P: Array) -> tuple[Array, float]:
 
 
 def solve_stein(M: Array, C: Array) -> Array | None:
-    """
-    Solve X - M'X M = C by doubling the sum of M'^k C M^k.
-
-    :param M, C: (n, n), M with spectral radius below 1.
-    :return: (n, n), or None, X; None if the sum does not converge.
-    """
+    """Solve X - M'X M = C by doubling the sum of M'^k C M^k; None if it does not converge."""
     X = C
     for _ in range(_LONGEST):
         more = M.T @ X @ M

@@ -36,10 +36,9 @@ _OF_THE_COST = 100.0    # weight of the excess cost: its relative tolerance is 1
 @dataclass(frozen=True, eq=False)
 class Extended:
     """
-    A problem in the scaled, extended state z = (x, one, nu).
+    A problem in the scaled, extended state z = (x, one, nu); psi = C z.
 
-    The units are `scale` (n,) of x, `one` of the constant and `row` (q,) of psi. A, G, Q and P1
-    are (n+1+q, n+1+q); psi = C z with C (q, n+1+q).
+    The units are `scale` (n,) of x, `one` of the constant and `row` (q,) of psi.
     """
 
     form: LqForm
@@ -221,7 +220,6 @@ def follow_feedback(feedback: Feedback, x0: Array, nu: Array) -> Held | None:
 
     :param feedback: its blocks are refined.
     :param x0: (n,), in units of `scale`.
-    :param nu: (q,), multipliers of the optimal path.
     :return: None if steps of allowed growth would exceed the limits of steps and memory, or the
         path is not finite. The sum of `errors` is above `_ALLOWED` if a limit has ended the
         refinement.

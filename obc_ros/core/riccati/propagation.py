@@ -24,14 +24,10 @@ _SHORT = 0.5  # largest norm of the Hamiltonian matrix times the length of which
 
 def build_stretch(A: Array, G: Array, Q: Array, length: float) -> Stretch:
     """
-    Return the stretch of dx/dt = A x - G y, dy/dt = -Q x - A'y over a length of time.
+    Return the stretch of dx/dt = A x - G y, dy/dt = -Q x - A'y over a length of time [s].
 
     The exponential of this Hamiltonian matrix is taken over a time so short that neither x nor y
     grows much; the result is doubled until the length is reached.
-
-    :param A, G, Q: (n, n), G and Q symmetric.
-    :param length: length of time [s], > 0.
-    :return: (n, n), (A, G, H) of the stretch.
     """
     n = len(A)
     H = np.empty((2 * n, 2 * n))
@@ -59,12 +55,7 @@ def join_stretches(first: Stretch, second: Stretch, identity: Array) -> Stretch:
 
 
 def propagate_back(stretch: Stretch, P: Array) -> Array:
-    """
-    Return the cost matrices at the start of a stretch for those at its end.
-
-    :param stretch: (n, n), (A, G, H).
-    :param P: (N, n, n), Symmetric.
-    """
+    """Return the cost matrices (N, n, n) at the start of a stretch for those at its end."""
     A, G, H = stretch
     count, n, _ = P.shape
     rows = P.reshape(-1, n)  # one matrix product for the whole batch
@@ -134,10 +125,10 @@ def solve_inside(levels: list[Stretch], x: Array, P: Array, steps: int) -> tuple
     at its end. In its middle, x' = A x - G y' and y' = H x' + A'y''. The matrices are the same for
     all stretches of one length.
 
-    :param levels: (n, n), from `build_doublings`.
+    :param levels: from `build_doublings`.
     :param x: (n,), state at the start.
     :param P: (n, n), terminal weight; the costate at the end is P x.
-    :param steps: number of steps, a multiple of those of the last level.
+    :param steps: a multiple of those of the last level.
     """
     (A, G, H), identity = levels[-1], np.eye(len(x))
     reach = 1 << (len(levels) - 1)
@@ -186,11 +177,9 @@ def _symmetric(M: Array) -> Array:
 
 def evaluate_before_end(A: Array, G: Array, Q: Array, P1: Array, to_go: Array) -> Array:
     """
-    Return the solutions of the Riccati differential equation at given times before the end.
+    Return P (N, n, n) of -dP/dt = P A + A'P - P G P + Q, P = P1 at the end, at times before it.
 
-    :param A, G, Q, P1: (n, n), -dP/dt = P A + A'P - P G P + Q, P = P1 at the end.
     :param to_go: (N,), times before the end [s], decreasing, not negative.
-    :return: (N, n, n), P at each time.
     """
     P = P1 if to_go[-1] == 0.0 else propagate_back(build_stretch(A, G, Q, to_go[-1]), P1[None])[0]
     steps = len(to_go) - 1

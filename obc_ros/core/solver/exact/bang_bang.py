@@ -21,11 +21,9 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
-from obc_ros.core.numerics.arrays import Array, optimize
+from obc_ros.core.numerics.arrays import Array, Index, optimize
 from obc_ros.core.solver.exact.reachable_set import compute_exponential, Reach
 
-Integers = NDArray[np.int_]
 Unknown = Literal['time', 'level', 'abnormal']
 
 
@@ -34,19 +32,17 @@ class BangBang:
     """
     Inputs v_j(tau) = +-level_j that change sign at tau_i.
 
-    :ivar T: duration [s].
-    :ivar nu: (q,), multipliers of C x(T) - d for the cost T.
+    :ivar nu: (q,), multipliers of C x(T) - d for the cost T; abnormal ones with |nu| = 1 unless
+        `normal`.
     :ivar tau, owner: (k,), switching times to go [s], increasing for each input, and the input
         that switches.
     :ivar sign, level: (m,), v_j at T and |v_j|.
-    :ivar normal: whether nu belongs to the cost T; otherwise the extremal is abnormal and |nu| =
-        1.
     """
 
     T: float
     nu: Array
     tau: Array
-    owner: Integers
+    owner: Index
     sign: Array
     level: Array
     normal: bool = True
@@ -128,9 +124,9 @@ def _newton(reach: Reach, guess: BangBang, unknown: Unknown) -> tuple[BangBang, 
     for _ in range(40):
         residual, J = _equations(reach, now, unknown)
         k = len(now.tau)
-        columns = np.concatenate((np.full(k + 1, now.T), np.full(len(now.nu),
-                                                                np.linalg.norm(now.nu))))
+        columns = np.full(k + 1 + len(now.nu), now.T)
         columns[k] = 1.0 if unknown == 'level' else now.T
+        columns[k + 1:] = np.linalg.norm(now.nu)
         if not (np.isfinite(J).all() and np.isfinite(residual).all()):
             return now, False
         # `_scaled` has given the rows of C x(T) = d one size; T may have no influence on them.
@@ -155,7 +151,6 @@ def _solved(reach: Reach, now: BangBang, unknown: Unknown) -> bool:
     q, k = len(now.nu), len(now.tau)
     start = np.abs(reach.C) @ np.abs(compute_exponential(reach.A * now.T)) @ np.abs(reach.x0)
     size = np.abs(J[q:, k + 1:]) @ np.abs(now.nu)
-    # Relative to 1 and to the terms, which cause rounding errors.
     return bool((np.abs(residual[:q]) < 1e-10 + 1e-12 * start).all()
                 and (np.abs(residual[q:]) < 1e-10 * (1 + size)).all())
 
@@ -234,17 +229,16 @@ def drop_short_arcs(now: BangBang, shortest: float = 1e-9) -> BangBang:
 def _with_right_signs(reach: Reach, found: BangBang, unknown: Unknown) -> BangBang | None:
     """Return the inputs with a nu whose switching functions have the right signs, or None."""
     tau = reach.times(found.T, finer=4)
-    s = reach.switching(reach.table(tau))
-    v = np.sign(found.v(tau))
-    if _signs_hold(found.nu, s, v):
+    s = reach.switching(reach.table(tau)) * np.sign(found.v(tau))[:, None, :]
+
+    def hold(nu: Array) -> bool:
+        values = nu @ s
+        return bool(values.max() <= 1e-7 * np.abs(values).max())
+
+    if hold(found.nu):
         return found
-    nu = _other_multiplier(reach, found, unknown, tau, s * v[:, None, :])
-    return replace(found, nu=nu) if nu is not None and _signs_hold(nu, s, v) else None
-
-
-def _signs_hold(nu: Array, s: Array, v: Array) -> bool:
-    values = nu @ s
-    return bool((values * v).max() <= 1e-7 * np.abs(values).max())
+    nu = _other_multiplier(reach, found, unknown, tau, s)
+    return replace(found, nu=nu) if nu is not None and hold(nu) else None
 
 
 def _other_multiplier(reach: Reach, found: BangBang, unknown: Unknown, tau: Array,

@@ -84,10 +84,10 @@ class Reach:
         steps = np.diff(tau)
         while done < len(tau):
             # Rows for a run of equal steps are computed by doubling.
-            h = steps[done - 1]
-            end = done - 1 + _run(steps[done - 1:])
-            first, power = done - 1, compute_exponential(self.Z * h)
-            have = 1
+            first, h, have = done - 1, steps[done - 1], 1
+            differ = np.abs(steps[first:] - h) > 1e-9 * h
+            end = first + int(np.argmax(differ)) if differ.any() else len(steps)
+            power = compute_exponential(self.Z * h)
             while first + have <= end:
                 take = min(have, end - first - have + 1)
                 rows[first + have:first + have + take] = rows[first:first + take] @ power
@@ -191,8 +191,7 @@ def compute_exponential(matrix: Array) -> Array:
     The matrix is first scaled by powers of 2, which causes no rounding (`_balance`). Without it,
     an entry many orders of magnitude above the others would spoil all digits of the others.
 
-    :param matrix: (..., n, n), square matrices.
-    :return: (..., n, n), nan if an entry is not finite.
+    :param matrix: (..., n, n); nan is returned if an entry is not finite.
     """
     sizes = np.abs(matrix).reshape(-1, *matrix.shape[-2:]).max(axis=0)
     if not np.isfinite(sizes).all():
@@ -227,19 +226,11 @@ def _balance(sizes: Array) -> Array:
     return np.asarray(unit * 2.0**power[part])
 
 
-def _run(steps: Array) -> int:
-    """Return the number of equal steps at the beginning."""
-    differ = np.abs(steps - steps[0]) > 1e-9 * steps[0]
-    return int(np.argmax(differ)) if differ.any() else len(steps)
-
-
 def bound_first_reach(A: Array, B: Array, T: float) -> Array:
     """
-    Return the largest contribution of constant inputs to each state within a time T.
+    Return the largest contribution of constant inputs of the size 1 to each state within T.
 
-    :param A, B: (n, n) and (n, m), linear system; inputs have the size 1.
-    :param T: duration [s].
-    :return: (n,), largest |A^k B T^(k + 1) / (k + 1)!| over the inputs and over k < n.
+    It is the largest |A^k B T^(k + 1) / (k + 1)!| over the inputs and over k < n.
     """
     moved, found = B * T, np.zeros(len(A))
     for k in range(len(A)):
@@ -249,13 +240,7 @@ def bound_first_reach(A: Array, B: Array, T: float) -> Array:
 
 
 def bound_reach(A: Array, B: Array, T: float) -> Array:
-    """
-    Return the largest change of each state by inputs of the size 1 within a time T.
-
-    :param A, B: (n, n) and (n, m), linear system, from x(0) = 0.
-    :param T: duration [s].
-    :return: (n,), for inputs that are constant in equal parts of T.
-    """
+    """Return the largest change of each state within T by inputs of the size 1, from x(0) = 0."""
     n, m = B.shape
     Z = np.zeros((n + m, n + m))
     Z[:n, :n], Z[:n, n:] = A, B

@@ -135,7 +135,6 @@ def is_excluded(problem: Problem, seconds: float = math.inf) -> bool:
     path constraints are ignored; fewer constraints exclude fewer problems, never too many.
 
     :param seconds: limit of the wall-clock time [s].
-    :return: False if nothing is proved.
     """
     begun = time.monotonic()
     plant = find_affine_dynamics(problem) if problem.start is None else None

@@ -27,16 +27,12 @@ from obc_ros.core.solver.proofs.existence import read_exactly
 
 @dataclass(frozen=True)
 class Shape:
-    """
-    Known curvature and sign of an expression over a convex set.
-
-    `convex`, `concave`: both if it is affine. `above`, `below`: whether it is >= 0, <= 0.
-    """
+    """Known curvature and sign of an expression over a convex set."""
 
     convex: bool = False
-    concave: bool = False
-    above: bool = False
-    below: bool = False
+    concave: bool = False   # both if it is affine
+    above: bool = False     # >= 0
+    below: bool = False     # <= 0
 
     @property
     def affine(self) -> bool:
@@ -62,8 +58,6 @@ def is_convex_problem(problem: Problem) -> bool:
 
     O. L. Mangasarian, Sufficient conditions for the optimal control of nonlinear systems, SIAM J.
     Control 4, 1966.
-
-    :return: False if nothing is proved.
     """
     if problem.final_time.free:
         return False
@@ -131,8 +125,8 @@ class _Reader:
     def _is_quadratic(self, expression: ca.SX) -> bool:
         """Return whether second derivatives are constant and the gradient is continuous."""
         slope = ca.gradient(expression, self.z)
-        return not (ca.depends_on(ca.jacobian(slope, self.z), self._all)
-                    or _jumps(slope, self._all))
+        return not (ca.depends_on(ca.jacobian(slope, self.z), self._all) or Instructions(
+            ca.Function('slope', [self._all], [slope])).have(ca.OP_SIGN))
 
     def _quadratic(self, expression: ca.SX) -> Shape:
         """Return the shape of an expression with constant second derivatives."""
@@ -222,11 +216,6 @@ class _Reader:
 
 
 _ZERO = Shape(True, True, True, True)
-
-
-def _jumps(slope: ca.SX, z: ca.SX) -> bool:
-    """Return whether an expression contains the sign function."""
-    return Instructions(ca.Function('slope', [z], [slope])).have(ca.OP_SIGN)
 
 
 def _split(factor: float, term: ca.SX, found: list[tuple[float, ca.SX]]) -> bool:

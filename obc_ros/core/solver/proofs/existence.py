@@ -139,7 +139,6 @@ def read_exactly(problem: Problem, expressions: ca.SX) -> list[Polynomial]:
     Here terms cancel exactly. CasADi sums the constants of derivatives in doubles, so that the
     second derivative of 0.3 u^2 - 0.2 u^2 - 0.1 u^2 is below 0 there.
 
-    :param expressions: a column.
     :raises TooHardError: if there are too many terms, or a number is not finite.
     """
     function = ca.Function('exact', [problem.x, problem.u, problem.p], [ca.densify(expressions)])
@@ -152,7 +151,7 @@ def _linear(problem: Problem, free: Mask) -> str:
     if (find_affine_dynamics(problem) is None or problem.constrained
             or problem.final_time.free):
         return ''
-    n, q, T = problem.n, problem.q, problem.final_time.value
+    n = problem.n
     try:
         parts = [split_affine(each, n + problem.m) for each in read_exactly(
             problem, ca.vertcat(problem.f, problem.L, problem.V, problem.psi))]
@@ -169,7 +168,7 @@ def _linear(problem: Problem, free: Mask) -> str:
     Z[:n, :n], Z[:n, n] = A.T, L_x
     B = B_all[:, free].T
     rows, wanted = [], []
-    instants = np.linspace(0.0, T, 20)   # dH/du = 0 is required there
+    instants = np.linspace(0.0, problem.final_time.value, 20)   # dH/du = 0 is required there
     for tau in instants:
         flow = compute_exponential(Z * tau)
         rows.append(B @ flow[:n, :n] @ psi_x.T)
@@ -178,19 +177,14 @@ def _linear(problem: Problem, free: Mask) -> str:
     if not np.isfinite(M).all() or not np.isfinite(r).all():
         return ''
     M = M / np.where(M.any(axis=0), np.abs(M).max(axis=0), 1.0)   # removes the units of psi
-    if q and not _is_clear(M):
+    sizes = np.linalg.svd(M, compute_uv=False)
+    part = sizes / max(float(sizes.max(initial=0.0)), 1e-300)
+    if not np.all((part <= 1e-12) | (part >= _CLEAR)):
         return ''
-    nu = np.linalg.lstsq(M, r, rcond=_CLEAR)[0] if q else np.zeros(0)
+    nu = np.linalg.lstsq(M, r, rcond=_CLEAR)[0] if problem.q else np.zeros(0)
     left = np.abs(M @ nu - r).reshape(len(instants), -1).max(axis=0)
     if left.max() <= 1e-6 * max(float(np.abs(r).max()), 1e-300):
         return ''
     name = problem.inputs[int(np.flatnonzero(free)[np.argmax(left)])]
     return (f'the cost has no lower bound: it is linear in {name}, which has no bounds, and the '
             'constraints do not limit it')
-
-
-def _is_clear(M: Array) -> bool:
-    """Return whether each singular value of a matrix is clearly zero or clearly nonzero."""
-    sizes = np.linalg.svd(M, compute_uv=False)
-    part = sizes / max(float(sizes.max(initial=0.0)), 1e-300)
-    return bool(np.all((part <= 1e-12) | (part >= _CLEAR)))

@@ -11,8 +11,7 @@ from collections.abc import Iterator
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
-from obc_ros.core.numerics.arrays import Array
+from obc_ros.core.numerics.arrays import Array, Mask
 from obc_ros.core.numerics.enclosures.interval_arithmetic import (
     add_intervals,
     enclose_outputs,
@@ -77,17 +76,12 @@ def find_unsatisfiable(problem: Problem) -> Iterator[str]:
                 yield (f'the terminal constraint {describe_terminal(problem, row)} cannot be met'
                        f'{more}: it is missed by at least {format_number(abs(nearest))}')
         for _ in range(problem.n):
-            reached = [_after(Interval(*map(float, x)), rate, last) for x, rate in zip(
-                zip(*problem.start_box, strict=True), _rates(problem, low, high), strict=True)]
+            reached = [add_intervals(Interval(float(least), float(most)), multiply_intervals(
+                Interval(last, last), Interval(min(rate.low, 0.0), max(rate.high, 0.0))))
+                for least, most, rate in zip(
+                    *problem.start_box, _rates(problem, low, high), strict=True)]
             low = np.maximum(low, [each.low for each in reached])
             high = np.minimum(high, [each.high for each in reached])
-
-
-def _after(x: Interval, rate: Interval, last: float) -> Interval:
-    """Return bounds of a state on [0, last], given bounds of its initial value and of its rate."""
-    moved = multiply_intervals(Interval(last, last),
-                               Interval(min(rate.low, 0.0), max(rate.high, 0.0)))
-    return add_intervals(x, moved)
 
 
 def _path(problem: Problem, low: Array, high: Array) -> Iterator[str]:
@@ -111,7 +105,7 @@ def _values(problem: Problem, expressions: ca.SX, low: Array, high: Array) -> li
                                       (problem.p_value, problem.p_value)])
 
 
-def _rooted(problem: Problem) -> NDArray[np.bool_]:
+def _rooted(problem: Problem) -> Mask:
     """Return on which states a function with an infinite slope acts in a rate, shape (n,)."""
     under = [value for where, value in find_steep_operands(problem)
              if where.startswith('dynamics.')]

@@ -15,7 +15,7 @@ from math import inf, nextafter
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
-from obc_ros.core.numerics.arrays import Array, Mask
+from obc_ros.core.numerics.arrays import Array, Index, Mask
 from obc_ros.core.numerics.enclosures.interval_arithmetic import (
     add_intervals,
     enclose_outputs,
@@ -75,8 +75,7 @@ def find_missed_states(problem: Problem) -> Iterator[str]:
                            _terms(psi, boxes, p))
 
 
-def _left(problem: Problem, alone: NDArray[np.int_], steps: list[TaylorStep], nothing: str
-          ) -> Iterator[str]:
+def _left(problem: Problem, alone: Index, steps: list[TaylorStep], nothing: str) -> Iterator[str]:
     """Yield bounds that states violate by the first admissible T."""
     earliest = problem.final_time.earliest
     for k, index in enumerate(map(int, alone)):
