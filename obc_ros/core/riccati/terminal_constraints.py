@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from obc_ros.core.numerics.arrays import Array, integrate, lapack, linalg
 from obc_ros.core.numerics.rounding import norm, TINY
 from obc_ros.core.ocp.solution import Optimality, Solution, Status
+from obc_ros.core.ocp.wording import describe_sum
 from obc_ros.core.riccati import propagation
 from obc_ros.core.riccati.care import compute_balancing
 from obc_ros.core.riccati.first_order_hold import (
@@ -239,11 +240,7 @@ def _blocks(extended: Extended, T: float) -> list[tuple[float, float]]:
 
 def _multipliers(extended: Extended, P0: Array, unit: Array, start: Array, T: float,
                  names: tuple[str, ...]) -> Array:
-    """
-    Solve P_nunu nu = -(P_nux x0 + P_nu1).
-
-    Raise _NoAnswerError if the input does not affect a constraint that is not met.
-    """
+    """Solve P_nunu nu = -(P_nux x0 + P_nu1)."""
     n1 = extended.n + 1
     if len(P0) == n1:
         return np.zeros(0)
@@ -289,21 +286,16 @@ def _out_of_reach(extended: Extended, way: Array, miss: float, T: float, names: 
     """Return a message that names the combination of states that the input does not affect."""
     n = extended.n
     along = way @ extended.C
+    if abs(along[:n]).max() <= 1e-12 * (abs(way) @ abs(extended.C[:, :n])).max():
+        return 'the terminal constraints cannot be met: they contradict each other'
     coefficients = along[:n] / extended.scale
-    largest = int(np.abs(coefficients).argmax())
-    unit = coefficients[largest] or 1.0
+    unit = coefficients[np.abs(coefficients).argmax()]
     wanted = 0.0 - along[n] * extended.one / unit
     there = wanted + miss / unit
     if abs(there) < 1e-12 * abs(wanted):
         there = 0.0
-    if abs(along[:n]).max() <= 1e-12 * (abs(way) @ abs(extended.C[:, :n])).max():
-        return 'the terminal constraints cannot be met: they contradict each other'
-    terms = []
-    for value, name in zip(coefficients / unit, names, strict=True):
-        if abs(value) > 1e-9:
-            size = '' if abs(abs(value) - 1.0) < 1e-12 else f'{abs(value):.4g} '
-            terms.append(f'{"-" if value < 0.0 else "+"} {size}{name}')
-    text = ' '.join(terms).removeprefix('+ ') or '0'
+    text = describe_sum(((name, value) for name, value in zip(
+        names, coefficients / unit, strict=True) if abs(value) > 1e-9), ' ')
     return (f'the terminal constraints cannot be met: the input does not affect {text}; at '
             f'T = {T:g} it is {there:.6g} for every input, but {wanted:.6g} is required')
 

@@ -16,9 +16,6 @@ def solve_lq(problem: Problem) -> Solution | None:
     """
     Solve a linear quadratic problem with a fixed horizon.
 
-    Equation (2.7).
-
-    :param problem: in any form; its matrices are found from the expressions.
     :return: None if the problem is not linear quadratic (affine terms are allowed, the cost must
         be strictly convex in u), has path constraints, or a bound may be active. Status
         'infeasible' if exact arithmetic proves that no input meets the terminal constraints;
@@ -35,13 +32,9 @@ def solve_lq(problem: Problem) -> Solution | None:
         solution = replace(solution, status=Status.NOT_CONVERGED, message=(
             f'no path was found; infeasibility has not been proved ({solution.message})'))
     if not solution.t.size:
-        return solution if _is_unbounded(problem) else None
-    return solution if _is_unbounded(problem) or _is_within(problem, solution) else None
-
-
-def _is_unbounded(problem: Problem) -> bool:
-    bounds = np.concatenate([problem.x_lower, problem.x_upper, problem.u_lower, problem.u_upper])
-    return bool(np.isinf(bounds).all()) and problem.path.numel() == 0
+        bounds = problem.x_lower, problem.x_upper, problem.u_lower, problem.u_upper
+        return solution if np.isinf(np.concatenate(bounds)).all() else None
+    return solution if _is_within(problem, solution) else None
 
 
 def _is_within(problem: Problem, solution: Solution) -> bool:
