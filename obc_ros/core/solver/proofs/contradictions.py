@@ -14,7 +14,6 @@ The checks compare
 
 from collections.abc import Callable, Iterator
 from dataclasses import replace
-from fractions import Fraction
 
 import casadi as ca
 import numpy as np
@@ -44,6 +43,7 @@ from obc_ros.core.solver.proofs.invariants import find_changed_invariants
 from obc_ros.core.solver.proofs.uncontrolled_states import (
     find_missed_combinations,
     find_missed_states,
+    make_dense,
 )
 
 _ROUNDING = 1e-9   # of a state that exact arithmetic has found
@@ -107,9 +107,9 @@ def _at_end(problem: Problem) -> Iterator[str]:
     end = find_affine_end(problem)
     if end is None:
         return
-    for row, parts in end.rows.items():
-        a = np.array([float(parts.get(k, 0)) for k in range(problem.n)])
-        b = float(parts.get(problem.n, 0))
+    for row, (*slopes, b) in zip(end.rows, make_dense(
+            end.rows.values(), problem.n + 1).astype(float), strict=True):
+        a = np.array(slopes)
         used = a != 0
         ends = a[used] * np.array([problem.x_lower, problem.x_upper])[:, used]
         low, high = b + ends.min(axis=0).sum(), b + ends.max(axis=0).sum()
@@ -172,9 +172,8 @@ def _together_against_bounds(problem: Problem, end: End) -> Iterator[str]:
     finite = np.isfinite(problem.x_lower) | np.isfinite(problem.x_upper)
     if len(end.rows) < 2 or not finite.any() or np.any(problem.x_lower >= problem.x_upper):
         return
-    n, rows = problem.n, list(end.rows)
-    A = np.array([[float(end.rows[row].get(k, 0)) for k in range(n)] for row in rows])
-    b = np.array([float(end.rows[row].get(n, 0)) for row in rows])
+    n, exact = problem.n, make_dense(end.rows.values(), problem.n + 1)
+    A, b = exact[:, :n].astype(float), exact[:, n].astype(float)
     unit = 1 / np.maximum(np.abs(A).max(axis=1), 1e-300)
     nearest = optimize.lsq_linear(
         A * unit[:, None], -b * unit, (problem.x_lower, problem.x_upper), tol=1e-12)
@@ -182,25 +181,21 @@ def _together_against_bounds(problem: Problem, end: End) -> Iterator[str]:
     kept = nearest.active_mask != 0
     free = [k for k in range(n) if not kept[k] and not np.isfinite(
         [problem.x_lower[k], problem.x_upper[k]]).all()]
-    basis = find_null_space([{j: end.rows[row][k] for j,
-                              row in enumerate(rows) if k in end.rows[row]}
-                             for k in free], len(rows))
-    if not basis or not np.isfinite(y).all() or not y.any():
+    basis = make_dense(find_null_space([{j: value for j, value in enumerate(exact[:, k]) if value}
+                                        for k in free], len(exact)), len(exact))
+    if not len(basis) or not np.isfinite(y).all() or not y.any():
         return
-    spanned = np.array([[float(each.get(j, 0)) for j in range(len(rows))] for each in basis])
-    parts = np.linalg.lstsq(spanned.T, y, rcond=None)[0]
-    weights = [sum((convert_to_rational(part) * each.get(j, Fraction(0)) for part, each in zip(
-        parts.tolist(), basis, strict=True)), Fraction(0)) for j in range(len(rows))]
-    total = [sum((weight * end.rows[row].get(k, Fraction(0)) for weight, row in zip(
-        weights, rows, strict=True)), Fraction(0)) for k in range(n + 1)]
+    parts = np.linalg.lstsq(basis.T.astype(float), y, rcond=None)[0]
+    weights = np.array([convert_to_rational(part) for part in parts], dtype=object) @ basis
+    total = weights @ exact
     terms = [float(each) * (low if each > 0 else high) for each, low, high in zip(
         total, problem.x_lower, problem.x_upper, strict=False) if each]
     reach = np.abs(np.where(np.isfinite([problem.x_lower, problem.x_upper]),
                             [problem.x_lower, problem.x_upper], 0.0)).max(axis=0)
-    size = np.abs([float(weight) for weight in weights]) @ (np.abs(A) @ reach + np.abs(b))
+    size = np.abs(weights.astype(float)) @ (np.abs(A) @ reach + np.abs(b))
     if sum(terms) + float(total[n]) > COUNTS_AS_MET * size:
         names = ', '.join(describe_terminal(problem, row) for row, weight in zip(
-            rows, weights, strict=True) if weight)
+            end.rows, weights, strict=True) if weight)
         bounds = ', '.join(
             state_bound(problem, i, bool(nearest.active_mask[i] > 0))
             for i in map(int, np.flatnonzero(nearest.active_mask)))

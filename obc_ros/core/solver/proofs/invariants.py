@@ -7,8 +7,9 @@ Examples are the norm of a quaternion and the size of a closed population. A pol
 is invariant if c'(dphi/dx) f(x, u) = 0 for all x and u. Its value at the end counts if it is
 constant on the set that the affine terminal constraints define.
 
-Both conditions are linear in c. Derivatives and values of the monomials phi are polynomials with
-rational coefficients (`rational_polynomials`), and c is a vector of an exact null space.
+Both conditions are linear in c. Derivatives at random states and inputs suggest the monomials. The
+proof uses exact arithmetic: derivatives and values of these monomials are polynomials with rational
+coefficients (`rational_polynomials`), and c is a vector of their null space.
 """
 
 from collections.abc import Iterator, Sequence
@@ -17,6 +18,7 @@ from itertools import combinations_with_replacement
 from math import prod
 
 import casadi as ca
+import numpy as np
 from obc_ros.core.numerics.rational_polynomials import (
     Algebra,
     convert_to_rational,
@@ -50,11 +52,34 @@ def find_changed_invariants(problem: Problem) -> Iterator[str]:
     try:
         # The first symbols are the states.
         rates = read_polynomials(f, [[None] * problem.n, held, problem.p_value])
-        for monomials in (linear, [*linear, *combinations_with_replacement(states, 2)]):
+        for candidates in (linear, [*linear, *combinations_with_replacement(states, 2)]):
+            monomials = _suggest(problem, candidates)
             for c in _find_invariants(end, rates, monomials):
                 yield from _compared(problem, end, c, monomials)
     except TooHardError:
         return
+
+
+@np.errstate(all='ignore')   # the dynamics may be undefined at some points
+def _suggest(problem: Problem, monomials: list[StateMonomial]) -> list[StateMonomial]:
+    """Return the monomials in sums that hardly change at random states and inputs."""
+    rng, count = np.random.default_rng(5), 3 * len(monomials)
+    x = problem.x0 + (1 + np.abs(problem.x0)) * rng.uniform(-1, 1, (count, problem.n))
+    u = np.clip(rng.normal(size=(count, problem.m)), problem.u_lower, problem.u_upper)
+    f = ca.Function('f', [problem.x, problem.u, problem.p], [problem.f]).map(count)(
+        x.T, u.T, ca.repmat(problem.p_value, 1, count)).full().T
+    rates = np.column_stack([
+        sum(f[:, i] * np.prod(x[:, each[:k] + each[k + 1:]], axis=1)
+            for k, i in enumerate(each)) for each in monomials])
+    rates = rates[np.isfinite(rates).all(axis=1)]
+    if len(rates) < 2 * len(monomials):
+        return []
+    for axis in (0, 1):
+        rates = rates / np.maximum(np.abs(rates).max(axis=axis, keepdims=True), 1e-300)
+    _, values, V = np.linalg.svd(rates)
+    null = V[np.sum(values > 1e-10 * values.max(initial=1.0)):]   # up to rounding
+    return [each for each, size in zip(monomials, np.abs(null).max(axis=0, initial=0.0),
+                                       strict=True) if size > 1e-8]
 
 
 def _find_invariants(end: End, rates: tuple[Algebra, list[Polynomial]],

@@ -8,7 +8,7 @@ dx/dt = A x + B u + c, so do the combinations w'x with w'A^k B = 0 for all k; ex
 finds them. Their values are enclosed (`taylor_enclosure`) for all admissible final times.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from fractions import Fraction
 from math import inf, nextafter
 
@@ -208,14 +208,15 @@ def _uncontrollable(problem: Problem) -> tuple[list[RationalRow], Exact, Exact]:
         moved = list(reduce_rows([*moved, *more]).values())
         if len(moved) == before:
             break
-        columns = _dense(moved, n) @ A.T
+        columns = make_dense(moved, n) @ A.T
     W = find_null_space(moved, n)
     own = [next(iter(w)) for w in W]   # each row of W has 1 where the others have 0
-    matrix = _dense(W, n)
+    matrix = make_dense(W, n)
     return W, (matrix @ A)[:, own], matrix @ c
 
 
-def _dense(rows: list[RationalRow], n: int) -> Exact:
+def make_dense(rows: Iterable[RationalRow], n: int) -> Exact:
+    """Return rows of n rational numbers as a matrix."""
     return np.array([[row.get(k, Fraction(0)) for k in range(n)] for row in rows],
                     dtype=object).reshape(-1, n)
 
@@ -230,7 +231,7 @@ def _modes_alone(problem: Problem, W: list[RationalRow], A: Exact, c: Exact
         g[int(i)] += p[number] * y[int(j)]
     g += p[len(places):]
     x0 = [convert_to_rational(value) for value in problem.x0]
-    start = _around([*(_dense(W, problem.n) @ np.array(x0, dtype=object))])
+    start = _around([*(make_dense(W, problem.n) @ np.array(x0, dtype=object))])
     return list(Tube(y, p, ca.densify(g), _around(values)).steps(start, _stops(problem)))
 
 
