@@ -7,8 +7,8 @@ Examples are the norm of a quaternion and the size of a closed population. A pol
 is invariant if c'(dphi/dx) f(x, u) = 0 for all x and u. Its value at the end counts if it is
 constant on the set that the affine terminal constraints define.
 
-Both conditions are linear in c. Derivatives at random states and inputs suggest the monomials. The
-proof uses exact arithmetic: derivatives and values of these monomials are polynomials with rational
+Both conditions are linear in c. Derivatives at random states and inputs suggest the monomials.
+The proof is exact: derivatives and values of these monomials are polynomials with rational
 coefficients (`rational_polynomials`), and c is a vector of their null space.
 """
 
