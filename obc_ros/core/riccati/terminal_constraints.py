@@ -180,25 +180,23 @@ def _path(extended: Extended, P1: Array, unit: Array, x0: Array, T: float,
     P0 = feedback.costs(0)[0]
     _require_finite(P0)
     nu = _multipliers(extended, P0, unit, start, T, names)
+    z = np.append(start, nu)
     most = min(_MOST, _LARGEST_TABLE / len(P1)**2) / len(blocks)
-    largest = 2 ** int(math.log2(max(most, _FEWEST)))
-    held = follow_feedback(feedback, start[:-1], nu) if most < _FEWEST else None
-    count, lines = _FEWEST, held is None and most >= _FEWEST
-    while held is None:
-        t, x, u, lam = _samples(feedback, np.append(start, nu), count)
-        kept, error, defect = _thinned(form, t, x, u)
+    count, largest = _FEWEST, 2 ** int(math.log2(max(most, _FEWEST)))
+    while most >= _FEWEST:
+        path, error, defect = _samples(feedback, z, count)
+        if error <= _DEFECT or count == largest and defect <= _LARGEST_DEFECT:
+            return path
         # Halving the steps divides both the error and the defect by 4.
         wanted = count * 2 ** max(1, math.ceil(0.5 * math.log2(max(error / _DEFECT, 1.0))))
-        enough = error <= _DEFECT or count == largest and defect <= _LARGEST_DEFECT
-        if lines and not enough and (
-                count == largest or defect * (count / min(wanted, largest))**2 > _LARGEST_DEFECT):
-            held, lines = follow_feedback(feedback, start[:-1], nu), False
-        elif enough or count == largest:
-            return x[kept], u[kept], lam[kept], t[kept], nu / extended.row, _spent(form, t, x, u)
-        else:
-            count = min(wanted, largest)
+        finer = min(wanted, largest)
+        if count == largest or defect * (count / finer)**2 > _LARGEST_DEFECT:
+            break
+        count = finer
+    held = follow_feedback(feedback, start[:-1], nu)
+    if held is None:
+        return _samples(feedback, z, largest)[0]
     rest = form.cost - 0.5 * float(form.r @ np.linalg.solve(form.R, form.r))
-    z = np.append(start, nu)
     value = 0.5 * float(z @ P0 @ z) + rest * T + form.terminal_cost
     return held.x, held.u, held.lam, held.t, held.nu / extended.row, value
 
@@ -217,15 +215,18 @@ def _spent(form: LqForm, t: Array, x: Array, u: Array) -> float:
     return float(running.sum() + 0.5 * end @ form.P1 @ end + form.p1 @ end + form.terminal_cost)
 
 
-def _samples(feedback: Feedback, z: Array, count: int) -> tuple[Array, Array, Array, Array]:
-    """Return t, x, u, lam of the optimal path at `count` + 1 times of each block."""
+def _samples(feedback: Feedback, z: Array, count: int) -> tuple[SampledPath, float, float]:
+    """Return samples of the optimal path, of `count` in each block, and `_thinned`'s errors."""
     extended, form = feedback.extended, feedback.extended.form
     t, path, costates = feedback.samples(z, round(math.log2(count)))
     x = path[..., :extended.n] * extended.scale
     lam = costates[..., :extended.n] / extended.scale
     right = lam @ form.B + x @ form.N + form.r
     u = -np.linalg.solve(form.R, right.reshape(-1, form.B.shape[1]).T).T
-    return t, x, np.asarray(u, np.float64).reshape(right.shape), lam
+    u = np.asarray(u, np.float64).reshape(right.shape)
+    kept, error, defect = _thinned(form, t, x, u)
+    nu = z[extended.n + 1:] / extended.row
+    return (x[kept], u[kept], lam[kept], t[kept], nu, _spent(form, t, x, u)), error, defect
 
 
 def _blocks(extended: Extended, T: float) -> list[tuple[float, float]]:
