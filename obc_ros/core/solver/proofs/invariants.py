@@ -48,7 +48,7 @@ def find_changed_invariants(problem: Problem) -> Iterator[str]:
     f = ca.Function('f', [problem.x, problem.u, problem.p], [ca.densify(problem.f)])
     held = [float(low) if low == high else None
             for low, high in zip(problem.u_lower, problem.u_upper, strict=True)]
-    linear = [(i,) for i in states]
+    linear: list[StateMonomial] = [(i,) for i in states]
     try:
         # The first symbols are the states.
         rates = read_polynomials(f, [[None] * problem.n, held, problem.p_value])
