@@ -17,6 +17,7 @@ any input that meets the other terminal constraints is optimal. The one returned
 the lowest level, |v_j| = level <= 1. It solves the same equations with the level in place of T.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -259,3 +260,14 @@ def _other_multiplier(reach: Reach, found: BangBang, unknown: Unknown, tau: Arra
         return None
     nu = np.asarray(best.x[:q], dtype=float)
     return nu if found.normal or not nu.any() else nu / np.linalg.norm(nu)
+
+
+def describe_switches(T: float, switches: int, singular: Sequence[str] = (), normal: bool = True
+                      ) -> str:
+    """Return the message of a solution."""
+    text = f'minimum time {T:.10g}, bang-bang with {switches} switch{"es" * (switches != 1)}'
+    if singular:
+        text += f'; singular: {", ".join(singular)}, at the smallest sufficient constant magnitude'
+    if not normal:
+        text += '; abnormal: no finite costate satisfies H = 0, a very large one nearly does'
+    return text

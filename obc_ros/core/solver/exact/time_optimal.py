@@ -32,10 +32,10 @@ from obc_ros.core.ocp.least_time_form import (
     Target,
 )
 from obc_ros.core.ocp.problem import Problem
-from obc_ros.core.ocp.solution import Optimality, Solution, Status
+from obc_ros.core.ocp.solution import Solution, Status
 from obc_ros.core.ocp.wording import describe_sum
-from obc_ros.core.solver.exact import double_integrator
-from obc_ros.core.solver.exact.bang_bang import BangBang
+from obc_ros.core.solver.exact.bang_bang import BangBang, describe_switches
+from obc_ros.core.solver.exact.double_integrator import solve_double_integrator
 from obc_ros.core.solver.exact.least_time import (
     compute_final_state,
     find_first_time,
@@ -65,72 +65,14 @@ def solve_time_optimal(problem: Problem) -> Solution | None:
     plant = find_affine_dynamics(problem) if aim else None
     if aim is None or plant is None:
         return None
-    found = _double_integrator(problem, aim, plant) or _general(problem, aim, plant)
+    found, bounds = solve_double_integrator(problem, aim, plant), problem.final_time
+    if found is None or found.t[-1] < bounds.lower:
+        found = _general(problem, aim, plant)
+    elif found.t[-1] > bounds.upper:
+        scaled = _scaled(_normalized(problem, aim, plant)[0], bounds.upper)[0]
+        found = _none(_out_of_time(bounds.upper, found.t[-1]),
+                      is_never_met(scaled, bounds.lower, bounds.upper))
     return found and replace(found, method=_METHOD, solve_time=perf_counter() - began)
-
-
-def _double_integrator(problem: Problem, aim: Target, plant: Affine) -> Solution | None:
-    """Return the closed-form solution for a double integrator with q = n = 2, else None."""
-    A, B, c = plant.A, plant.B, plant.c
-    if A.shape != (2, 2) or B.shape != (2, 1) or len(aim.d) != 2:
-        return None
-    i, j = (0, 1) if A[0, 1] else (1, 0)
-    if A[i, i] or A[j, j] or A[j, i] or not A[i, j] or B[i, 0] or not B[j, 0]:
-        return None
-    (c00, c01), (c10, c11) = aim.C.tolist()
-    d0, d1 = aim.d.tolist()
-    det = c00 * c11 - c01 * c10
-    if abs(det) <= 1e-12 * (c00 * c00 + c01 * c01 + c10 * c10 + c11 * c11):
-        return None
-    final = ((d0 * c11 - d1 * c01) / det, (d1 * c00 - d0 * c10) / det)
-    a, b, ci, cj = float(A[i, j]), float(B[j, 0]), float(c[i]), float(c[j])
-    x0, limits = problem.x0.tolist(), (float(problem.u_lower[0]), float(problem.u_upper[0]))
-    accelerations = (a * (b * limits[0] + cj), a * (b * limits[1] + cj))
-    low, high = min(accelerations), max(accelerations)
-    if low == high:
-        return None
-    arcs = double_integrator.solve_least_time(
-        x0[i], a * x0[j] + ci, final[i], a * final[j] + ci, low, high)
-    bounds = problem.final_time
-    if arcs is None or bounds.lower > arcs.T:
-        return None
-    if bounds.upper < arcs.T:
-        stated = _normalized(problem, aim, plant)[0]
-        return _none(_out_of_time(bounds.upper, arcs.T), is_never_met(
-            _scaled(stated, bounds.upper)[0], bounds.lower, bounds.upper))
-    inputs = dict(zip(accelerations, limits, strict=True))
-    return _arcs_solution(aim, arcs, (i, j), (a, b, ci, cj), (x0, final), inputs)
-
-
-def _arcs_solution(
-        aim: Target, arcs: double_integrator.Arcs, order: tuple[int, int],
-        plant: tuple[float, float, float, float], ends: tuple[list[float], tuple[float, float]],
-        inputs: dict[float, float]) -> Solution:
-    """Return the Solution of x_i' = a x_j + ci, x_j' = b u + cj along two arcs."""
-    (i, j), (a, b, ci, cj) = order, plant
-    grid = np.arange(_SAMPLES) / (_SAMPLES - 1)
-    parts = 2 if arcs.t2 > 0 else 1
-    t = np.empty(parts * _SAMPLES)
-    x, u, lam = np.empty((len(t), 2)), np.empty((len(t), 1)), np.empty((len(t), 2))
-    begin, p, v = 0.0, ends[0][i], a * ends[0][j] + ci
-    for k, (w, duration) in enumerate(((arcs.first, arcs.t1), (arcs.second, arcs.t2))[:parts]):
-        rows, s = slice(k * _SAMPLES, (k + 1) * _SAMPLES), duration * grid
-        t[rows] = begin + s
-        x[rows, i] = p + s * (v + w / 2 * s)
-        x[rows, j] = (v - ci + w * s) / a
-        u[rows, 0] = inputs[w]
-        begin, p, v = begin + duration, p + duration * (v + w / 2 * duration), v + w * duration
-    t[-1], x[-1] = arcs.T, ends[1]
-    lam[:, i] = aim.rate * arcs.lam_p
-    lam[:, j] = aim.rate * a * (arcs.lam_v + arcs.lam_p * (arcs.T - t))
-    slope = lam[:, i] * (a * x[:, j] + ci) + lam[:, j] * (b * u[:, 0] + cj)
-    switches = np.array([arcs.t1]) if parts == 2 else np.zeros(0)
-    return Solution(
-        status=Status.SOLVED, message=_sentence(arcs.T, len(switches)),
-        objective=aim.rate * arcs.T + aim.V, t=t, x=x, u=u, lam=lam,
-        hamiltonian=aim.rate + slope, nu=np.linalg.solve(aim.C.T, lam[-1]), interpolation='zoh',
-        switching_times=switches,
-        optimality=Optimality('global', 'closed form of the double integrator'))
 
 
 def _general(problem: Problem, aim: Target, plant: Affine) -> Solution | None:
@@ -280,7 +222,7 @@ def _solution(problem: Problem, reach: Reach, answer: BangBang, aim: Target,
     hamiltonian = aim.rate + np.sum(lam * (x @ reach.A.T + v_all @ reach.B.T + reach.c), axis=1)
     singular = [problem.inputs[driven[j]] for j in np.flatnonzero(answer.level < 1)]
     return Solution(
-        status=Status.SOLVED, message=_sentence(T, len(switches), singular, answer.normal),
+        status=Status.SOLVED, message=describe_switches(T, len(switches), singular, answer.normal),
         objective=aim.rate * T + aim.V, t=t, x=x, u=u, lam=lam, hamiltonian=hamiltonian,
         nu=aim.rate * answer.nu, interpolation='zoh', switching_times=switches)
 
@@ -297,16 +239,6 @@ def _merged(times: Array, T: float) -> Array:
     """Return times in order without duplicates and without the ends of [0, T]."""
     times = times[(times > 1e-12 * T) & (times < (1 - 1e-12) * T)]
     return times[np.diff(times, prepend=-T) > 1e-12 * T]
-
-
-def _sentence(T: float, switches: int, singular: list[str] | None = None,
-              normal: bool = True) -> str:
-    text = f'minimum time {T:.10g}, bang-bang with {switches} switch{"es" * (switches != 1)}'
-    if singular:
-        text += f'; singular: {", ".join(singular)}, at the smallest sufficient constant magnitude'
-    if not normal:
-        text += '; abnormal: no finite costate satisfies H = 0, a very large one nearly does'
-    return text
 
 
 def _explain_mode(states: tuple[str, ...], reach: Reach) -> str | None:
