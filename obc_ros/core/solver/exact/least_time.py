@@ -10,8 +10,7 @@ from dataclasses import dataclass, replace
 from math import inf
 
 import numpy as np
-from numpy.typing import NDArray
-from obc_ros.core.numerics.arrays import Array
+from obc_ros.core.numerics.arrays import Array, Index
 from obc_ros.core.ocp.certificate.certificate import COUNTS_AS_MET
 from obc_ros.core.solver.exact.bang_bang import (
     BangBang,
@@ -186,8 +185,8 @@ class _Part:
     whole: Reach
     part: Reach
     eta: Array
-    columns: NDArray[np.int_]
-    singular: NDArray[np.int_]
+    columns: Index
+    singular: Index
     tied: Array
     free: Array
 
@@ -276,7 +275,7 @@ def _lowest(reach: Reach, T: float, small: float) -> BangBang | None:
     return level and _fill_singular(part, level, small)
 
 
-def _joined(found: BangBang, more: BangBang, columns: NDArray[np.int_]) -> BangBang:
+def _joined(found: BangBang, more: BangBang, columns: Index) -> BangBang:
     """Return the inputs with some columns taken from another solution."""
     sign, level = found.sign.copy(), found.level.copy()
     sign[columns], level[columns] = more.sign, more.level

@@ -25,8 +25,9 @@ from functools import cached_property
 from math import ceil, log2, pi
 
 import numpy as np
-from numpy.typing import NDArray
-from obc_ros.core.numerics.arrays import Array, csgraph, linalg, optimize
+from obc_ros.core.numerics.arrays import Array, Complex, csgraph, Index, linalg, optimize
+from obc_ros.core.ocp.least_time_form import Affine
+from obc_ros.core.ocp.problem import Problem
 
 _PARTS = 32     # parts of the horizon for which rounding errors are bounded separately
 
@@ -56,7 +57,7 @@ class Reach:
         return Z
 
     @cached_property
-    def poles(self) -> NDArray[np.complex128]:
+    def poles(self) -> Complex:
         """Return the eigenvalues of A."""
         return np.asarray(np.linalg.eigvals(self.A), dtype=complex)
 
@@ -182,6 +183,14 @@ class Reach:
             bounds=np.array([(-1, 1)] * left.shape[1] + [(0, np.inf)]), method='highs')
         eta = scale @ found.eqlin.marginals
         return float(found.x[-1] / size), eta / (eta @ g)
+
+
+def normalize_inputs(problem: Problem, plant: Affine, C: Array, d: Array) -> tuple[Reach, Index]:
+    """Return a problem with inputs between -1 and 1, and which of all inputs these are."""
+    half = (problem.u_upper - problem.u_lower) / 2
+    c = plant.c + plant.B @ (problem.u_lower + half)
+    driven = np.flatnonzero(half > 0)
+    return Reach(plant.A, (plant.B * half)[:, driven], c, problem.x0, C, d), driven
 
 
 def compute_exponential(matrix: Array) -> Array:

@@ -21,8 +21,7 @@ from time import perf_counter
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
-from obc_ros.core.numerics.arrays import Array
+from obc_ros.core.numerics.arrays import Array, Index
 from obc_ros.core.ocp.certificate.certificate import COUNTS_AS_MET
 from obc_ros.core.ocp.least_time_form import (
     Affine,
@@ -41,7 +40,12 @@ from obc_ros.core.solver.exact.least_time import (
     find_first_time,
     split_directions,
 )
-from obc_ros.core.solver.exact.reachable_set import bound_first_reach, compute_exponential, Reach
+from obc_ros.core.solver.exact.reachable_set import (
+    bound_first_reach,
+    compute_exponential,
+    normalize_inputs,
+    Reach,
+)
 from obc_ros.core.solver.exact.weak_duality import is_never_met
 
 _METHOD = 'time_optimal'
@@ -69,7 +73,7 @@ def solve_time_optimal(problem: Problem) -> Solution | None:
     if found is None or found.t[-1] < bounds.lower:
         found = _general(problem, aim, plant)
     elif found.t[-1] > bounds.upper:
-        scaled = _scaled(_normalized(problem, aim, plant)[0], bounds.upper)[0]
+        scaled = _scaled(normalize_inputs(problem, plant, aim.C, aim.d)[0], bounds.upper)[0]
         found = _none(_out_of_time(bounds.upper, found.t[-1]),
                       is_never_met(scaled, bounds.lower, bounds.upper))
     return found and replace(found, method=_METHOD, solve_time=perf_counter() - began)
@@ -77,7 +81,7 @@ def solve_time_optimal(problem: Problem) -> Solution | None:
 
 def _general(problem: Problem, aim: Target, plant: Affine) -> Solution | None:
     """Return the solution for any linear system with bounded inputs."""
-    stated, driven = _normalized(problem, aim, plant)
+    stated, driven = normalize_inputs(problem, plant, aim.C, aim.d)
     scaled, size, unit = _scaled(stated, get_final_time(problem))
     bounds = problem.final_time
 
@@ -109,15 +113,6 @@ def _general(problem: Problem, aim: Target, plant: Affine) -> Solution | None:
                     ) if found.too_short >= bounds.upper else None
     nu = rows @ moved @ _multiplier(reach, found.answer) / unit
     return _solution(problem, stated, replace(found.answer, nu=nu), aim, driven)
-
-
-def _normalized(problem: Problem, aim: Target,
-                plant: Affine) -> tuple[Reach, NDArray[np.int_]]:
-    """Return the problem with inputs between -1 and 1, and which of all inputs these are."""
-    half = (problem.u_upper - problem.u_lower) / 2
-    c = plant.c + plant.B @ (problem.u_lower + half)
-    driven = np.flatnonzero(half > 0)
-    return Reach(plant.A, (plant.B * half)[:, driven], c, problem.x0, aim.C, aim.d), driven
 
 
 def _scaled(stated: Reach, T: float) -> tuple[Reach, Array, Array]:
@@ -194,7 +189,7 @@ def _multiplier(reach: Reach, answer: BangBang) -> Array:
 
 
 def _solution(problem: Problem, reach: Reach, answer: BangBang, aim: Target,
-              driven: NDArray[np.int_]) -> Solution:
+              driven: Index) -> Solution:
     """Return states, inputs and costates for the inputs found."""
     n, T = problem.n, float(answer.T)
     switches = _merged(np.sort(T - answer.tau), T)

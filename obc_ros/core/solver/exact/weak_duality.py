@@ -17,18 +17,21 @@ Numbers are doubles. Rounding errors are bounded step by step (`Reach.sizes`): a
 only if it holds by more than 1e-6 of the sizes of all terms that lead to it.
 """
 
-from dataclasses import dataclass
 import math
 import time
+from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
-from obc_ros.core.numerics.arrays import Array, optimize
+from obc_ros.core.numerics.arrays import Array, Index, optimize
 from obc_ros.core.ocp.certificate.certificate import COUNTS_AS_MET
 from obc_ros.core.ocp.least_time_form import find_affine_dynamics
 from obc_ros.core.ocp.problem import Problem
-from obc_ros.core.solver.exact.reachable_set import compute_exponential, Reach
+from obc_ros.core.solver.exact.reachable_set import (
+    compute_exponential,
+    normalize_inputs,
+    Reach,
+)
 
 _ROUNDING = 20 * np.finfo(float).eps   # of a step's terms, for each state
 _FINER = 16         # times as many cells as in the linear programme
@@ -117,13 +120,12 @@ def _absolute(A: Array, B: Array, w: Array, h: Array, integral: Array) -> Array:
     return np.asarray(cells.sum(axis=1))
 
 
-@dataclass(frozen=True)
-class _Demands:
+class _Demands(NamedTuple):
     """Constraints S x <= s, shapes (r, n) and (r,), each at one of the times, `at` (r,)."""
 
     S: Array
     s: Array
-    at: NDArray[np.int_]
+    at: Index
 
 
 def is_excluded(problem: Problem, seconds: float = math.inf) -> bool:
@@ -141,42 +143,34 @@ def is_excluded(problem: Problem, seconds: float = math.inf) -> bool:
     if plant is None or not problem.boxed.all() or problem.final_time.free or seconds <= 0:
         return False
     T = problem.final_time.value
-    half = 0.5 * (problem.u_upper - problem.u_lower)
-    c = plant.c + plant.B @ (problem.u_lower + half)
-    B = (plant.B * half)[:, half > 0]
-    growth = np.linalg.eigvals(plant.A).real.max(initial=0.0) * T
-    if growth > _MOST_GROWTH or not B.any():
+    reach, _ = normalize_inputs(problem, plant, np.eye(problem.n), problem.x0)
+    if reach.poles.real.max(initial=0.0) * T > _MOST_GROWTH or not reach.B.any():
         return False
     demands = _demands(problem)
-    reach = Reach(plant.A, B, c, problem.x0, np.eye(problem.n), problem.x0)
     return demands is not None and _excluded(reach, T, demands, begun + seconds)
 
 
 def _demands(problem: Problem) -> _Demands | None:
-    n, z = problem.n, ca.vertcat(problem.x, problem.u)
+    n, q, z = problem.n, problem.q, ca.vertcat(problem.x, problem.u)
     values = ca.vertcat(problem.psi, problem.path)
     slopes = ca.jacobian(values, z)
     if ca.depends_on(slopes, z):
         return None
-    both = ca.Function('rows', [z, problem.p], [ca.densify(slopes), values])
-    J, at_zero = (np.asarray(each.full()) for each in both(np.zeros(n + problem.m),
-                                                           problem.p_value))
-    ends = [(sign * J[row, :n], -sign * float(at_zero[row, 0]))
-            for row in range(problem.q) for sign in (1.0, -1.0)]
-    sided = list(zip(np.eye(n), problem.x_lower, problem.x_upper, strict=True))
-    for k, row in enumerate(range(problem.q, len(J))):
-        if not J[row, n:].any():
-            rest = float(at_zero[row, 0])
-            sided.append((J[row, :n], problem.path_lower[k] - rest,
-                          problem.path_upper[k] - rest))
-    always = [(sign * row, sign * bound) for row, low, high in sided
-              for sign, bound in ((1.0, high), (-1.0, low)) if np.isfinite(bound)]
-    found = [(row, bound, _NODES) for row, bound in ends] + [
-        (row, bound, node) for row, bound in always for node in range(1, _NODES + 1)]
-    S, s = (np.array([each[k] for each in found]) for k in (0, 1))
-    if not found or not (np.isfinite(S).all() and np.isfinite(s).all()):
+    both = ca.Function('rows', [z, problem.p], [ca.densify(slopes), ca.densify(values)])
+    J, at_zero = (each.full() for each in both(np.zeros(n + problem.m), problem.p_value))
+    ends, rest, shared = J[:q, :n], at_zero[:, 0], ~J[q:, n:].any(axis=1)
+    always = np.vstack([np.eye(n), J[q:, :n][shared]])
+    upper = np.append(problem.x_upper, (problem.path_upper - rest[q:])[shared])
+    lower = np.append(problem.x_lower, (problem.path_lower - rest[q:])[shared])
+    bounds = np.append(upper, -lower)
+    finite = np.isfinite(bounds)
+    bounds, always = bounds[finite], np.vstack([always, -always])[finite]
+    S = np.vstack([ends, -ends, np.tile(always, (_NODES, 1))])
+    s = np.concatenate([-rest[:q], rest[:q], np.tile(bounds, _NODES)])
+    if not len(s) or not (np.isfinite(S).all() and np.isfinite(s).all()):
         return None
-    return _Demands(S, s, np.array([node for *_, node in found]))
+    nodes = np.repeat(np.arange(1, _NODES + 1), len(bounds))
+    return _Demands(S, s, np.append(np.full(2 * q, _NODES), nodes))
 
 
 def _excluded(reach: Reach, T: float, demands: _Demands, deadline: float) -> bool:
