@@ -15,6 +15,7 @@ matrices of a step follow from those of half the step by doubling.
 
 from dataclasses import dataclass
 import math
+from typing import NamedTuple
 
 import numpy as np
 from obc_ros.core.numerics.arrays import Array, Index, linalg
@@ -63,8 +64,7 @@ class Extended:
         return self.A[:n, :n], self.G[:n, :n], self.Q[:n, :n], self.P1[:n, :n]
 
 
-@dataclass(frozen=True, eq=False)
-class Held:
+class Held(NamedTuple):
     """A path: t (N,), x, lam (N, n), u (N, m), nu (q,); `errors` (N-1,) of the intervals."""
 
     t: Array
@@ -91,11 +91,12 @@ class Feedback:
         """Return the ends of the steps of a block."""
         return np.linspace(*self.blocks[block], 2**self.halvings[block] + 1)
 
-    def refine(self, block: int, more: int) -> None:
-        """Halve the steps of a block `more` times."""
-        self.halvings[block] += more
-        for known in (self._costs, self._inputs):
-            known.pop(block, None)
+    def refine(self, more: Index) -> None:
+        """Halve the steps of each block `more` (blocks,) times."""
+        self.halvings += more
+        for block in np.flatnonzero(more).tolist():
+            self._costs.pop(block, None)
+            self._inputs.pop(block, None)
 
     def may_refine(self, more: Index) -> bool:
         """Return whether `more` (blocks,) halvings stay within the limits of steps and memory."""
@@ -226,11 +227,11 @@ def follow_feedback(feedback: Feedback, x0: Array, nu: Array) -> Held | None:
     """
     with np.errstate(all='ignore'):
         for block in range(len(feedback.blocks)):
-            one = (np.arange(len(feedback.blocks)) == block).astype(np.intp)
+            one = np.eye(len(feedback.blocks), dtype=np.intp)[block]
             while not norm(feedback.move(block)[:, :len(x0)]) <= _MOST_GROWTH * len(x0):
                 if not feedback.may_refine(one):
                     return None
-                feedback.refine(block, 1)
+                feedback.refine(one)
         for _ in range(_ROUNDS):
             held = _followed(feedback, x0, nu)
             error = float(held.errors.sum())
@@ -243,8 +244,7 @@ def follow_feedback(feedback: Feedback, x0: Array, nu: Array) -> Held | None:
                 more = np.minimum(more, more.max() - 1)
             if not feedback.may_refine(more):
                 break
-            for block in np.flatnonzero(more).tolist():
-                feedback.refine(block, int(more[block]))
+            feedback.refine(more)
     return held if math.isfinite(error) else None
 
 

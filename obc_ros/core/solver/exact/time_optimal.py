@@ -14,7 +14,6 @@ satisfies the conditions with H = lam'f only; its costate is a large multiple of
 so that the residuals of H = L + lam'f are small relative to its size.
 """
 
-from collections.abc import Callable
 from dataclasses import replace
 from math import inf
 from time import perf_counter
@@ -109,7 +108,7 @@ def _general(problem: Problem, aim: Target, plant: Affine) -> Solution | None:
     reach = replace(whole, C=moved.T @ whole.C, d=moved.T @ whole.d)
     found = find_first_time(reach, bounds.lower, bounds.upper)
     if found.answer is None:
-        return none(_why_not(bounds.upper, reach, in_words)
+        return none(_why_not(bounds.upper, reach, in_words(reach))
                     ) if found.too_short >= bounds.upper else None
     nu = rows @ moved @ _multiplier(reach, found.answer) / unit
     return _solution(problem, stated, replace(found.answer, nu=nu), aim, driven)
@@ -154,15 +153,14 @@ def _meets_by_itself(reach: Reach, fixed: Array,
     return 'never' if one_sided.any() else 'passing'
 
 
-def _why_not(upper: float, reach: Reach, in_words: Callable[[Reach], str | None]) -> str:
+def _why_not(upper: float, reach: Reach, reason: str | None) -> str:
     """Return why the target is not met by the upper bound of T, as far as is known."""
-    reason = in_words(reach)
-    if reason is None:
-        later = find_first_time(reach, upper, 64 * upper).answer   # for the message
-        reason = _out_of_time(upper, later.T) if later is not None else (
-            f'the terminal constraints cannot be met by T = {upper:.10g}: the bounded inputs do '
-            'not reach that far')
-    return reason
+    if reason:
+        return reason
+    later = find_first_time(reach, upper, 64 * upper).answer   # for the message
+    return _out_of_time(upper, later.T) if later is not None else (
+        f'the terminal constraints cannot be met by T = {upper:.10g}: the bounded inputs do not '
+        'reach that far')
 
 
 def _out_of_time(upper: float, least: float) -> str:
@@ -252,8 +250,7 @@ def _explain_mode(states: tuple[str, ...], reach: Reach) -> str | None:
             continue
         name = describe_sum(((name, weight) for name, weight in zip(states, w, strict=True)
                              if abs(weight) > _ACCURACY), ' ')
-        sentence = _limit_mode(name, sigma, w, reach, float(y @ reach.d))
-        if sentence:
+        if sentence := _limit_mode(name, sigma, w, reach, float(y @ reach.d)):
             return sentence
     return None
 

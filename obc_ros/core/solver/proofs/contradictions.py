@@ -115,7 +115,11 @@ def _at_end(problem: Problem) -> Iterator[str]:
         low, high = b + ends.min(axis=0).sum(), b + ends.max(axis=0).sum()
         slack = COUNTS_AS_MET * (1 + abs(b) + np.abs(ends[np.isfinite(ends)]).sum())
         if low > slack or high < -slack:
-            yield _against_bounds(problem, row, a, low > slack)
+            blamed = [state_bound(problem, k, bool((a[k] < 0) == (low > slack)))
+                      for k in map(int, np.flatnonzero(a))]
+            plural = 's' * (len(blamed) > 1)
+            yield (f'state bound{plural} {", ".join(blamed)} and terminal constraint '
+                   f'{describe_terminal(problem, row)} exclude each other')
     if end.clash is not None and abs(float(end.clash.gap)) > COUNTS_AS_MET * sum(
             abs(float(weight)) * (1 + abs(float(end.rows[k].get(problem.n, 0))))
             for k, weight in end.clash.weights.items()):
@@ -124,14 +128,6 @@ def _at_end(problem: Problem) -> Iterator[str]:
                f'terminal constraints {", ".join(names[:-1])} and {names[-1]} exclude each other')
     yield from _where_pinned(problem, end)
     yield from _together_against_bounds(problem, end)
-
-
-def _against_bounds(problem: Problem, row: int, a: Array, over: bool) -> str:
-    blamed = [state_bound(problem, index, bool((a[index] < 0) == over))
-              for index in map(int, np.flatnonzero(a))]
-    plural = 's' * (len(blamed) > 1)
-    return (f'state bound{plural} {", ".join(blamed)} and terminal constraint '
-            f'{describe_terminal(problem, row)} exclude each other')
 
 
 def _box(end: End) -> tuple[Array, Array]:

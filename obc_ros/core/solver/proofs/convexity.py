@@ -317,11 +317,13 @@ def has_one_mean_input(problem: Problem) -> bool:
     Lyapunov's theorem inputs that switch have the same states at the ends of any short intervals.
     """
     x, u = problem.x, problem.u
+    # The running cost l(x), up to a constant.
+    cost = ca.substitute(problem.L, u, ca.DM(np.clip(0.0, problem.u_lower, problem.u_upper)))
     slopes = ca.veccat(ca.jacobian(problem.f, ca.vertcat(x, u)), ca.hessian(problem.L, x)[0])
     if (problem.m != 1 or problem.start is not None or problem.constrained
             or ca.depends_on(ca.jacobian(problem.L, x), u)
             or ca.depends_on(slopes, ca.vertcat(x, u))
-            or not is_convex_problem(_drop_input_cost(problem))):
+            or not is_convex_problem(replace(problem, structure='', L=cost))):
         return False
     try:
         *f, L = read_exactly(problem, ca.vertcat(problem.f, problem.L))
@@ -338,12 +340,6 @@ def has_one_mean_input(problem: Problem) -> bool:
             return True
         reached = A @ reached
     return False
-
-
-def _drop_input_cost(problem: Problem) -> Problem:
-    """Return the problem whose running cost is l(x), up to a constant."""
-    inside = np.clip(0.0, problem.u_lower, problem.u_upper)
-    return replace(problem, structure='', L=ca.substitute(problem.L, problem.u, ca.DM(inside)))
 
 
 def _second(a: Polynomial, i: int, j: int) -> Fraction:

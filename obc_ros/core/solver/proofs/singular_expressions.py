@@ -47,18 +47,17 @@ def explain_undefined(problem: Problem, t: Array, x: Array, u: Array) -> str:
         counts as zero there.
     :return: a sentence; '' if all expressions are defined.
     """
-    first: tuple[int, str] | None = None
+    faults = []
     suspects = [(each, each.value) for each in find_suspects(problem)]
     for each, _, row in _follow(problem, suspects, x, u):
         bad = ~np.isfinite(row) | ((row == 0) if each.may_be_negative else (row < 0))
         if each.may_be_negative:
             bad[1:] |= (row[:-1] * row[1:] < 0) & (t[1:] > t[:-1])
-        k = int(np.argmax(bad))
-        if bad[k] and (first is None or k < first[0]):
-            first = k, f'{each.where} {each.fault}'
-    if first is None:
+        if bad.any():
+            faults.append((int(np.argmax(bad)), f'{each.where} {each.fault}'))
+    if not faults:
         return ''
-    k, what = first
+    k, what = min(faults, key=lambda fault: fault[0])
     state = ', '.join(f'{name} = {value:.4g}'
                       for name, value in zip(problem.states, x[k], strict=True))
     return f'{what} at t = {t[k]:.4g} on the closest path found, where {state[:200]}'
