@@ -27,7 +27,7 @@ _SAMPLES = 17   # of an arc
 Arcs = list[tuple[float, float]]   # the acceleration of each arc and its duration [s]
 
 
-def solve_double_integrator(problem: Problem, aim: Target, plant: Affine) -> Solution | None:
+def solve_by_two_arcs(problem: Problem, aim: Target, plant: Affine) -> Solution | None:
     """
     Return the minimum-time solution of x_i' = a x_j + ci, x_j' = b u + cj, with p = x_i.
 

@@ -33,7 +33,7 @@ from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.ocp.solution import Solution, Status
 from obc_ros.core.ocp.wording import describe_sum
 from obc_ros.core.solver.exact.bang_bang import BangBang, describe_switches
-from obc_ros.core.solver.exact.double_integrator import solve_double_integrator
+from obc_ros.core.solver.exact.double_integrator import solve_by_two_arcs
 from obc_ros.core.solver.exact.least_time import (
     compute_final_state,
     find_first_time,
@@ -68,7 +68,7 @@ def solve_time_optimal(problem: Problem) -> Solution | None:
     plant = find_affine_dynamics(problem) if aim else None
     if aim is None or plant is None:
         return None
-    found, bounds = solve_double_integrator(problem, aim, plant), problem.final_time
+    found, bounds = solve_by_two_arcs(problem, aim, plant), problem.final_time
     if found is None or found.t[-1] < bounds.lower:
         found = _general(problem, aim, plant)
     elif found.t[-1] > bounds.upper:

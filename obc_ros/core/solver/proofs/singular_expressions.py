@@ -144,6 +144,18 @@ def explain_level_terminal(problem: Problem, x: Array) -> str:
     return ''
 
 
+@dataclass
+class _Far:
+    """The event of SciPy's integrators at which a state has become very large."""
+
+    size: Array
+    terminal: bool = True
+
+    def __call__(self, t: float, x: Array) -> float:
+        """Return a number that changes its sign there."""
+        return float(_FAR - np.max(np.abs(x) / self.size))
+
+
 def explain_escape(problem: Problem, T: float) -> str:
     """
     Return a sentence if the states diverge before T for every constant input tried.
@@ -157,12 +169,7 @@ def explain_escape(problem: Problem, T: float) -> str:
     corners = np.array(np.meshgrid(*zip(low, high, strict=True))).reshape(problem.m, -1).T \
         if 2**problem.m < 16 else np.array([low, high])
     size = 1.0 + np.abs(problem.x0)
-    latest, name = 0.0, ''
-
-    def far(t: float, x: Array) -> float:   # changes its sign where a state is very large
-        return float(_FAR - np.max(np.abs(x) / size))
-
-    far.terminal = True  # type: ignore[attr-defined] # SciPy asks for it
+    far, latest, name = _Far(size), 0.0, ''
     for u in (0.5 * (low + high), *corners):
         left = iter(range(4000))   # evaluations of f: stiff systems are left out
 
