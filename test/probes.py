@@ -6,6 +6,8 @@ from collections.abc import Callable, Mapping
 import time
 from typing import Any
 
+from obc_ros.core.text.errors import ObcError
+import pytest
 from rcl_interfaces.srv import GetParameters, SetParameters, SetParametersAtomically
 from rclpy.action import ActionClient
 from rclpy.context import Context
@@ -73,6 +75,13 @@ class Probe:
         self.wait_for(lambda: publisher.get_subscription_count() >= matched,
                       what=f'{matched} subscription(s) of {topic}')
         return publisher
+
+    def refusal(self, node: type[Node], parameters: Mapping[str, Any]) -> str:
+        """Return why `node` does not start with parameters; it is created in this process."""
+        with pytest.raises(ObcError) as refused:
+            node(context=self.context, parameter_overrides=[
+                Parameter(name, value=value) for name, value in parameters.items()])
+        return str(refused.value)
 
     def wait_for_node(self, name: str, timeout: float = DEADLINE) -> None:
         """Wait until a node of that name (without namespace) is discovered."""

@@ -11,6 +11,7 @@ from lqr_bench import Bench, HOVER, matrix, nanoseconds
 from nav_msgs.msg import Odometry
 import numpy as np
 from obc_ros.msg import State
+from obc_ros.nodes.lqr_node import LqrNode
 import pytest
 from std_srvs.srv import Trigger
 from support import DEMO
@@ -107,13 +108,12 @@ def test_the_design_reports_the_figures_of_exercise_2_10(spawn: Any, probe: Any)
     ([0.0, 1.0, 0.0, 0.0], [0.0, 1.0], [1.0, 1.0], [-1.0], 'Qu[0] = -1: Qu must be positive'),
     ([0.0, 1.0, 0.0, 0.0], [0.0, 1.0], [1.0, 2.0, 3.0, 1.0], [1.0], 'Qx must be symmetric'),
 ])
-def test_the_node_does_not_start_with_an_invalid_design(spawn: Any, A: Any, B: Any, Qx: Any,
+def test_the_node_does_not_start_with_an_invalid_design(probe: Any, A: Any, B: Any, Qx: Any,
                                                         Qu: Any, sentence: str) -> None:
     """The error names the violated condition of the design."""
-    process = spawn('lqr_node', {'system': 'linear', 'system_parameters.A': A,
-                                 'system_parameters.B': B, 'Qx': Qx, 'Qu': Qu})
-    assert process.wait() == 1, process.output()
-    assert sentence in process.output(), process.output()
+    assert sentence in probe.refusal(LqrNode, {
+        'system': 'linear', 'system_parameters.A': A, 'system_parameters.B': B, 'Qx': Qx,
+        'Qu': Qu})
 
 
 def test_extreme_weights_give_the_closed_form_gain(spawn: Any, probe: Any) -> None:

@@ -13,6 +13,7 @@ from lqr_bench import Bench, HOVER, matrix
 from nav_msgs.msg import Odometry
 import numpy as np
 from obc_ros.msg import Command, LqrWeights
+from obc_ros.nodes.lqr_node import LqrNode
 from obc_ros.srv import TryDesign
 import pytest
 
@@ -54,7 +55,7 @@ UNLIMITED = 'the inputs of vehicle need limits, and u_limits '
     ({'cmd_vel_stamped': False}, 'cmd_vel_stamped is not used with command_sink = command; write '
      'command_sink: cmd_vel as well, or leave cmd_vel_stamped out'),
 ])
-def test_an_unsafe_start_is_refused(spawn: Any, tmp_path: Path, parameters: Any, sentence: str
+def test_an_unsafe_start_is_refused(probe: Any, tmp_path: Path, parameters: Any, sentence: str
                                     ) -> None:
     """The error shows the parameter to add."""
     for name, text in {
@@ -65,11 +66,15 @@ def test_an_unsafe_start_is_refused(spawn: Any, tmp_path: Path, parameters: Any,
         (tmp_path / f'{name}.yaml').write_text(f'name: {name}\n{text}')
     if (tmp_path / f'{parameters.get("system")}.yaml').is_file():
         parameters = {**parameters, 'system': str(tmp_path / f'{parameters["system"]}.yaml')}
-    process = spawn('lqr_node', parameters)
+    assert sentence in probe.refusal(LqrNode, parameters)
+
+
+def test_a_refused_start_ends_the_node_with_one_line(spawn: Any) -> None:
+    process = spawn('lqr_node', ROBOT)
     assert process.wait() == 1
     lines = [line for line in process.output().splitlines() if '[INFO]' not in line]
     assert len(lines) == 1, process.output()
-    assert sentence in lines[0], process.output()
+    assert MOVING in lines[0], process.output()
 
 
 def test_u_limits_limit_with_any_weights(spawn: Any, probe: Any) -> None:
