@@ -220,10 +220,10 @@ def test_without_lqr_node_nobody_has_accepted_a_plan(spawn: Any, probe: Any) -> 
 @pytest.mark.alone
 def test_a_robot_in_motion_is_planned_for_again_at_the_first_call(spawn: Any, probe: Any) -> None:
     """The second plan begins on the path of the first one, at its speed, and ends at its goal."""
-    spawn('plant_simulator', {'system': 'double_integrator', 'x0': [0.0, 0.0], 'speed': 0.5})
+    spawn('plant_simulator', {'system': 'double_integrator', 'x0': [0.0, 0.0]})
     spawn('lqr_node', {'system': 'double_integrator', 'u_limits': [-4.0, 4.0],
                        'state_timeout': 5.0, 'stamp_timeout': 0.0})
-    spawn('trajectory_server', {'workers': 1, 'state_timeout': 5.0, 'plan_lead': 3.0})
+    spawn('trajectory_server', {'workers': 1, 'state_timeout': 5.0, 'plan_lead': 4.0})
     log = probe.listen(Log, '/rosout', ROSOUT)
     states = probe.listen(State, 'state', 100)
     probe.wait_for(lambda: states, what='states')
@@ -236,7 +236,7 @@ def test_a_robot_in_motion_is_planned_for_again_at_the_first_call(spawn: Any, pr
     assert before.success, before.message
     assert 'then its end is held' in before.message
     probe.wait_for(lambda: states[-1].x[1] > 0.5, what='a plant that moves')
-    after = plan(probe, 5.0, goal=[5.0, 0.0], execute=True)
+    after = plan(probe, 3.0, goal=[5.0, 0.0], execute=True)
     assert after.success, after.message
     begin = nanoseconds(after.trajectory)
     t = (begin - nanoseconds(before.trajectory)) * 1e-9
@@ -244,7 +244,7 @@ def test_a_robot_in_motion_is_planned_for_again_at_the_first_call(spawn: Any, pr
     expected = [np.interp(t, before.trajectory.t, path[:, i]) for i in range(2)]
     assert first(after) == pytest.approx(expected, abs=0.1)
     assert expected[1] > 0.5
-    probe.wait_for(lambda: nanoseconds(states[-1]) > begin + 6 * 10**9, what='the end')
+    probe.wait_for(lambda: nanoseconds(states[-1]) > begin + 4 * 10**9, what='the end')
     at = min(states, key=lambda each: abs(nanoseconds(each) - begin))
     assert np.array(at.x) == pytest.approx(first(after), abs=0.1)
     assert np.array(states[-1].x) == pytest.approx([5.0, 0.0], abs=0.1)
