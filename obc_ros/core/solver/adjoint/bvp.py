@@ -323,7 +323,6 @@ class _Equations:
         return values, slopes
 
     def _step(self, left: list[Array], inner: _Rates, sides: _Rates, now: _Unknowns) -> _Unknowns:
-        """Return Newton's step."""
         n, P = self.problem.n, len(self.arcs)
         stages, over, by_length, rest = self._condensed(left, inner, now)
         psi, psi_x, _, last_x, _ = self.parts.end(
@@ -373,7 +372,6 @@ class _Equations:
 
     def _condensed_some(self, h: Array, fractions: Array, left: Array, left_at_end: Array,
                         F: Array, total: Array, moved: Array) -> tuple[Array, Array, Array, Array]:
-        """Return the result of `_condensed` for some intervals."""
         N, s, two_n = F.shape
         matrix = -np.einsum('ij,kjzw->kizjw', self.a, h[..., None] * total).reshape(
             N, s * two_n, s * two_n)

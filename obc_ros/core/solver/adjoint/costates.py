@@ -9,12 +9,13 @@ of the input. If errors grow too much in a single sweep, because the system is u
 sweeps restart at every mesh point from the values of the transcription.
 """
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
 
 import casadi as ca
 import numpy as np
-from obc_ros.core.numerics.arrays import Array
+from obc_ros.core.numerics.arrays import Array, Mask
 from obc_ros.core.numerics.vectorized import Chain, VectorizedFunction
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.ocp.solution import Solution, Status
@@ -87,6 +88,16 @@ def cut_inputs(t: Array, ua: Array, ub: Array, parts: int) -> tuple[Array, Array
     a, b = ua[:, None, :], ub[:, None, :]
     ua, ub = ((a + (b - a) * part).reshape(-1, ua.shape[1]) for part in (c, c + 1 / parts))
     return np.append((t[:-1, None] + np.diff(t)[:, None] * c[:, 0]).ravel(), t[-1]), ua, ub
+
+
+def find_new_samples(t: Array, values: Iterable[Array | None], part: float) -> Mask:
+    """Return which samples differ from those before in time, or by a part of the largest value."""
+    new = np.append(True, np.diff(t) > 0)
+    for each in values:
+        if each is not None and each.size:
+            change = np.abs(np.diff(each, axis=0)).max(axis=1)
+            new[1:] |= change > part * np.abs(each).max()
+    return new
 
 
 class CostateIntegrator:
@@ -205,11 +216,7 @@ class CostateIntegrator:
         u = np.clip(u, problem.u_lower, problem.u_upper)
         densities = [None if d is None else d.reshape(len(t), -1)
                      for d in (course.density_x, course.density_path)]
-        new = np.append(True, np.diff(t) > 0)
-        for values in (u, lam, *densities):
-            if values is not None and values.size:
-                change = np.abs(np.diff(values, axis=0)).max(axis=1)
-                new[1:] |= change > 1e-12 * np.abs(values).max()
+        new = find_new_samples(t, (u, lam, *densities), 1e-12)
         many = densities[0] is None and len(course.local) >= 64   # their ends are sufficient
         if problem.path.numel() or many:
             # A linear input meets a constraint c(x, u) once or twice in an interval.

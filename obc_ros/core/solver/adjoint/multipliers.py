@@ -240,33 +240,28 @@ class Fitter:
     def _unknowns(self, found: list[ActiveInterval], course: Extremal, grid: int) -> _Unknowns:
         """Return the basis of the fit, with densities that bend at every `grid`-th fine time."""
         K, parts = len(course.x), course.parts
-        hats: list[Array] = []
-        masses: list[Array] = []
-        signs: list[int] = []
+        # Row, density, mass and sign of each unknown.
+        basis: list[tuple[int, Array | float, Array | float, int]] = []
         places = np.arange(K + 1)
         ends = np.column_stack([places[:-1], places[1:]])
-
-        def add(row: int, density: Array | float, mass: Array | float, sign: int) -> None:
-            for kept, shape, values in ((hats, (K, 2), density), (masses, (K + 1,), mass)):
-                column = np.zeros((*shape, self.rows))
-                column[..., row] = values
-                kept.append(column)
-            signs.append(sign)
-
         for contact in found:
+            row, sign = contact.row, contact.sign
             first, last = contact.first // grid, -(-contact.last // grid)
             count = min((last - first) * grid // parts, 60) + (1 if grid > 1 else 2)
             knots = grid * np.unique(np.linspace(first, last, count).round().astype(int))
             first, last = first * grid, last * grid
             inside = (ends[:, :1] >= first) & (ends[:, 1:] <= last)
             if len(knots) > 1:
-                for unit in np.eye(len(knots)):
-                    add(contact.row, inside * np.interp(ends, knots, unit), 0.0, contact.sign)
-            if self._pure[contact.row]:
-                for place in sorted({first, last}):
-                    add(contact.row, 0.0, (places == place).astype(float), contact.sign)
-        return _Unknowns(np.stack(hats, axis=3), np.stack(masses, axis=2),
-                         np.array(signs, dtype=float))
+                basis += [(row, inside * np.interp(ends, knots, unit), 0.0, sign)
+                          for unit in np.eye(len(knots))]
+            if self._pure[row]:
+                basis += [(row, 0.0, (places == place).astype(float), sign)
+                          for place in sorted({first, last})]
+        density = np.zeros((K, 2, self.rows, len(basis)))
+        mass = np.zeros((K + 1, self.rows, len(basis)))
+        for k, (row, hat, impulse, _) in enumerate(basis):
+            density[:, :, row, k], mass[:, row, k] = hat, impulse
+        return _Unknowns(density, mass, np.array([sign for *_, sign in basis], dtype=float))
 
     def _costates(self, problem: Problem, course: Extremal, unknowns: _Unknowns
                   ) -> tuple[Array, Array]:

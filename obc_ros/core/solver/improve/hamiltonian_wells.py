@@ -104,7 +104,6 @@ def _mean_H(bench: Bench, course: Extremal, rows: Index, ua: Array, ub: Array) -
 
 def _from_inputs(bench: Bench, outcome: TranscriptionOutcome,
                  path: Path) -> TranscriptionOutcome | None:
-    """Solve from the inputs of a path."""
     problem, h = bench.problem, np.diff(path.t)
     steps = np.maximum(1, np.ceil(40 * h / h.max())).astype(np.int64)   # of the integration
     t = np.append(0.0, np.cumsum(np.repeat(h / steps, steps)))

@@ -19,7 +19,7 @@ from obc_ros.core.numerics.collocation import build_collocation, evaluate_lagran
 from obc_ros.core.ocp.certificate.certificate import certify
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.ocp.solution import Condition, Solution, Status
-from obc_ros.core.solver.adjoint.costates import CostateIntegrator
+from obc_ros.core.solver.adjoint.costates import CostateIntegrator, find_new_samples
 from obc_ros.core.solver.arcs.mixed_constraints import move_onto_constraints
 from obc_ros.core.solver.arcs.phase_program import PhasedProgram
 from obc_ros.core.solver.arcs.phases import DEGREE, Phased
@@ -175,10 +175,7 @@ def _joined(problem: Problem, integrator: CostateIntegrator, found: Phased, t: A
         values.reshape(K * s, -1) for values in (x, u, lam, density))
     t[s::s] = t[s - 1:-1:s]
     u = np.clip(u, problem.u_lower, problem.u_upper)
-    new = np.append(True, np.diff(t) > 0)
-    for values in (u, lam, density):
-        change = np.abs(np.diff(values, axis=0)).max(axis=1)
-        new[1:] |= change > 1e-9 * np.abs(values).max()
+    new = find_new_samples(t, (u, lam, density), 1e-9)
     t, x, u, lam, density = (values[new] for values in (t, x, u, lam, density))
     t = problem.final_time.place_end(t)
     H, _, _ = integrator.hamiltonian(problem, x, u, lam)

@@ -254,7 +254,6 @@ def _converged(run: _Run) -> bool:
 
 
 def _run(program: kkt.StaticProgram, solver: ca.Function, start: Array) -> _Run:
-    """Run IPOPT from a start."""
     lower = np.concatenate((np.zeros(program.k), np.full(program.l, -np.inf)))
     found = run_ipopt(solver, start, (program.lower, program.upper), (lower, 0.0))
     x, said = np.clip(found.w, program.lower, program.upper), found.status
@@ -300,7 +299,6 @@ def _starts(question: _Question) -> Iterator[Array]:
 
 
 def _question(statement: object) -> _Question:
-    """Parse and check a statement."""
     given = read_mapping(statement, 'minimize')
     check_keys(given, KEYS)
     names = read_names(given, 'variables', MAX_COUNT)
