@@ -19,8 +19,8 @@ from obc_ros.core.numerics.arrays import Array, Mask
 from obc_ros.core.numerics.vectorized import Chain, VectorizedFunction
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.ocp.solution import Solution, Status
+from obc_ros.core.solver.transcription.intervals import step_of
 from obc_ros.core.solver.transcription.program import TranscriptionOutcome
-from obc_ros.core.solver.transcription.runge_kutta import step_of
 
 _STIFF = 1e-4   # relative error of an interval above which explicit steps are not trusted
 _MANY = 64      # parts of each interval that then decide whether its states are right

@@ -27,8 +27,8 @@ from obc_ros.core.ocp.solution import Solution
 from obc_ros.core.solver.adjoint.costates import Extremal
 from obc_ros.core.solver.arcs.mixed_constraints import compute_densities
 from obc_ros.core.solver.arcs.state_contacts import AT_BOUND
+from obc_ros.core.solver.transcription.intervals import step
 from obc_ros.core.solver.transcription.program import TranscriptionOutcome
-from obc_ros.core.solver.transcription.runge_kutta import step
 
 _Rows = tuple[Array, Array]   # A and b of A v = b or A v >= b
 

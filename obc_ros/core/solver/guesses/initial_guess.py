@@ -23,9 +23,9 @@ from obc_ros.core.solver.adjoint.costates import CostateIntegrator
 from obc_ros.core.solver.exact.reachable_set import bound_first_reach, bound_reach
 from obc_ros.core.solver.guesses.scales import estimate_scales, round_to_power
 from obc_ros.core.solver.options import DEFAULTS, GuessOptions
+from obc_ros.core.solver.transcription.intervals import compute_amplification
 from obc_ros.core.solver.transcription.mesh import build_path, Path
 from obc_ros.core.solver.transcription.program import ProblemScales
-from obc_ros.core.solver.transcription.runge_kutta import compute_amplification
 
 _POINTS = 21       # points of a guess
 _TURNS = 2 * np.pi, 360.0   # possible periods of an input that is an angle [rad], [deg]

@@ -20,7 +20,7 @@ from obc_ros.core.solver.improve.arc_iteration import (
 )
 from obc_ros.core.solver.improve.hamiltonian_wells import has_branches, move_to_best_branch
 from obc_ros.core.solver.improve.improvement import DescentStage, Improvement, State
-from obc_ros.core.solver.improve.kink_mesh import may_have_kinks, solve_on_kinks
+from obc_ros.core.solver.improve.indirect import may_have_kinks, solve_on_kinks
 from obc_ros.core.solver.improve.state_arcs import (
     may_have_arcs,
     may_have_arcs_at_once,

@@ -9,7 +9,7 @@ from obc_ros.core.ocp.solution import Optimality, Solution, Status, Verdict
 from obc_ros.core.solver.adjoint.mesh_refinement import is_below
 from obc_ros.core.solver.bench import Bench, Candidate
 from obc_ros.core.solver.descent import descend
-from obc_ros.core.solver.improve.kink_mesh import start_from_neighbour
+from obc_ros.core.solver.improve.indirect import start_from_neighbour
 from obc_ros.core.solver.program_cache import Answered, collect_numbers
 from obc_ros.core.solver.proofs.contradictions import explain_contradiction
 from obc_ros.core.solver.proofs.optimality import describe_local

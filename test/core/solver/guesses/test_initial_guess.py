@@ -5,7 +5,7 @@
 import numpy as np
 from obc_ros.core.solver.exact.reachable_set import bound_reach
 from obc_ros.core.solver.program_cache import ProgramCache
-from obc_ros.core.solver.transcription.runge_kutta import compute_amplification
+from obc_ros.core.solver.transcription.intervals import compute_amplification
 import problems
 import pytest
 

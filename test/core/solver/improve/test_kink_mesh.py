@@ -7,7 +7,7 @@ from types import SimpleNamespace
 
 import casadi as ca
 import numpy as np
-from obc_ros.core.solver.improve.kink_mesh import build_points
+from obc_ros.core.solver.improve.indirect import build_points
 from obc_ros.core.solver.program_cache import Cache
 from obc_ros.core.solver.solve import solve
 import problems
