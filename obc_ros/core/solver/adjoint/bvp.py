@@ -24,8 +24,7 @@ import math
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
-from obc_ros.core.numerics.arrays import Array, Index, linalg
+from obc_ros.core.numerics.arrays import Array, Index, linalg, Mask
 from obc_ros.core.numerics.collocation import (
     build_collocation,
     compute_gauss_points,
@@ -91,11 +90,9 @@ class _Hamiltonian:
     """The right-hand sides of one structure, for any arcs and numbers."""
 
     def __init__(self, problem: Problem) -> None:
-        n, m = problem.n, problem.m
-        x, u, p, lam = problem.x, problem.u, problem.p, ca.SX.sym('lam', n)
+        x, u, p, lam = problem.x, problem.u, problem.p, ca.SX.sym('lam', problem.n)
         H = problem.L + ca.dot(lam, problem.f)
         Hx, Hu = ca.gradient(H, x), ca.gradient(H, u)
-        self._sizes = 2 * n, m
         self._rates = VectorizedFunction([x, lam, u, p], [
             ca.vertcat(problem.f, -Hx), H, problem.L, Hu, ca.jacobian(problem.f, x).T,
             ca.jacobian(Hx, x).T, ca.jacobian(Hu, ca.vertcat(x, lam)).T, ca.jacobian(Hu, u).T])
@@ -106,13 +103,13 @@ class _Hamiltonian:
             problem.V], 1)
 
     def rates(self, problem: Problem, scales: ProblemScales, z: Array, u: Array,
-              free: NDArray[np.bool_], level: Array) -> _Rates:
+              free: Mask, level: Array) -> _Rates:
         """
         Evaluate the right-hand sides at scaled points.
 
         `free` (K, m): inputs with dH/du = 0; the others are at `level` (K, m), scaled.
         """
-        n, (two_n, m) = problem.n, self._sizes
+        n, m, two_n = problem.n, problem.m, 2 * problem.n
         size = np.concatenate([scales.x, scales.cost / scales.x])
         x_lam = z * size
         F, H, L, Hu, fx, Hxx, B, Huu = self._rates(

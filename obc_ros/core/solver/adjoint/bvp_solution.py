@@ -5,8 +5,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
-from obc_ros.core.numerics.arrays import Array, Index
+from obc_ros.core.numerics.arrays import Array, Index, Mask
 from obc_ros.core.solver.arcs.input_arcs import Arc
 
 
@@ -41,7 +40,7 @@ class BoundaryValues:
     residual: float
 
     @property
-    def free(self) -> NDArray[np.bool_]:
+    def free(self) -> Mask:
         """Return which inputs are not at a bound in each interval, shape (N, m)."""
         return np.isnan(self.levels)[self.arc_of]
 

@@ -13,8 +13,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
-from obc_ros.core.numerics.arrays import Array, Index
+from obc_ros.core.numerics.arrays import Array, Index, Mask
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.solver.adjoint.costates import CostateIntegrator, Extremal
 from obc_ros.core.solver.transcription.mesh import choose_cuts, Mesh, Path, split
@@ -179,7 +178,7 @@ def _within(mesh: Mesh, number: Index, most: int) -> Mesh:
     return replace(mesh, layout=replace(mesh.layout, phases=(phase,)), fractions=np.diff(points))
 
 
-def _straight(path: Path, phase_of: Index) -> NDArray[np.bool_]:
+def _straight(path: Path, phase_of: Index) -> Mask:
     """Return for each inner mesh point whether all inputs are straight and continuous there."""
     h = np.diff(path.t)
     part = (h[:-1] / np.maximum(h[:-1] + h[1:], 1e-300))[:, None]
@@ -189,7 +188,7 @@ def _straight(path: Path, phase_of: Index) -> NDArray[np.bool_]:
     return np.asarray(np.all(off <= size, axis=1) & (phase_of[:-1] == phase_of[1:]))
 
 
-def align_mesh(mesh: Mesh, t: Array, kinks: Array, spare: NDArray[np.bool_]) -> Mesh:
+def align_mesh(mesh: Mesh, t: Array, kinks: Array, spare: Mask) -> Mesh:
     """
     Return the mesh with points at the kinks and without spare inner points.
 

@@ -17,7 +17,6 @@ from itertools import pairwise
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 from obc_ros.core.numerics.arrays import Array, Mask, optimize
 from obc_ros.core.numerics.samples import find_runs
 from obc_ros.core.numerics.vectorized import VectorizedFunction
@@ -385,7 +384,7 @@ def _least(rest: Array, column: Array, low: Mask, high: Mask) -> Array:
     return part
 
 
-def _touched(weights: Array, parts: int) -> NDArray[np.bool_]:
+def _touched(weights: Array, parts: int) -> Mask:
     """Return the fine times of intervals in which a constraint has a large density."""
     heavy = weights.max(axis=1)
     touched = (heavy > 1e-4 * heavy.max()) & (heavy > 0)

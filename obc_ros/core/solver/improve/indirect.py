@@ -17,8 +17,7 @@ neighbouring problem.
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
-from obc_ros.core.numerics.arrays import Array, Index
+from obc_ros.core.numerics.arrays import Array, Index, Mask
 from obc_ros.core.ocp.certificate.certificate import certify
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.ocp.solution import Condition, Solution, Status
@@ -138,7 +137,7 @@ def _in_the_mean(found: BoundaryValues, t: Array, arc: Index) -> tuple[Array, Ar
     return off, drift
 
 
-def _joined(found: BoundaryValues, k: Index, u: Array) -> NDArray[np.bool_]:
+def _joined(found: BoundaryValues, k: Index, u: Array) -> Mask:
     """Make inputs that do not jump between arcs equal, in place; return which samples to keep."""
     new = np.ones(len(k), dtype=bool)
     size = np.abs(found.u).max(axis=(0, 1))

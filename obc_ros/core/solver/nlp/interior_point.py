@@ -30,8 +30,7 @@ from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
-from obc_ros.core.numerics.arrays import Array, Index, lapack
+from obc_ros.core.numerics.arrays import Array, Index, lapack, Mask
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,7 +57,7 @@ class NewtonProgram(Protocol):
     """A program: unknowns w and multipliers lam of its rows in one vector y, in order of time."""
 
     pattern: 'Pattern'
-    is_row: NDArray[np.bool_]
+    is_row: Mask
 
     def values(self, y: Array) -> ProgramValues:
         """Return values and derivatives at y."""
@@ -66,7 +65,7 @@ class NewtonProgram(Protocol):
     def merit(self, y: Array) -> tuple[float, Array]:
         """Return f and c at y."""
 
-    def convex(self, values: ProgramValues, fixed: NDArray[np.bool_], diagonal: Array) -> bool:
+    def convex(self, values: ProgramValues, fixed: Mask, diagonal: Array) -> bool:
         """Return whether the Hessian with a diagonal added is positive where J d = 0."""
 
 
@@ -98,7 +97,7 @@ class Pattern:
             self._above + self.height * np.arange(inner),
             self.height * inner + inner + np.arange(border) * (size + 1))
 
-    def without(self, fixed: NDArray[np.bool_]) -> Index:
+    def without(self, fixed: Mask) -> Index:
         """Return the places of the entries with those of the fixed unknowns discarded."""
         return np.where(fixed[self.rows] | fixed[self.columns], self._outside, self.place)
 

@@ -8,8 +8,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
-from obc_ros.core.numerics.arrays import Array, Index
+from obc_ros.core.numerics.arrays import Array, Index, Mask
 from obc_ros.core.solver.nlp.interior_point import (
     Interior,
     Iterate,
@@ -103,7 +102,7 @@ class Stages:
         i, j = np.where(edge, j, i), np.where(edge, i, j)
         return Pattern(i, j, self.size, self.pattern.border, triangle=True), kept
 
-    def convex(self, values: ProgramValues, fixed: NDArray[np.bool_], diagonal: Array) -> bool:
+    def convex(self, values: ProgramValues, fixed: Mask, diagonal: Array) -> bool:
         """
         Return whether the Hessian with a diagonal added is positive definite where J d = 0.
 

@@ -17,8 +17,7 @@ from functools import cached_property
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
-from obc_ros.core.numerics.arrays import Array, Index
+from obc_ros.core.numerics.arrays import Array, Index, Mask
 from obc_ros.core.numerics.collocation import build_collocation, compute_gauss_points
 from obc_ros.core.numerics.instructions import find_dependence
 from obc_ros.core.numerics.samples import interpolate_columns
@@ -168,7 +167,7 @@ class TightenedLimits:
     shortest: Array
     longest: Array
     margin: Array
-    pinned: NDArray[np.bool_]
+    pinned: Mask
     end: Array
 
     def of_states(self, problem: Problem, s: Array) -> Array:
@@ -389,7 +388,7 @@ class Transcription:
         lower[first], upper[first] = (np.where(fits, inside, whole) for inside, whole in zip(
             inner, (low, high), strict=True))
 
-    def _settled(self, problem: Problem, mesh: Mesh) -> NDArray[np.bool_]:
+    def _settled(self, problem: Problem, mesh: Mesh) -> Mask:
         """Return the equalities c(u) that held inputs satisfy in each phase, (phases, l)."""
         phases = self.layout.phases
         held = np.array([[mode == HELD for mode in phase.modes] for phase in phases])
@@ -402,7 +401,7 @@ class Transcription:
         met = np.abs(values - problem.path_lower) <= 1e-9 * (1 + np.abs(values))
         return np.asarray(met & ~loose)
 
-    def _decided(self, problem: Problem, x: Array, margin: Array) -> NDArray[np.bool_]:
+    def _decided(self, problem: Problem, x: Array, margin: Array) -> Mask:
         """
         Return the path constraints that a given state alone decides and that leave no room, (l,).
 
