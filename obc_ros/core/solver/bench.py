@@ -33,7 +33,7 @@ from obc_ros.core.solver.guesses.scales import estimate_scales
 from obc_ros.core.solver.nlp.meter import Meter
 from obc_ros.core.solver.options import DEFAULTS, Options
 from obc_ros.core.solver.program_cache import Answered, ProgramCache
-from obc_ros.core.solver.trace import COLLOCATION, Trace
+from obc_ros.core.solver.trace import COLLOCATION, judge_path, Trace
 from obc_ros.core.solver.transcription.mesh import Mesh, Path
 from obc_ros.core.solver.transcription.program import (
     Nearby,
@@ -395,6 +395,34 @@ class Bench:
         """Certify an intermediate outcome and pass it on, if the caller wants such paths."""
         if self.best and outcome.converged and self.best.is_due(self.stated):
             self.certify(outcome, extremal)
+
+
+@dataclass(frozen=True, eq=False)
+class State:
+    """
+    A path on the way to a certificate, and what is known about it.
+
+    :ivar bench: of the search, with the tightening found so far.
+    :ivar outcome: the path.
+    :ivar switching: length m, inputs that may be held at bounds.
+    :ivar in_vain: whether holding inputs at bounds did not help.
+    :ivar extremal: solution of the boundary value problem whose kinks are the mesh points.
+    :ivar best: the best candidate so far.
+    """
+
+    bench: Bench
+    outcome: TranscriptionOutcome
+    switching: tuple[bool, ...] = ()
+    in_vain: bool = False
+    extremal: BoundaryValues | None = None
+    best: Candidate | None = None
+
+    def judge(self, before: 'State') -> tuple[Verdict, str, float]:
+        """Return the verdict on the step from another state to this one, why, and the cost."""
+        if self.best is not None and self.best is not before.best:
+            return *judge_path(self.best.solution), self.best.solution.objective
+        helped = self.outcome is not before.outcome
+        return Verdict.ACCEPTED if helped else Verdict.REJECTED, '', self.outcome.objective
 
 
 def build_bench(task: Task, *, with_arcs: bool = True, quick: bool = False) -> Bench:

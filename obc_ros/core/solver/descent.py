@@ -13,10 +13,9 @@ from dataclasses import replace
 import numpy as np
 from obc_ros.core.ocp.solution import Verdict
 from obc_ros.core.solver.adjoint.costates import Extremal
-from obc_ros.core.solver.bench import Bench, Candidate
+from obc_ros.core.solver.bench import Bench, Candidate, State
 from obc_ros.core.solver.improve.arc_iteration import remove_vanished_arcs
-from obc_ros.core.solver.improve.improvement import DescentStage, State
-from obc_ros.core.solver.improve.registry import try_improvements
+from obc_ros.core.solver.improve.registry import DescentStage, try_improvements
 from obc_ros.core.solver.trace import DESCENT, Entry, judge_path, MESH
 from obc_ros.core.solver.transcription.program import Nearby, SolveEffort, TranscriptionOutcome
 

@@ -17,7 +17,7 @@ import numpy as np
 from obc_ros.core.ocp.method_names import get_method
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.ocp.solution import Attempt, MAX_INTERVALS, Report, Solution, Status, Verdict
-from obc_ros.core.solver.bench import Bench, Candidate, Task
+from obc_ros.core.solver.bench import Bench, Candidate, State, Task
 from obc_ros.core.solver.best_path import BestPath
 from obc_ros.core.solver.conclusion import (
     conclude,
@@ -27,9 +27,8 @@ from obc_ros.core.solver.conclusion import (
 )
 from obc_ros.core.solver.diagnosis.explanation import explain, Reason
 from obc_ros.core.solver.exact_methods import EXACT_METHODS, ExactMethod
-from obc_ros.core.solver.improve.improvement import DescentStage, State
 from obc_ros.core.solver.improve.indirect import refine_indirectly
-from obc_ros.core.solver.improve.registry import try_improvements
+from obc_ros.core.solver.improve.registry import DescentStage, try_improvements
 from obc_ros.core.solver.nlp.meter import Meter
 from obc_ros.core.solver.options import DEFAULTS, Options
 from obc_ros.core.solver.program_cache import Cache

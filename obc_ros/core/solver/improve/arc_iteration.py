@@ -29,8 +29,7 @@ from obc_ros.core.solver.arcs.input_arcs import (
     Signature,
 )
 from obc_ros.core.solver.arcs.state_contacts import add_contacts, find_contacts
-from obc_ros.core.solver.bench import Bench
-from obc_ros.core.solver.improve.improvement import State
+from obc_ros.core.solver.bench import Bench, State
 from obc_ros.core.solver.transcription.local_minima import CHEAPER
 from obc_ros.core.solver.transcription.mesh import build_uniform_mesh
 from obc_ros.core.solver.transcription.program import Nearby, SolveEffort, TranscriptionOutcome

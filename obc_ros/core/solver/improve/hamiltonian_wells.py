@@ -21,9 +21,8 @@ from obc_ros.core.solver.adjoint.costates import Extremal
 from obc_ros.core.solver.adjoint.mesh_refinement import is_below
 from obc_ros.core.solver.arcs.control_discontinuities import APART, find_jumps, SLIGHT_JUMP
 from obc_ros.core.solver.arcs.input_arcs import Arc, have_moved
-from obc_ros.core.solver.bench import Bench
+from obc_ros.core.solver.bench import Bench, State
 from obc_ros.core.solver.improve.arc_iteration import solve_on_arcs
-from obc_ros.core.solver.improve.improvement import State
 from obc_ros.core.solver.transcription.local_minima import ANOTHER, CHEAPER
 from obc_ros.core.solver.transcription.mesh import Path
 from obc_ros.core.solver.transcription.program import Nearby, SolveEffort, TranscriptionOutcome

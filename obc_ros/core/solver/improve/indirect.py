@@ -24,8 +24,7 @@ from obc_ros.core.ocp.solution import Condition, Solution, Status
 from obc_ros.core.solver.adjoint.bvp_solution import BoundaryValues, cut_evenly
 from obc_ros.core.solver.adjoint.mesh_refinement import is_below
 from obc_ros.core.solver.arcs.input_arcs import find_arcs, insert_free_arcs
-from obc_ros.core.solver.bench import Bench, Candidate
-from obc_ros.core.solver.improve.improvement import State
+from obc_ros.core.solver.bench import Bench, Candidate, State
 from obc_ros.core.solver.program_cache import Answered, ProgramCache
 from obc_ros.core.solver.transcription.mesh import build_path, build_uniform_mesh, Mesh
 from obc_ros.core.solver.transcription.program import Nearby, TranscriptionOutcome

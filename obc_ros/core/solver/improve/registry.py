@@ -9,9 +9,12 @@ of the nonlinear program, which knows no mesh (`nlp`). The indirect method is a 
 (`refine_indirectly`), which explains why it does not apply.
 """
 
-from dataclasses import replace
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from enum import StrEnum
 
 from obc_ros.core.ocp.solution import Condition, Verdict
+from obc_ros.core.solver.bench import State
 from obc_ros.core.solver.improve.arc_iteration import (
     has_jumping_inputs,
     has_switching_inputs,
@@ -19,7 +22,6 @@ from obc_ros.core.solver.improve.arc_iteration import (
     hold_switching_inputs,
 )
 from obc_ros.core.solver.improve.hamiltonian_wells import has_branches, move_to_best_branch
-from obc_ros.core.solver.improve.improvement import DescentStage, Improvement, State
 from obc_ros.core.solver.improve.indirect import may_have_kinks, solve_on_kinks
 from obc_ros.core.solver.improve.state_arcs import (
     may_have_arcs,
@@ -28,6 +30,37 @@ from obc_ros.core.solver.improve.state_arcs import (
     solve_at_once,
 )
 from obc_ros.core.solver.transcription.program import Nearby, SolveEffort
+
+
+class DescentStage(StrEnum):
+    """When in a search an improvement is tried."""
+
+    COARSE = 'on the best coarse outcome'
+    START = 'before a descent'
+    FIRST_MESH = 'on the first mesh of a descent'
+    STALLED = 'on a mesh that gained little'
+    NEXT_MESH = 'before a finer mesh'
+    VIOLATED = 'at the end of a descent'
+    CERTIFIED = 'on a finer mesh without a certificate'
+
+
+@dataclass(frozen=True)
+class Improvement:
+    """
+    A change of a path that may lower its cost or lead to its certificate.
+
+    :ivar name: as users see it in the trace, unique.
+    :ivar stage: when it is tried.
+    :ivar when: when it applies, in one sentence.
+    :ivar applies: whether it applies.
+    :ivar run: returns the new state, or the reason why there is none.
+    """
+
+    name: str
+    stage: DescentStage
+    when: str
+    applies: Callable[[State], bool]
+    run: Callable[[State], State | str]
 
 
 def violates_bounds_only(state: State) -> bool:

@@ -39,8 +39,7 @@ from obc_ros.core.solver.arcs.phase_mesh import spread_as_wanted, spread_by_erro
 from obc_ros.core.solver.arcs.phase_program import PhasedProgram
 from obc_ros.core.solver.arcs.phases import DEGREE, Grazing, Phased
 from obc_ros.core.solver.arcs.state_contacts import add_contacts, find_contacts, StateContact
-from obc_ros.core.solver.bench import Bench, Candidate
-from obc_ros.core.solver.improve.improvement import State
+from obc_ros.core.solver.bench import Bench, Candidate, State
 from obc_ros.core.solver.improve.phase_samples import BY_SAMPLES, certify_samples, join_phases
 from obc_ros.core.solver.options import BoundaryOptions
 from obc_ros.core.solver.trace import judge_path

@@ -8,10 +8,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from obc_ros.core.ocp.solution import MOST_MINIMA, Solution, Verdict
 from obc_ros.core.solver.adjoint.mesh_refinement import is_below
-from obc_ros.core.solver.bench import Bench, Candidate
+from obc_ros.core.solver.bench import Bench, Candidate, State
 from obc_ros.core.solver.descent import descend
-from obc_ros.core.solver.improve.improvement import DescentStage, State
-from obc_ros.core.solver.improve.registry import try_improvements
+from obc_ros.core.solver.improve.registry import DescentStage, try_improvements
 from obc_ros.core.solver.multistart.coarse_mesh import solve_next_start
 from obc_ros.core.solver.multistart.stopping_rule import Effort, explain_enough
 from obc_ros.core.solver.program_cache import Answered, collect_numbers

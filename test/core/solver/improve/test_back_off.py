@@ -7,10 +7,9 @@ import time
 from types import SimpleNamespace
 
 from obc_ros.core.ocp.solution import Condition, Status
-from obc_ros.core.solver.bench import build_bench, Task
+from obc_ros.core.solver.bench import build_bench, State, Task
 from obc_ros.core.solver.conclusion import conclude
 from obc_ros.core.solver.descent import descend
-from obc_ros.core.solver.improve.improvement import State
 from obc_ros.core.solver.improve.registry import (
     solve_within_tighter_bounds,
     violates_bounds_only,
