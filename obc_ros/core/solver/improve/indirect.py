@@ -26,7 +26,7 @@ from obc_ros.core.solver.adjoint.mesh_refinement import is_below
 from obc_ros.core.solver.arcs.input_arcs import find_arcs, insert_free_arcs
 from obc_ros.core.solver.bench import Bench, Candidate, State
 from obc_ros.core.solver.program_cache import Answered, ProgramCache
-from obc_ros.core.solver.transcription.mesh import build_path, build_uniform_mesh, Mesh
+from obc_ros.core.solver.transcription.mesh import build_path, build_uniform_mesh
 from obc_ros.core.solver.transcription.program import Nearby, TranscriptionOutcome
 
 
@@ -229,24 +229,24 @@ def start_from_neighbour(programs: ProgramCache, problem: Problem, last: Answere
 
 def transcribe_on_points(problem: Problem, found: BoundaryValues, t: Array,
                          arc: Index) -> TranscriptionOutcome:
-    """Return boundary values as the outcome of a transcription on mesh points `t` (N + 1,)."""
-    n, T = problem.n, t[-1]
+    """
+    Return boundary values as the outcome of a transcription on mesh points `t` (N + 1,).
+
+    A problem that has an extremal with kinks has no path constraints.
+    """
+    n, N, none = problem.n, len(arc), np.zeros(0)
     za, ua = found.at(*found.where(t[:-1], arc))
     zb, ub = found.at(*found.where(t[1:], arc))
     ua, ub = (np.clip(np.where(np.isnan(found.levels[arc]), u, found.levels[arc]),
                       problem.u_lower, problem.u_upper) for u in (ua, ub))
     z = np.vstack([za, zb[-1:]])
-    mesh = Mesh(build_uniform_mesh(problem, len(arc), 0).layout, np.diff(t) / T,
-                np.zeros((1, problem.m)))
-    l = int(problem.path.numel())  # noqa: E741  # as in Outcome
-    path = build_path(t, z[:, :n], ua, ub)
     return TranscriptionOutcome(
-        mesh=mesh, path=path, converged=True, status='extremal', objective=found.cost,
-        infeasibility=0.0, iterations=0, nu=found.nu, costates=z[:, n:],
-        node_bounds=np.zeros((len(t), n)), inner_bounds=np.zeros((len(arc), 0, n)),
-        node_path=np.zeros((len(t), l)), inner_path=np.zeros((len(arc), 0, l)),
-        sides_path=np.zeros((len(arc), 2, l)), w=np.zeros(0), lam_w=np.zeros(0),
-        lam_g=np.zeros(0), mu=0.0)
+        mesh=replace(build_uniform_mesh(problem, N, 0), fractions=np.diff(t) / t[-1]),
+        path=build_path(t, z[:, :n], ua, ub), converged=True, status='extremal',
+        objective=found.cost, infeasibility=0.0, iterations=0, nu=found.nu, costates=z[:, n:],
+        node_bounds=np.zeros((N + 1, n)), inner_bounds=np.zeros((N, 0, n)),
+        node_path=np.zeros((N + 1, 0)), inner_path=np.zeros((N, 0, 0)),
+        sides_path=np.zeros((N, 2, 0)), w=none, lam_w=none, lam_g=none, mu=0.0)
 
 
 def may_have_kinks(state: State) -> bool:
