@@ -72,8 +72,7 @@ def counterexample_2_2(desk: Desk) -> EntryResult:
                     '$diag(0, √2 - 1)$'),
         ComparedRow(f'$P(0)$ over {HORIZON:g} s from $P_1 = I$', P[1.0][0], STABLE,
                     '$[[3/2 + √2, -½], [-½, ½]]$'),
-        ComparedRow('gain of `lqr_node` after the refusal', after, before,
-                    'the gain before it'),
+        ComparedRow('gain of `lqr_node` after the refusal', after, before, 'the gain before it'),
         ComparedRow('loop after the refusal: $x(t)$', run.x, x, 'recursion, SciPy gain')]
     return EntryResult(rows, _draw_counterexample(t, P, path, cost, run), (
         'Top left: $P_{11}(t)$ of (2.7) over the time to go, from $P_1 = εI$. From $ε = 0$ it '

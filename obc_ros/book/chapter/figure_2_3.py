@@ -133,8 +133,7 @@ def _draw_flight(axes: Axes, run: Run) -> None:
         k = int(np.argmin(np.abs(run.t - time)))
         px, py, theta = run.x[k, :3]
         draw_aircraft(axes, px, py, theta, run.u[k])
-    label_axes(axes, f'flight, $t$ = {", ".join(f"{t:g}" for t in POSES)} s',
-               '$x$ [m]', '$y$ [m]')
+    label_axes(axes, f'flight, $t$ = {", ".join(f"{t:g}" for t in POSES)} s', '$x$ [m]', '$y$ [m]')
     axes.set_aspect('equal')
     axes.axis((-0.7, 5.7, -1.0, 2.2))
 

@@ -209,8 +209,7 @@ def _least(M: int) -> float:
         z, dz = compute_curve(c, NODES)
         return float(SHARES @ (dz + z**3)**2 / 2 + 0.5)
 
-    return float(minimize(cost, np.full(M - 2, 0.1), method='BFGS',
-                          options={'gtol': 1e-10}).fun)
+    return float(minimize(cost, np.full(M - 2, 0.1), method='BFGS', options={'gtol': 1e-10}).fun)
 
 
 def _draw(drift: str, free: Trajectory, best: Trajectory, found: list[Any], power: int
@@ -250,8 +249,7 @@ def _draw(drift: str, free: Trajectory, best: Trajectory, found: list[Any], powe
     costs.semilogy(COUNTS, [each.objective - best.J for each in found], 'o-',
                    color=LINE_COLOURS[0])
     costs.set_xticks(COUNTS)
-    label_axes(costs, '(e) flat: cost above the optimum',
-               'coefficients $M$', '$J_M - J^*$')
+    label_axes(costs, '(e) flat: cost above the optimum', 'coefficients $M$', '$J_M - J^*$')
     figure.suptitle(f'$\\dot x = -a{drift} + bu$,  $a = b = c = 1$,  $t_f = {TF:g}$ s')
     return figure, last
 
@@ -265,8 +263,7 @@ def _draw_ends(axes: Axes, many: list[Trajectory], ends: list[float]) -> None:
 
 def _draw_first_integral(axes: Axes, best: Trajectory, E: float) -> None:
     x = np.linspace(0, 1, 101)
-    axes.plot(best.x['x'], best.u['u'] - best.x['x']**3, color=LINE_COLOURS[2],
-              label='server')
+    axes.plot(best.x['x'], best.u['u'] - best.x['x']**3, color=LINE_COLOURS[2], label='server')
     axes.plot(x, np.sqrt(x**6 + E), label=r'$\dot x^2 = x^6 + E$', **EXACT)
     label_axes(axes, '(d) optimum in the phase plane', '$x$', r'$\dot x$ [1/s]', legend=True)
 

@@ -75,8 +75,7 @@ def example_2_3(desk: Desk) -> EntryResult:
                     np.column_stack([-v * np.abs(v) / 2, v]), 'the switching curve $x = -½ v|v|$'),
         ComparedRow(f'oscillator, {len(ARCS)} starts: minimum time $T$ [s]',
                     [path.T for path in turning],
-                    [times[-1] for _, times in known],
-                    'arcs joined backwards from the origin'),
+                    [times[-1] for _, times in known], 'arcs joined backwards from the origin'),
         ComparedRow('oscillator: all switching times [s]',
                     np.concatenate([path.switching_times for path in turning]),
                     np.concatenate([times[:-1] for _, times in known]), 'the same arcs'),
@@ -145,8 +144,7 @@ def _draw_2_3(plain: list[Trajectory], turning: list[Trajectory]) -> Figure:
     right.plot(path.t, path.hamiltonian, label='$H$', **get_line(3))
     for time in path.switching_times:
         right.axvline(time, **THIN)
-    label_axes(right, 'five switches', 'time $t$ [s]',
-               '$u$, $\\lambda^T B$, $H$')
+    label_axes(right, 'five switches', 'time $t$ [s]', '$u$, $\\lambda^T B$, $H$')
     right.set(xlim=(0, path.T), ylim=(-1.3, 1.9))
     right.legend(loc='upper center', ncols=3, columnspacing=0.6, handlelength=1.3,
                  handletextpad=0.3)
@@ -237,8 +235,7 @@ def example_2_6(desk: Desk) -> EntryResult:
             ComparedRow(f'to $({a:g}, 0, {x3:g})$: minimum time $T$ [s]', path.T, T,
                         'isoperimetric inequality'),
             ComparedRow(f'to $({a:g}, 0, {x3:g})$: switching times [s]', path.switching_times,
-                        times,
-                        'corners of the diamond'),
+                        times, 'corners of the diamond'),
             ComparedRow(f'to $({a:g}, 0, {x3:g})$: costates',
                         np.column_stack([path.lam[name] for name in ('x1', 'x2', 'x3')]),
                         compute_diamond_costates(a, d, path.t),

@@ -117,8 +117,7 @@ def _draw_cost_to_go(axes: Any, systems: list[Any], designs: list[AnsweredRegula
             if line == 0 or np.linalg.eigvals(A).real.max() > 0:
                 axes.semilogy(t, values / values[0], **get_line(line))
     axes.set(xlim=(0, 3), ylim=(1e-3, 1e3))
-    label_axes(axes, r'Lyapunov: $\dot V = -x^T(Q_x + K^T Q_u K)x$', 'time $t$ [s]',
-               '$V(t)/V(0)$')
+    label_axes(axes, r'Lyapunov: $\dot V = -x^T(Q_x + K^T Q_u K)x$', 'time $t$ [s]', '$V(t)/V(0)$')
 
 
 LAGS = (0.1, 0.5, 1.0, 2.0, 3.0)

@@ -95,8 +95,7 @@ def _draw_curve(axes: Any) -> None:
     at, step = 0.9, 0.6  # the tangent elsewhere, as in the book's figure
     rise = (at + 1) * (at - 0.25) * (at - 2) * step
     axes.plot(at + np.array([0, step, step]), evaluate_curve(at) + np.array([0, 0, rise]),
-              color='black',
-              linewidth=0.9)
+              color='black', linewidth=0.9)
     axes.plot(at + np.array([0, step]), evaluate_curve(at) + np.array([0, rise]),
               color=LINE_COLOURS[2])
     axes.text(at + step / 2, evaluate_curve(at) + 0.08, '$dx$', ha='center')
@@ -113,8 +112,7 @@ def _draw_surface(axes: Any, found: Any) -> None:
     axes.plot_surface(x1, x2, F0 + (x1 - a)**2 + (x2 - b)**2, color=LINE_COLOURS[5], alpha=0.35,
                       linewidth=0, rcount=40, ccount=40)
     axes.plot(s, s, 0 * s, **get_line(1), label='$G(x) = 0$')
-    axes.plot(s, s, F0 + (s - a)**2 + (s - b)**2, color=LINE_COLOURS[0],
-              label='$F$ on $G(x) = 0$')
+    axes.plot(s, s, F0 + (s - a)**2 + (s - b)**2, color=LINE_COLOURS[0], label='$F$ on $G(x) = 0$')
     at = found.x[0], found.x[1]
     axes.plot([at[0]] * 2, [at[1]] * 2, [0, found.objective], ':', color='black')
     for height in (0, found.objective):
@@ -215,21 +213,17 @@ def exercise_2_1(desk: Desk) -> EntryResult:
         ComparedRow('(a) $λ_1 .. λ_k$ with $F = Σ λ_k G_k$', multipliers, c,
                     'the coefficients of $F$'),
         ComparedRow('(a) the remainder $F - Σ λ_k G_k$',
-                    F - np.einsum('ik,ikn->in', multipliers, G),
-                    np.zeros_like(F), '0'),
+                    F - np.einsum('ik,ikn->in', multipliers, G), np.zeros_like(F), '0'),
         ComparedRow('(b) quadratic $f$: $x*$', [found.x for found in curved],
-                    [e[:N] for e in exact],
-                    'the linear equations (2.1)'),
+                    [e[:N] for e in exact], 'the linear equations (2.1)'),
         ComparedRow('(b) quadratic $f$: $λ$', [found.lam for found in curved],
-                    [e[N:] for e in exact],
-                    'the linear equations (2.1)'),
+                    [e[N:] for e in exact], 'the linear equations (2.1)'),
         ComparedRow('(b) quadratic $f$: $∂f/∂x + λ^T ∂g/∂x$', stationary, np.zeros((INSTANCES, N)),
                     '0'),
         ComparedRow('(b) on a sphere of radius 2: $x*$', [found.x for found in ball],
                     -2 * F / lengths[:, None], '$-2 F/|F|$'),
         ComparedRow('(b) on a sphere of radius 2: $λ$', [found.lam[0] for found in ball],
-                    lengths / 4,
-                    '$|F|/4$')]
+                    lengths / 4, '$|F|/4$')]
     saddles = sum(np.linalg.eigvalsh(each)[0] < 0 for each in Q)
     return EntryResult(rows, _draw_ex_2_1(),
                        (

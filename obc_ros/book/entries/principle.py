@@ -108,8 +108,7 @@ def _draw(path: Trajectory, exact: tuple[Array, ...], grid: Array, valley: Array
     states.plot(T, TARGET, 'o', color='black', clip_on=False)
     states.annotate(r'$\psi = \theta(T) - 1 = 0$', (T, TARGET), (-30, -3), ha='right',
                     textcoords='offset points')
-    costates.plot([T, T], [path.nu[0], 4 * path.x['omega'][-1]], 'o', color='black',
-                  clip_on=False)
+    costates.plot([T, T], [path.nu[0], 4 * path.x['omega'][-1]], 'o', color='black', clip_on=False)
     costates.annotate(r'$\lambda_1(T) = \nu$', (T, path.nu[0]), (-30, 2), ha='right',
                       textcoords='offset points')
     costates.annotate(r'$\lambda_2(T) = \partial V/\partial\omega$',
@@ -130,8 +129,7 @@ def _draw(path: Trajectory, exact: tuple[Array, ...], grid: Array, valley: Array
                legend='lower left')
     label_axes(inputs, r'input, $\Omega = [-0.6, 0.6]$', 'time $t$ [s]', '$u$ [rad/s$^2$]',
                legend=True)
-    label_axes(above, '$H$ over the input', 'time $t$ [s]', '$u$ [rad/s$^2$]',
-               legend='lower left')
+    label_axes(above, '$H$ over the input', 'time $t$ [s]', '$u$ [rad/s$^2$]', legend='lower left')
     for axes in (states, costates, inputs, above):
         axes.set_xlim(0, T)
     return figure

@@ -52,11 +52,9 @@ def example_2_2(desk: Desk) -> EntryResult:
     rows = []
     for c, path in zip(WEIGHTS, paths, strict=True):
         rows += [ComparedRow(f'$x*(t)$, $c = {c:g}$', path.x['x'],
-                             evaluate_equation_2_5(path.t, c),
-                             'equation (2.5)'),
+                             evaluate_equation_2_5(path.t, c), 'equation (2.5)'),
                  ComparedRow(f'$u*(t)$, $c = {c:g}$', path.u['u'],
-                             evaluate_equation_2_4(path.t, c),
-                             'equation (2.4)')]
+                             evaluate_equation_2_4(path.t, c), 'equation (2.4)')]
     costate = paths[2].lam['x'], 10.0 * evaluate_equation_2_5(np.array(TF), 10.0) * np.exp(
         A * (TF - paths[2].t))
     growth = 1 - np.exp(-2 * A * TF)
@@ -73,8 +71,7 @@ def example_2_2(desk: Desk) -> EntryResult:
         ComparedRow('$x(t_f)$ with the constraint $x(t_f) = 0$', limit.x['x'][-1], 0.0,
                     'the limit $c → ∞$'),
         ComparedRow('cost $J$ with the constraint $x(t_f) = 0$', limit.J,
-                    A * X0**2 / (B**2 * growth),
-                    '$a x(t_0)^2 / b^2(1 - e^{-2a(t_f - t_0)})$')]
+                    A * X0**2 / (B**2 * growth), '$a x(t_0)^2 / b^2(1 - e^{-2a(t_f - t_0)})$')]
     return EntryResult(rows, _draw_2_2(paths, many, limit), (
         'Coloured: solutions of `trajectory_server` for several weights $c$ of the final state. '
         'Circles: equations (2.5) and (2.4). As $c$ grows, $x*(t_f)$ decreases like $1/c$, and '
@@ -152,8 +149,7 @@ def exercise_2_9(desk: Desk) -> EntryResult:
     c, tf = CURVES[int(np.argmin(measured))]
     rows += [
         ComparedRow('distance $max |x* - x*_∞|$ of each curve', measured, wanted,
-                    'the closed forms',
-                    relative=True),
+                    'the closed forms', relative=True),
         ComparedRow('closest: its $c$ and $t_f$', [c, tf], CURVES[int(np.argmin(wanted))],
                     'the minimum of the closed forms')]
     return EntryResult(rows, _draw_2_9(paths, measured), (

@@ -51,8 +51,7 @@ def make_course(name: str) -> Trajectory:
     t = STEP * np.arange(round(COURSE / STEP) + 1, dtype=float)
     x, phi = follow_slalom(t)[name]
     reference = Trajectory(t=flatten_doubles(t), x=flatten_doubles(x.ravel().round(15)),
-                           u=flatten_doubles(phi.round(15)),
-                           interpolation='linear')
+                           u=flatten_doubles(phi.round(15)), interpolation='linear')
     reference.header.stamp.nanosec = round(BEGIN * 1e9)
     return reference
 
@@ -78,8 +77,7 @@ def exercise_2_10(desk: Desk) -> EntryResult:
     rows = [
         ComparedRow('(a) $K$', design.K, GAIN, '$[1/√ρ, √(2l/√ρ)]$'),
         ComparedRow('(a) overshoot', message.overshoot[0], exp(-pi),
-                    '$e^{-πζ/√(1-ζ^2)}$, $ζ = 1/√2$',
-                    relative=True),
+                    '$e^{-πζ/√(1-ζ^2)}$, $ζ = 1/√2$', relative=True),
         ComparedRow('(a) rise time, 10 to 90 % [s]', message.rise_time[0], _rise_time(),
                     'the step response of second order', relative=True),
         ComparedRow('(a) gain crossover [rad/s]', message.bandwidth[0], crossover,

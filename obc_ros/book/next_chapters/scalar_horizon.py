@@ -89,8 +89,7 @@ def _draw(first: Array, K: float, run: Run, x: Array) -> Figure:
     time.plot(run.t[::3], x[::3], 'o', markersize=4, color='black', label='recursion of $x$')
     time.axhline(0, **THIN)
     time.set(xlim=(0, DURATION), ylim=(-1.3, 1.3))
-    label_axes(time, 'loop with mpc_node', 'time $t$ [s]', '$x$, $u$',
-               legend='lower right')
+    label_axes(time, 'loop with mpc_node', 'time $t$ [s]', '$x$, $u$', legend='lower right')
     return figure
 
 
