@@ -234,8 +234,7 @@ class System:
                 return np.asarray(f(x, u, p).full().ravel())
         return control.NonlinearIOSystem(
             update, None, states=list(self.states), inputs=list(self.inputs),
-            outputs=list(self.states), params=self.parameters,
-            name=self.name or 'system')
+            outputs=list(self.states), params=self.parameters, name=self.name or 'system')
 
     def __repr__(self) -> str:
         """Return name, states and inputs."""

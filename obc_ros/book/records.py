@@ -55,8 +55,7 @@ def work_all(entries: Sequence[GalleryEntry], out: Path, formats: Sequence[str],
     """Append the records of entries, computed by nodes on a domain of their own."""
     with reserve_domain() as domain:
         isolate(domain)
-        with (Children(out / 'log') as children, ExitStack() as stack,
-              show_progress() as lines):
+        with (Children(out / 'log') as children, ExitStack() as stack, show_progress() as lines):
             # Entries ask one question at a time.
             desk = Desk(lambda: stack.enter_context(serve_client(children, 'workers:=1')),
                         out / 'recordings')

@@ -211,8 +211,7 @@ class Children:
                 [sys.executable, '-P', '-m', f'obc_ros.nodes.{node}', '--ros-args', *arguments],
                 stdin=subprocess.DEVNULL, stdout=output, stderr=subprocess.STDOUT,
                 # a session of its own: Ctrl-C reaches this command, which ends the children
-                start_new_session=True,
-                preexec_fn=die_with_parent)
+                start_new_session=True, preexec_fn=die_with_parent)
 
     def log(self, node: str) -> Path:
         """Return the log file of a child."""

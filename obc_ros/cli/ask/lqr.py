@@ -59,8 +59,7 @@ def _ask_server(server: str, asked: Sequence[Case]) -> None:
                 case.end('solved', response.message)
             else:
                 status, _, words = response.message.partition(': ')
-                case.end(status if status == 'malformed' else 'refused',
-                         words or response.message)
+                case.end(status if status == 'malformed' else 'refused', words or response.message)
 
 
 def _show(asked: list[Case], full: bool) -> None:

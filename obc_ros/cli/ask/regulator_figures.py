@@ -152,8 +152,7 @@ def _locus(axes: Axes, loop: LinearLoop, weights: Weights) -> None:
     axes.set_ylabel('imaginary part [rad/s]')
     axes.legend(loc='upper left')
     # below the axes, so that both axes of the left column have the same width
-    axes.figure.colorbar(points, ax=axes, location='bottom', aspect=40,
-                         label=r'$\log_{10} \rho$')
+    axes.figure.colorbar(points, ax=axes, location='bottom', aspect=40, label=r'$\log_{10} \rho$')
 
 
 def _poles(loop: LinearLoop, weights: Weights) -> Complex:

@@ -123,8 +123,7 @@ def read_flight(pilot: Pilot) -> EstimatedFlight:
     n = x.shape[1]
     P = np.array([each.covariance for each in estimates]).reshape(-1, n, n)
     measured: dict[str, list[tuple[float, float]]] = {}
-    for at, data in zip(_seconds(pilot.measurements, start), pilot.measurements.data,
-                        strict=True):
+    for at, data in zip(_seconds(pilot.measurements, start), pilot.measurements.data, strict=True):
         message = deserialize_message(data, Measurement)
         for name, value in zip(message.names, message.y, strict=True):
             measured.setdefault(name, []).append((at, value))

@@ -210,5 +210,4 @@ def _abbreviated(value: Sized, kind: Any) -> str:
 def convert_to_yaml(value: Any, **options: Any) -> str:
     """Return a message as text in YAML; the options are those of `convert_to_plain`."""
     return yaml.safe_dump(convert_to_plain(value, **options), allow_unicode=True,
-                          width=float('inf'),
-                          default_flow_style=False, sort_keys=False)
+                          width=float('inf'), default_flow_style=False, sort_keys=False)
