@@ -182,19 +182,10 @@ class Answer:
 
     def to_dataframe(self) -> Any:
         """
-        Return the path as a table of pandas.
+        Return the path as a DataFrame of pandas, which must be installed.
 
-        Returns
-        -------
-        pandas.DataFrame
-            A row for each time; the columns are pairs such as ``('x', 'p')``, ``('u', 'a')`` and
-            ``('costates', 'p')``.
-
-        Raises
-        ------
-        ObcError
-            If pandas is not installed.
-
+        It has a row for each time; the columns are pairs such as ``('x', 'p')``, ``('u', 'a')``
+        and ``('costates', 'p')``.
         """
         try:
             pandas = import_module('pandas')   # not required: nothing else needs it
@@ -209,16 +200,7 @@ class Answer:
         """
         Draw states, inputs, costates, the switching function and the Hamiltonian.
 
-        Returns
-        -------
-        matplotlib.figure.Figure
-            A notebook shows it; ``savefig`` writes it into a file.
-
-        Raises
-        ------
-        ObcError
-            If there is no path, or if the answer does not have its problem.
-
+        A notebook shows the figure; ``savefig`` writes it. ObcError without a path or the problem.
         """
         verdict = ('certified' if self.solution.certified else f'{self.status}: '
                    f'{self.certificate.sentence if self.certificate else self.message}')
@@ -228,27 +210,15 @@ class Answer:
                          f'{self.remark and chr(10)}{self.remark}')
 
     def plot_search(self) -> Any:
-        """
-        Draw the costs that the search has found against its work.
-
-        Returns
-        -------
-        matplotlib.figure.Figure
-            A notebook shows it; ``savefig`` writes it into a file.
-
-        """
+        """Draw the costs that the search has found against its work; a figure as of `plot`."""
         return draw_search(self.solution, self._heading)
 
     def as_json(self) -> dict[str, Any]:
         """
         Return the contents of the file ``NAME.json`` of `obc solve`.
 
-        Returns
-        -------
-        dict
-            Of texts, numbers, lists and dicts. Numbers that are not finite are None. Without a
-            path, lists are empty; without a search, the times are None.
-
+        Numbers that are not finite are None. Without a path, lists are empty; without a search,
+        the times are None.
         """
         solution, optimality = self.solution, self.optimality or Optimality('', '')
         worked = bool(solution.method)

@@ -160,15 +160,7 @@ class System:
 
     @property
     def model(self) -> plant.System:
-        """
-        Return the system with its CasADi expressions.
-
-        Raises
-        ------
-        DynamicsError
-            If it has none: a function that python-control had.
-
-        """
+        """Return the system with its CasADi expressions; DynamicsError if it has none."""
         if self._model is None:
             raise DynamicsError(f'{self.name}: its function does not accept CasADi symbols, so '
                                 'that it can only be simulated; state it with System(...)')
@@ -198,28 +190,16 @@ class System:
 
     def linearize(self, x: Sequence[float] | Array | None = None,
                   u: Sequence[float] | Array | None = None) -> tuple[Array, Array]:
-        """
-        Return A = df/dx and B = df/du at the equilibrium of a set point.
-
-        Parameters
-        ----------
-        x, u : array_like, shape (n,), (m,), optional
-            As for `equilibrium`.
-
-        """
+        """Return A = df/dx and B = df/du at the equilibrium of a set point, as `equilibrium`."""
         at = equilibrium(self, x, u)
         return linearize(self.model, at.x, at.u)
 
     def to_control(self) -> Any:
         """
-        Return the system for python-control.
+        Return the system as a NonlinearIOSystem of python-control.
 
-        Returns
-        -------
-        control.NonlinearIOSystem
-            With the names of states and inputs, the states as outputs, and the parameters as
-            `params`. Limits of inputs are not part of it.
-
+        It has the names of states and inputs, the states as outputs, and the parameters as
+        `params`. Limits of inputs are not part of it.
         """
         import control
         if self._model is None:

@@ -54,20 +54,7 @@ class Problem:
 
     @classmethod
     def from_dict(cls, statement: Mapping[str, Any]) -> 'Problem':
-        """
-        Return the problem of a mapping with the keys of a problem file.
-
-        Parameters
-        ----------
-        statement : mapping
-            As the keywords of `Problem`.
-
-        Raises
-        ------
-        StatementError
-            If the statement is invalid.
-
-        """
+        """Return the problem of a mapping with the keys of a problem file, as `Problem`."""
         problem = cls.__new__(cls)
         problem._set(statement)
         return problem
@@ -95,39 +82,11 @@ class Problem:
 
     @classmethod
     def from_text(cls, text: str, name: str | None = None) -> 'Problem':
-        """
-        Return a problem of a YAML text.
-
-        Parameters
-        ----------
-        text : str
-            As in a file.
-        name : str, optional
-            Name of the problem in a list.
-
-        Raises
-        ------
-        StatementError
-            As `from_file`.
-
-        """
+        """Return a problem of a YAML text, as `from_file`."""
         return cls.from_dict(choose_entry(read_text_entries(text), 'the text', name))
 
     def replace(self, **keys: Any) -> 'Problem':
-        """
-        Return this problem with other values of some keys.
-
-        Parameters
-        ----------
-        **keys
-            Keys of the statement, as those of `Problem`.
-
-        Raises
-        ------
-        StatementError
-            If the statement is then invalid.
-
-        """
+        """Return this problem with other values of some keys, checked as by `Problem`."""
         return Problem.from_dict({**self.statement, **keys})
 
     @property

@@ -30,10 +30,9 @@ _POINTS = 201   # times of a finite horizon, unless they are given
 @dataclass(frozen=True, eq=False)
 class LinearPlant:
     """
-    dx/dt = A x + B u, or x+ = A x + B u, about a set point.
+    dx/dt = A x + B u, or x+ = A x + B u, about a set point xe (n,), ue (m,).
 
-    `states` and `inputs` are names; `xe` (n,) and `ue` (m,) the set point; `period` [s] is 0 in
-    continuous time.
+    `period` [s] is 0 in continuous time.
     """
 
     A: Any

@@ -143,11 +143,7 @@ class NodeLoop:
                    and max(pilot.commands.stamp[answered:], default=-1) >= end,
                    f't = {end * 1e-9:g} s', 60.0)
         pilot.pause(True)
-        return self._recorded(begin, answered, end)
-
-    def _recorded(self, begin: int, answered: int, end: int) -> Run | None:
-        """Return the last run; None if messages of it are missing."""
-        return read_run(self._pilot.states, self._pilot.commands, end, begin, answered)
+        return read_run(pilot.states, pilot.commands, end, begin, answered)
 
 
 def read_run(states: Samples, commands: Samples, end: int, begin: int = 0, answered: int = 0

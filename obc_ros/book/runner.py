@@ -167,6 +167,13 @@ class Desk:
             _check(each.success, each)
         return [read_design(each.design) for each in responses]
 
+    def refuse(self, case: ReportedValues, what: str) -> str:
+        """Return why the server designs no regulator; UnansweredError if it does, for `what`."""
+        response, = self.ask([design_request(case)], DesignLqr)
+        if response.success:
+            raise UnansweredError(f'trajectory_server returned a gain for {what}')
+        return str(response.message)
+
     def name_folder(self, name: str) -> Path:
         """Return the folder of a recording of this entry."""
         return self._folder / f'{self._entry}-{name}'

@@ -5,11 +5,10 @@
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 import os
-import socket
 from typing import Any
 
 from obc_ros.action import SolveOptimalControl
-from obc_ros.cli.processes import APPEARS, Children
+from obc_ros.cli.processes import APPEARS, Children, is_domain_used
 from obc_ros.cli.ros_graph import Graph, join_graph, ServerLostError
 from obc_ros.cli.signals import EndSignals
 from obc_ros.core.text.errors import ObcError
@@ -74,7 +73,7 @@ def connect_client(server: str = '') -> Iterator[Client]:
     :raises ObcError: if no such server is running, or if ROS 2 does not start in this environment.
     """
     with EndSignals() as signals, join_graph(signals.check, Client) as client:
-        if not client.find(LOOK_HERE if is_domain_used() else CLIENT_LOOK, server):
+        if not client.find(LOOK_HERE if is_own_domain_used() else CLIENT_LOOK, server):
             raise ObcError(_report_servers(server, client.list_servers()))
         yield client
 
@@ -102,14 +101,7 @@ def serve_client(children: Children, *parameters: str) -> Iterator[Client]:
         yield client
 
 
-def is_domain_used() -> bool:
+def is_own_domain_used() -> bool:
     """Return whether a process of this machine takes part in the domain of this process."""
     domain = os.environ.get('ROS_DOMAIN_ID', '')
-    first = 7410 + 250 * (int(domain) if domain.isdigit() else 0)
-    for port in range(first, first + 2 * PARTICIPANTS, 2):
-        with socket.socket(type=socket.SOCK_DGRAM) as probe:
-            try:
-                probe.bind(('', port))
-            except (OSError, OverflowError):  # the port is in use, or there is no such port
-                return True
-    return False
+    return is_domain_used(int(domain) if domain.isdigit() else 0, PARTICIPANTS)

@@ -92,13 +92,17 @@ class Pilot:
         node, recorder = self.node, self._recorder
         recorder.subscribe(node, 'state', State, self.heard.append)
         recorder.subscribe(node, 'command', Command, self.commands.append)
-        recorder.subscribe(node, f'{controller}/design', LqrDesign, self._on_design, qos=LATCHED)
+        recorder.subscribe(
+            node, f'{controller}/design', LqrDesign, qos=LATCHED,
+            listener=lambda data, _: self.designs.append(deserialize_message(data, LqrDesign)))
         recorder.subscribe(node, 'reference', Trajectory, qos=LATCHED)
         journal = self._journal
         journal.subscribe(node, '/clock', Clock, qos=CLOCK)
         journal.subscribe(node, '/diagnostics', DiagnosticArray, self._on_diagnostics)
         journal.subscribe(node, '/parameter_events', ParameterEvent)
-        journal.subscribe(node, '/rosout', Log, self._on_log, qos=LATCHED)
+        journal.subscribe(
+            node, '/rosout', Log, qos=LATCHED,
+            listener=lambda data, _: self.said.append(deserialize_message(data, Log)))
         recorder.now = journal.now = lambda: self.states.stamp[-1] if self.states.stamp else 0
         self.publisher = node.create_publisher(Trajectory, 'reference', LATCHED)
         self._paused = False
@@ -109,12 +113,6 @@ class Pilot:
                                      ('measurement', Measurement, self.measurements),
                                      ('estimator_node/estimate', Estimate, self.estimates)):
             self._recorder.subscribe(self.node, topic, kind, samples.append)
-
-    def _on_design(self, data: bytes, published: int) -> None:
-        self.designs.append(deserialize_message(data, LqrDesign))
-
-    def _on_log(self, data: bytes, published: int) -> None:
-        self.said.append(deserialize_message(data, Log))
 
     def _on_diagnostics(self, data: bytes, published: int) -> None:
         for status in deserialize_message(data, DiagnosticArray).status:

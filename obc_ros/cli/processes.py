@@ -58,7 +58,7 @@ def reserve_domain() -> Iterator[int]:
             os.close(lock)
             continue
         try:
-            if _is_silent(domain):
+            if not is_domain_used(domain, 4):
                 _clear(domain)
                 yield domain
                 return
@@ -67,15 +67,15 @@ def reserve_domain() -> Iterator[int]:
     raise ObcError('every DDS domain from 1 to 101 is in use on this machine')
 
 
-def _is_silent(domain: int) -> bool:
-    """Return whether the unicast ports of the first participants of a domain are free."""
-    for participant in range(4):
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+def is_domain_used(domain: int, participants: int) -> bool:
+    """Return whether a process of this machine is one of the first participants of a domain."""
+    for participant in range(participants):
+        with socket.socket(type=socket.SOCK_DGRAM) as probe:
             try:
                 probe.bind(('', _port(domain) + 10 + 2 * participant))
-            except OSError:
-                return False
-    return True
+            except (OSError, OverflowError):  # the port is in use, or there is no such port
+                return True
+    return False
 
 
 def _port(domain: int) -> int:

@@ -20,22 +20,16 @@ from mcap.writer import Writer
 from obc_ros.cli.share_folders import share_directory
 from obc_ros.ros.execution.subscription_thread import Apart
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 import yaml
 
 LIBRARY = 'obc_ros'
 Listener = Callable[[bytes, int], None]
 # Deep enough for the bursts of a simulation that runs faster than real time.
 DEPTH = 5000
-LIVE = QoSProfile(
-    depth=DEPTH, history=HistoryPolicy.KEEP_LAST, reliability=ReliabilityPolicy.RELIABLE,
-    durability=DurabilityPolicy.VOLATILE)
-CLOCK = QoSProfile(  # published best effort
-    depth=DEPTH, history=HistoryPolicy.KEEP_LAST, reliability=ReliabilityPolicy.BEST_EFFORT,
-    durability=DurabilityPolicy.VOLATILE)
-LATCHED = QoSProfile(
-    depth=DEPTH, history=HistoryPolicy.KEEP_LAST, reliability=ReliabilityPolicy.RELIABLE,
-    durability=DurabilityPolicy.TRANSIENT_LOCAL)
+LIVE = QoSProfile(depth=DEPTH)
+CLOCK = QoSProfile(depth=DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT)   # as it is published
+LATCHED = QoSProfile(depth=DEPTH, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 _FIELD = re.compile(r'^([A-Za-z]\w*(?:/\w+)*)')
 _PRIMITIVES = {
     'bool', 'byte', 'char', 'float32', 'float64', 'string', 'wstring',

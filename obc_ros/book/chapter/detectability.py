@@ -12,10 +12,9 @@ from obc_ros.book.entries.regulators import state_lq_problem
 from obc_ros.book.entry import ComparedRow, EntryResult, GalleryEntry
 from obc_ros.book.exact_loops import compute_free_motion, run_sampled_loop
 from obc_ros.book.loop import Run, UnansweredError
-from obc_ros.book.runner import design_request, Desk, Trajectory
+from obc_ros.book.runner import Desk, Trajectory
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.riccati.fixed_horizon import solve_finite_horizon
-from obc_ros.srv import DesignLqr
 from scipy.linalg import solve_continuous_are, solve_continuous_lyapunov
 
 A, B = np.diag([1.0, -1.0]), np.ones((2, 1))
@@ -32,9 +31,7 @@ ROOT = sqrt(2)
 
 def counterexample_2_2(desk: Desk) -> EntryResult:
     """Show both solutions of the Riccati equation, the least cost and the refusals."""
-    refused, = desk.ask([design_request({'A': A, 'B': B, 'Qx': HIDDEN, 'Qu': [1.0]})], DesignLqr)
-    if refused.success:
-        raise UnansweredError('trajectory_server returned a gain for an unobservable cost')
+    refusal = desk.refuse({'A': A, 'B': B, 'Qx': HIDDEN, 'Qu': [1.0]}, 'an unobservable cost')
     path = desk.solve(**state_lq_problem(A, B, np.diag(HIDDEN), np.eye(1), X0, LONG))
     plant = {'system': 'linear', 'system_parameters.A': A, 'system_parameters.B': B}
     with desk.loop('unobservable', {**plant, 'x0': X0, 'publish_rate': 1 / STEP},
@@ -84,7 +81,7 @@ def counterexample_2_2(desk: Desk) -> EntryResult:
         'place of $√2 - 1$.',
         'After the refusal, `lqr_node` continues with the gain that it had, which has a weight '
         'for $x_1$ (dashed).'),
-        f'For $Q_x = diag(0, 1)$, `trajectory_server` reports: “{refused.message}”, and '
+        f'For $Q_x = diag(0, 1)$, `trajectory_server` reports: “{refusal}”, and '
         f'`lqr_node`: “{words}”.')
 
 

@@ -131,10 +131,6 @@ def section_2_4(desk: Desk) -> EntryResult:
         'the horizon; the constant gain (dashed) is still on its way.'))
 
 
-def _distance(P: Array) -> Array:
-    return np.asarray(np.abs(P - STATIONARY).max(axis=(1, 2)))
-
-
 def _compare_scalar() -> list[ComparedRow]:
     one, rows = np.eye(1), []
     t = np.linspace(0.0, SCALAR_LONG, 301)
@@ -209,7 +205,8 @@ def _draw_riccati(t: Array, P: dict[str, Array], runs: dict[str, Run]) -> Figure
                           label=f'$p_{{{i + 1}{j + 1}}}$' if style == '-' else None)
         elements.axhline(STATIONARY[i, j], **THIN)
     for (name, values), style, colour in zip(P.items(), ('-', '--'), LINE_COLOURS, strict=False):
-        decay.semilogy(LONG - t, _distance(values), style, color=colour, label=f'$P_1 = {name}$')
+        decay.semilogy(LONG - t, np.abs(values - STATIONARY).max(axis=(1, 2)), style, color=colour,
+                       label=f'$P_1 = {name}$')
     decay.semilogy(LONG - t, 8 * np.exp(-sqrt(2) * (LONG - t)), color='0.4', linewidth=1,
                    label=r'$8\,e^{-\sqrt{2}(T - t)}$')
     for run, style, text in ((runs['horizon'], '-', 'horizon'),

@@ -14,10 +14,8 @@ from obc_ros.book.drawing import create_panels, label_axes
 from obc_ros.book.entries.regulators import state_lq_problem
 from obc_ros.book.entry import ComparedRow, EntryResult, GalleryEntry
 from obc_ros.book.exact_loops import compute_free_motion, match_poles
-from obc_ros.book.loop import UnansweredError
-from obc_ros.book.runner import AnsweredRegulator, design_request, Desk
+from obc_ros.book.runner import AnsweredRegulator, Desk
 from obc_ros.core.numerics.arrays import Array
-from obc_ros.srv import DesignLqr
 from scipy.linalg import expm, solve_continuous_are
 
 SYSTEMS = 24
@@ -39,10 +37,7 @@ def exercise_2_7(desk: Desk) -> EntryResult:
     systems = draw_systems()
     designs = desk.design_all([
         {'A': A, 'B': B, 'weights': 'output', 'H': C, 'rho': rho} for A, B, C, rho in systems])
-    refused, = desk.ask([design_request(
-        {'A': [[1.0]], 'B': [[0.0]], 'Qx': [1.0], 'Qu': [1.0]})], DesignLqr)
-    if refused.success:
-        raise UnansweredError('trajectory_server returned a gain for A = 1, B = 0')
+    refusal = desk.refuse({'A': [[1.0]], 'B': [[0.0]], 'Qx': [1.0], 'Qu': [1.0]}, 'A = 1, B = 0')
     gains, poles, wanted = [], [], []
     for (A, B, C, rho), found in zip(systems, designs, strict=True):
         P = solve_continuous_are(A, B, C.T @ C, np.array([[rho]]))
@@ -69,7 +64,7 @@ def exercise_2_7(desk: Desk) -> EntryResult:
         '$y$ are 0, and observability leaves $x = 0$ only. Hence $P > 0$, no pole is on the '
         'imaginary axis, and $V$ falls to 0. Without observability a state in the unobservable '
         'subspace has no cost, and may grow.'),
-        f'For $A = 1$, $B = 0$, $C = 1$, `trajectory_server` reports: “{refused.message}”.')
+        f'For $A = 1$, $B = 0$, $C = 1$, `trajectory_server` reports: “{refusal}”.')
 
 
 def _draw_2_7(systems: list[Any], designs: list[AnsweredRegulator]) -> Figure:

@@ -15,7 +15,7 @@ from obc_ros.book.exact_loops import compute_free_motion, run_sampled_loop
 from obc_ros.book.loop import Run
 from obc_ros.book.runner import AnsweredRegulator, Desk, Trajectory
 from obc_ros.core.numerics.arrays import Array
-from scipy.linalg import solve_continuous_are, solve_continuous_lyapunov
+from scipy.linalg import expm, solve_continuous_are, solve_continuous_lyapunov
 
 N, M = 4, 2
 HORIZONS = (0.25, 0.5, 1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0, 12.0)
@@ -78,7 +78,6 @@ def theorem_2_2(desk: Desk) -> EntryResult:
 def _finite(A: Array, B: Array, Qx: Array, Qu: Array, x0: Array, T: float) -> float:
     """Return the minimum cost over [0, T], from the Hamiltonian matrix in small steps."""
     G = B @ np.linalg.solve(Qu, B.T)
-    from scipy.linalg import expm
     steps = int(np.ceil(T / 0.25))
     X = expm(-T / steps * np.block([[A, -G], [-Qx, -A.T]]))
     P = np.zeros_like(A)
@@ -89,8 +88,7 @@ def _finite(A: Array, B: Array, Qx: Array, Qu: Array, x0: Array, T: float) -> fl
 
 
 def _draw_thm_2_2(found: AnsweredRegulator, short: list[Trajectory], long: Trajectory,
-                  motion: Array
-                  ) -> Figure:
+                  motion: Array) -> Figure:
     A, B, H, Qu = make_plant()
     x0 = np.ones(N)
     best = float(x0 @ found.P @ x0)
@@ -209,7 +207,9 @@ def _draw_2_4(found: list[AnsweredRegulator], right: Run, wrong: Run) -> Figure:
     gains.grid(True, which='major')
     label_axes(gains, 'gain', 'weight $q$', '$K_1$ [s$^{-2}$], $K_2$ [s$^{-1}$]')
     gains.legend(loc='upper center', bbox_to_anchor=(0.5, -0.2), ncols=2, columnspacing=0.8)
-    _draw_poles(plane, found)
+    texts = [f'$q = {each:g}$' if each in (0.1, 1.0, 4.0, 10.0) else '' for each in WEIGHTS]
+    draw_pole_pairs(plane, zip((each.E for each in found), texts, strict=True),
+                    r'poles $\sqrt{q/2}\,(-1 \pm i)$')
     for run, dashes, text in ((right, (0, 1), '$K = [q, \\sqrt{2q}]$, $J = 4$'),
                               (wrong, (2, 3), 'as printed, $J = 6.125$')):
         for index, name in enumerate(('x_1', 'x_2')):
@@ -226,13 +226,6 @@ def _draw_2_4(found: list[AnsweredRegulator], right: Run, wrong: Run) -> Figure:
     label_axes(inputs, f'loop, $q = {Q:g}$: input', 'time $t$ [s]', '$u$ [m/s$^2$]',
                legend='lower right')
     return figure
-
-
-def _draw_poles(axes: Any, found: list[AnsweredRegulator]) -> None:
-    """Draw the closed-loop poles over q."""
-    texts = [f'$q = {q:g}$' if q in (0.1, 1.0, 4.0, 10.0) else '' for q in WEIGHTS]
-    draw_pole_pairs(axes, zip((each.E for each in found), texts, strict=True),
-                    r'poles $\sqrt{q/2}\,(-1 \pm i)$')
 
 
 THEOREM_2_2 = GalleryEntry(

@@ -11,10 +11,8 @@ from obc_ros.api.figures.style import EXACT, EXACT_LINE, get_line, LINE_COLOURS,
 from obc_ros.book.closed_forms import solve_scalar_finite_horizon, solve_scalar_infinite_horizon
 from obc_ros.book.drawing import create_panels, label_axes, place_legend_below
 from obc_ros.book.entry import ComparedRow, EntryResult, GalleryEntry
-from obc_ros.book.loop import UnansweredError
-from obc_ros.book.runner import design_request, Desk, Trajectory
+from obc_ros.book.runner import Desk, Trajectory
 from obc_ros.core.numerics.arrays import Array
-from obc_ros.srv import DesignLqr
 
 WEIGHTS = (0.1, 1.0, 10.0, 100.0)
 MANY_WEIGHTS = tuple(np.logspace(-2, 8, 21))
@@ -123,10 +121,8 @@ def exercise_2_9(desk: Desk) -> EntryResult:
     a, b, x0 = NINE.values()
     paths = desk.solve_all([state_example_2_2(**NINE, tf=tf, c=c) for c, tf in CURVES])
     infinite = desk.solve(**state_example_2_2(**NINE, tf=LONG, c=None))
-    case = {'A': [[a]], 'B': [[b]], 'Qx': [0.0], 'Qu': [1.0]}
-    refused, = desk.ask([design_request(case)], DesignLqr)
-    if refused.success:
-        raise UnansweredError('trajectory_server returned a gain for Qx = 0 and an unstable A')
+    refusal = desk.refuse({'A': [[a]], 'B': [[b]], 'Qx': [0.0], 'Qu': [1.0]},
+                          'Qx = 0 and an unstable A')
     rows, distances = [], []
     for (c, tf), path in zip(CURVES, paths, strict=True):
         exact = solve_scalar_finite_horizon(a, b, c, x0, path.t, tf=tf)
@@ -136,14 +132,15 @@ def exercise_2_9(desk: Desk) -> EntryResult:
                                 relative=True))
         distances.append((np.abs(path.x['x'] - far).max(), np.abs(exact.x - far).max()))
         rows.append(ComparedRow(f'cost $J$, {name}', path.J, exact.J, '$½ P(t_0) x(t_0)^2$'))
-    P = 2 * a / b**2
+    P, early = 2 * a / b**2, infinite.t < 5.0
     rows += [
         ComparedRow('infinite horizon: $x*(t)$', infinite.x['x'], x0 * np.exp(-a * infinite.t),
                     '$x(t_0) e^{-at}$'),
         ComparedRow('infinite horizon: $P = λ(t_0) / x(t_0)$', infinite.lam['x'][0] / x0, P,
                     '$2a/b^2$'),
         ComparedRow('infinite horizon: $-u(t)/x(t) = bP$ while $t < 5$ s',
-                    *_ratio(infinite, b * P), '$2a/b$'),
+                    -infinite.u['u'][early] / infinite.x['x'][early],
+                    np.full(early.sum(), b * P), '$2a/b$'),
         ComparedRow('infinite horizon: cost $J$', infinite.J, P * x0**2 / 2, '$½ P x(t_0)^2$')]
     measured, wanted = zip(*distances, strict=True)
     c, tf = CURVES[int(np.argmin(measured))]
@@ -161,13 +158,8 @@ def exercise_2_9(desk: Desk) -> EntryResult:
         '$x*(t_f)$ is correct in double precision. The reference is evaluated as a sum of terms '
         'of one sign.'),
         f'For the infinite horizon with $Q_x = 0$, `trajectory_server` reports: '
-        f'“{refused.message}”. '
+        f'“{refusal}”. '
         f'With the constraint $x({LONG:g}) = 0$, $P = {infinite.lam["x"][0] / x0:.9g}$.')
-
-
-def _ratio(path: Trajectory, exact: float) -> tuple[Array, Array]:
-    early = path.t < 5.0
-    return -path.u['u'][early] / path.x['x'][early], np.full(early.sum(), exact)
 
 
 def _draw_2_9(paths: list[Trajectory], distances: Sequence[float]) -> Any:

@@ -46,14 +46,9 @@ def state_exercise_2_2(Y: Array) -> dict[str, Any]:
         'final_time': {'free': False, 'value': 1}}
 
 
-def read_inputs(path: Trajectory, m: int) -> Array:
-    """Return the inputs of a path, shape (N, m)."""
-    return np.stack([path.u[f'u{i + 1}'] for i in range(m)], axis=1)
-
-
-def read_costates(path: Trajectory, m: int) -> Array:
-    """Return the costates of q on a path, shape (N, m)."""
-    return np.stack([path.lam[f'q{i + 1}'] for i in range(m)], axis=1)
+def read_columns(values: dict[str, Array], letter: str) -> Array:
+    """Return the inputs, or the costates of q, of part (b), shape (N, 3)."""
+    return np.stack([values[f'{letter}{i}'] for i in (1, 2, 3)], axis=1)
 
 
 def find_rotations(path: Trajectory, m: int) -> Array:
@@ -73,7 +68,7 @@ def exercise_2_2(desk: Desk) -> EntryResult:
                             method='indirect', show=0)
     rows = []
     for y, path in zip(VECTORS, three, strict=True):
-        u, length = read_inputs(path, 3), float(np.linalg.norm(y))
+        u, length = read_columns(path.u, 'u'), float(np.linalg.norm(y))
         name = f'$y = ({", ".join(f"{each:g}" for each in y)})$'
         exact = compute_circle_inputs(y, u[0], path.t)
         rows += [
@@ -82,8 +77,8 @@ def exercise_2_2(desk: Desk) -> EntryResult:
                         np.full(len(u), sqrt(2 * pi * length)), '$√(2π|y|)$'),
             ComparedRow(f'(b) {name}: $u(t)$', u, exact,
                         '$u(0) cos 2πt - (y/|y|) × u(0) sin 2πt$'),
-            ComparedRow(f'(b) {name}: costate $λ(t)$', read_costates(path, 3), -(u[0] + exact) / 2,
-                        '$-½ (u(0) + u(t))$, the circle'),
+            ComparedRow(f'(b) {name}: costate $λ(t)$', read_columns(path.lam, 'q'),
+                        -(u[0] + exact) / 2, '$-½ (u(0) + u(t))$, the circle'),
             ComparedRow(f'(b) {name}: $y^T u(t)$', u @ y, np.zeros(len(u)), '0')]
     for Y, path in zip(build_goal_matrices(), others, strict=True):
         m = len(Y)
@@ -129,7 +124,7 @@ def _draw_2_2(three: Trajectory, four: Trajectory) -> Figure:
     for axis in (solid.xaxis, solid.zaxis):
         axis.set_rotate_label(False)
     solid.set_zlabel('$q_3$')
-    u = read_inputs(three, 3)
+    u = read_columns(three.u, 'u')
     exact = compute_circle_inputs(VECTORS[0], u[0], three.t)
     for index in range(3):
         inputs.plot(three.t, u[:, index], label=f'$u_{index + 1}$', **get_line(index))

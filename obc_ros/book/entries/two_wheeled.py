@@ -61,6 +61,7 @@ def exercise_2_6(desk: Desk) -> EntryResult:
     for heading, (goals, paths) in zip(HEADINGS, maps, strict=True):
         ends = np.array([_driven(path) for path in paths])
         ends[:, 2] = np.remainder(ends[:, 2] - heading + pi, 2 * pi) - pi + heading
+        omega = np.concatenate([path.u['omega'] for path in paths])
         name = f'map of {len(goals)} goals, $θ_f = {heading:.4g}$'
         rows += [
             ComparedRow(f'{name}: $T$ [s]', [path.T for path in paths], find_least_times(goals),
@@ -70,7 +71,8 @@ def exercise_2_6(desk: Desk) -> EntryResult:
             ComparedRow(f'{name}: $|v| = L$',
                         np.concatenate([np.abs(path.u['v']) for path in paths]),
                         np.ones(sum(path.t.size for path in paths)), 'the exercise'),
-            ComparedRow(f'{name}: $ω ∈ {{-M, 0, M}}$', *_steering(paths), 'the exercise'),
+            ComparedRow(f'{name}: $ω ∈ {{-M, 0, M}}$', omega,
+                        np.clip(np.round(omega), -1, 1), 'the exercise'),
             ComparedRow(f'{name}: $T$ at the mirror image', *_mirrored(goals, paths),
                         'symmetry of the robot')]
     fine = [map_words(heading) for heading in HEADINGS]
@@ -168,19 +170,13 @@ def _driven(path: Trajectory) -> tuple[float, float, float]:
     return x, y, theta
 
 
-def _steering(paths: list[Trajectory]) -> tuple[Array, Array]:
-    omega = np.concatenate([path.u['omega'] for path in paths])
-    return omega, np.clip(np.round(omega), -1, 1)
-
-
 def _mirrored(goals: list[Pose], paths: list[Trajectory]) -> tuple[Array, Array]:
     """Return T, and T at the goal that mirroring (and reversing the path) gives."""
     times = {(round(x, 6), round(y, 6)): path.T
              for (x, y, _), path in zip(goals, paths, strict=True)}
-    if goals[0][2] == 0.0:  # left and right
-        return np.array([*times.values()]), np.array([times[x, -y] for x, y in times])
-    # The reversed path, mirrored: -(x, y) rotated by -theta, left for right.
-    return np.array([*times.values()]), np.array([times[y, x] for x, y in times])
+    # Left for right; or the reversed path, mirrored: -(x, y) rotated by -theta.
+    return np.array([*times.values()]), np.array([
+        times[(x, -y) if goals[0][2] == 0.0 else (y, x)] for x, y in times])
 
 
 def map_words(heading: float) -> tuple[list[str], Array, Array]:
@@ -220,7 +216,7 @@ def _draw_maps(maps: Sequence[tuple[list[str], Array, Array]]) -> Figure:
         plot.clabel(lines, lines.levels[1::2], fmt='%g s')
         for word, x, y in _places(index, words):
             plot.text(x, y, word, ha='center', va='center', zorder=4)
-        _robot(plot, 0.0, 0.0, 0.0)
+        draw_two_wheeled(plot, 0.0, 0.0, 0.0, width=0.25, colour='white')
         plot.set(aspect='equal', xlim=(-SIDE, SIDE), ylim=(-SIDE, SIDE), xticks=range(-3, 4),
                  yticks=range(-3, 4))
         plot.grid(False)
@@ -269,10 +265,6 @@ def _places(index: Array, words: list[str]) -> Iterator[tuple[str, float, float]
                 depth = distance_transform_edt(np.pad(room, 1))[1:-1, 1:-1]
                 row, column = np.argwhere(depth == depth.max()).mean(axis=0).round().astype(int)
                 yield text, GRID[column], GRID[row]
-
-
-def _robot(axes: Any, x: float, y: float, theta: float, colour: str = 'white') -> None:
-    draw_two_wheeled(axes, x, y, theta, width=0.25, colour=colour)
 
 
 EXERCISE_2_6 = GalleryEntry(

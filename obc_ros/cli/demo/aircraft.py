@@ -47,11 +47,14 @@ def run(out: Path, real_time: bool, formats: Sequence[str]) -> int:
     flight = Flight('aircraft', 'aircraft.yaml', END, (
         FlightEvent(FIRST_STEP, 'step to (1, 1) with Qx = I',
               lambda pilot: _step(pilot, steps, 0.0, 10.0, 'Qx = I')),
-        FlightEvent(CHANGE, 'weights of Example 2.5, in flight', _take_weights),
+        FlightEvent(CHANGE, 'weights of Example 2.5, in flight',
+                    lambda pilot: str(_change(pilot, EXAMPLE_2_5).sentence)),
         FlightEvent(SECOND_STEP, 'step to (2, 2) with the weights of Example 2.5',
               lambda pilot: _step(pilot, steps, 1.0, 15.0, 'Example 2.5')),
         FlightEvent(GUST, 'a gust from the side, 4 N for 1 s', lambda pilot: ''),
-        FlightEvent(REFUSAL, 'Qu = [-0.1, 0.1]', _refused_weights)), plant=make_gust(GUST))
+        FlightEvent(REFUSAL, 'Qu = [-0.1, 0.1]',
+                    set_parameters('lqr_node', {'Qu': [-0.1, 0.1]}, refused=True))),
+        plant=make_gust(GUST))
     return fly(flight, out, real_time, lambda pilot, wall: _conclude(
         pilot, wall, steps, out, formats))
 
@@ -63,20 +66,12 @@ def _step(pilot: Pilot, steps: list[UnitStep], start: float, span: float, weight
     return ''
 
 
-def _take_weights(pilot: Pilot) -> str:
-    return str(_change(pilot, EXAMPLE_2_5).sentence)
-
-
 def _change(pilot: Pilot, values: dict[str, list[float]]) -> LqrDesign:
     """Set parameters of lqr_node; return the new design."""
     before = pilot.designs[-1].revision
     set_parameters('lqr_node', values)(pilot)
     pilot.wait(lambda: pilot.designs[-1].revision > before, 'the new design')
     return pilot.designs[-1]
-
-
-def _refused_weights(pilot: Pilot) -> str:
-    return set_parameters('lqr_node', {'Qu': [-0.1, 0.1]}, refused=True)(pilot)
 
 
 def _conclude(pilot: Pilot, wall: float, steps: list[UnitStep], out: Path,

@@ -21,7 +21,7 @@ from pathlib import Path
 import sys
 
 from obc_ros.cli import results
-from obc_ros.cli.client import is_domain_used
+from obc_ros.cli.client import is_own_domain_used
 from obc_ros.cli.processes import isolate, lock_folder, reserve_domain
 from obc_ros.cli.ros_graph import Graph, join_graph, keep_to_this_machine, LOOK
 from obc_ros.core.text.errors import ObcError, quote
@@ -80,7 +80,7 @@ def _own_domain() -> Iterator[int]:
         return
     if not named.isdecimal() or int(named) > LAST_DOMAIN:
         raise ObcError(f'ROS_DOMAIN_ID={quote(named)}: wanted a number from 0 to {LAST_DOMAIN}')
-    if is_domain_used():
+    if is_own_domain_used():
         keep_to_this_machine()
         with join_graph() as graph:
             if graph.until(partial(_ends, graph), LOOK):

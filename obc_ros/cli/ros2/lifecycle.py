@@ -3,6 +3,7 @@
 """`obc lifecycle`: print and change the states of lifecycle nodes."""
 
 import argparse
+from functools import partial
 import sys
 
 from lifecycle_msgs.srv import ChangeState, GetAvailableTransitions, GetState
@@ -16,12 +17,9 @@ run = run_verb
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the verbs."""
     add_verbs(parser, {
-        'get': ('print the state of a node, or of all', _get_arguments, get_state),
+        'get': ('print the state of a node, or of all', partial(add_node, optional=True),
+                get_state),
         'set': ('change the state of a node', _set_arguments, set_state)})
-
-
-def _get_arguments(parser: argparse.ArgumentParser) -> None:
-    add_node(parser, optional=True)
 
 
 def _set_arguments(parser: argparse.ArgumentParser) -> None:

@@ -18,7 +18,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the verbs."""
     add_verbs(parser, {
         'call': ('call a service and print the response', _call_arguments, call),
-        'list': ('list the services', partial(add_list, what='services'), list_services)})
+        'list': ('list the services', partial(add_list, what='services'),
+                 partial(list_names, look=lambda node: node.get_service_names_and_types()))})
 
 
 def _call_arguments(parser: argparse.ArgumentParser) -> None:
@@ -56,8 +57,3 @@ def call(args: argparse.Namespace) -> int:
         response = graph.call(kind, name, request)
     print(f'response:\n{response!r}\n')
     return 0
-
-
-def list_services(args: argparse.Namespace) -> int:
-    """Print the names of the services."""
-    return list_names(args, lambda node: node.get_service_names_and_types())

@@ -45,7 +45,8 @@ run = run_verb
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the verbs."""
     add_verbs(parser, {
-        'list': ('list the topics', partial(add_list, what='topics'), list_topics),
+        'list': ('list the topics', partial(add_list, what='topics'),
+                 partial(list_names, look=lambda node: node.get_topic_names_and_types())),
         'info': ('show publishers and subscribers', _info_arguments, print_info),
         'echo': ('print messages', _echo_arguments, echo),
         'hz': ('print the rate of messages', _hz_arguments, print_rate),
@@ -115,11 +116,6 @@ def _add_qos(parser: argparse.ArgumentParser) -> None:
                         help='whether late subscribers receive earlier messages')
 
 
-def list_topics(args: argparse.Namespace) -> int:
-    """Print the names of the topics."""
-    return list_names(args, lambda node: node.get_topic_names_and_types())
-
-
 def print_info(args: argparse.Namespace) -> int:
     """Print type, publishers and subscriptions of a topic."""
     topic = _full(args.topic_name)
@@ -184,15 +180,11 @@ def print_rate(args: argparse.Namespace) -> int:
             kind, topic, lambda _: times.append(time.monotonic_ns()), profile, raw=True)
         told = 0
         while True:
-            graph.until(partial(_is_due, times, told), float('inf'))
+            graph.until(lambda due=told + 10**9: len(times) > 1 and times[-1] >= due,
+                        float('inf'))
             if told:
                 _tell_rate(times)
             told = times[-1]
-
-
-def _is_due(times: Sequence[int], told: int) -> bool:
-    """Return whether a second has passed since the rate was printed."""
-    return len(times) > 1 and times[-1] >= told + 10**9
 
 
 def _tell_rate(times: Sequence[int]) -> None:
@@ -213,7 +205,8 @@ def publish_message(args: argparse.Namespace) -> int:
     wanted = int(times > 0) if wanted is None else wanted
     with join_graph() as graph:
         message = _filled(kind, given, graph)
-        publisher = graph.node.create_publisher(kind, topic, _own(args))
+        publisher = graph.node.create_publisher(
+            kind, topic, _override(QoSProfile(depth=args.qos_depth or DEPTH), args))
         if publisher.get_subscription_count() < wanted:
             print(f'Waiting for at least {wanted} matching subscription(s)...', flush=True)
         if not graph.until(lambda: publisher.get_subscription_count() >= wanted,
@@ -277,10 +270,6 @@ def _fitting(graph: Graph, topic: str, args: argparse.Namespace) -> QoSProfile:
     return _override(profile, args)
 
 
-def _own(args: argparse.Namespace) -> QoSProfile:
-    return _override(QoSProfile(depth=args.qos_depth or DEPTH), args)
-
-
 def _override(profile: QoSProfile, args: argparse.Namespace) -> QoSProfile:
     if args.qos_reliability:
         profile.reliability = QoSReliabilityPolicy.get_from_short_key(args.qos_reliability)
@@ -300,11 +289,10 @@ def _path(field: str | None) -> list[str]:
 
 def _field(message: Any, path: list[str]) -> Any:
     """Return the field of a message at a path."""
-    value = message
     for name in path:
-        fields: Mapping[str, str] = getattr(value, 'get_fields_and_field_types', dict)()
+        fields: Mapping[str, str] = getattr(message, 'get_fields_and_field_types', dict)()
         if name not in fields:
             raise ObcError(f"Invalid field '{'.'.join(map(quote, path))}': no '{quote(name)}'"
                            + (f'; wanted {", ".join(fields)}' if fields else ''))
-        value = getattr(value, name)
-    return value
+        message = getattr(message, name)
+    return message
