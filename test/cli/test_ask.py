@@ -16,7 +16,6 @@ from hypothesis import strategies as st
 from obc_ros.cli import results
 from obc_ros.cli.ask.problem_requests import is_plain, Question
 from obc_ros.cli.ask.regulator_requests import Case
-from obc_ros.cli.console import tables
 from obc_ros.cli.obc import main
 from obc_ros.core.systems import registry
 from obc_ros.workers.wire import pack, Packet, unpack
@@ -185,7 +184,7 @@ def test_files_are_written_when_printing_fails(tmp_path, monkeypatch, command):
     def gone(*_):
         raise OSError(errno.ENOSPC, 'No space left on device')
 
-    monkeypatch.setattr(tables, 'print_table', gone)
+    monkeypatch.setattr(f'obc_ros.cli.ask.{command}.print_table', gone)
     assert main([command, 'missing.yaml', '--json', str(tmp_path)]) == 1
     assert read_json(tmp_path / 'missing.json')['status'] == 'malformed'
 

@@ -9,9 +9,8 @@ from contextlib import contextmanager
 import time
 from typing import Any
 
-from obc_ros.cli.console.progress import Lines
+from obc_ros.cli.console import InterruptedByUserError, Lines
 from obc_ros.cli.results import Asked
-from obc_ros.cli.signals import InterruptedByUserError
 from obc_ros.core.text.errors import ObcError
 
 CANCEL = 2.0  # [s] to wait for the results of cancelled requests

@@ -13,8 +13,7 @@ import numpy as np
 from obc_ros.cli import results
 from obc_ros.cli.ask.pool_batch import answer_all
 from obc_ros.cli.ask.regulator_requests import Case
-from obc_ros.cli.console import tables
-from obc_ros.cli.console.streams import get_width
+from obc_ros.cli.console import get_width, print_table
 from obc_ros.core.lqr.design.report import Matrices, read_matrices
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.text.errors import quote
@@ -64,7 +63,7 @@ def _ask_server(server: str, asked: Sequence[Case]) -> None:
 
 def _show(asked: list[Case], full: bool) -> None:
     rows = [_row(case, full) for case in asked if case.status != 'malformed']
-    tables.print_table(HEADER, rows, DESIGN_COLOURS)
+    print_table(HEADER, rows, DESIGN_COLOURS)
     for case in asked:
         if full and case.design:
             _print_matrices(case)

@@ -9,9 +9,8 @@ from queue import Empty, SimpleQueue
 from typing import Any
 
 from obc_ros.cli.ask.batch import Batch, end_all
-from obc_ros.cli.console.progress import Lines, show_progress
+from obc_ros.cli.console import EndSignals, Lines, show_progress
 from obc_ros.cli.results import Asked, Kind
-from obc_ros.cli.signals import EndSignals
 from obc_ros.core.text.errors import ObcError
 from obc_ros.ros.installation import require_ros
 from obc_ros.workers.pool import Job, Pool, RequestAnswer, SHORTEST, TIME_LIMIT

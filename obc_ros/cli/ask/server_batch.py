@@ -11,7 +11,7 @@ from obc_ros.action import SolveOptimalControl
 from obc_ros.cli.ask.batch import Batch
 from obc_ros.cli.ask.problem_requests import Question
 from obc_ros.cli.client import Client, connect_client
-from obc_ros.cli.console.progress import Lines, show_progress
+from obc_ros.cli.console import Lines, show_progress
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.text.errors import DynamicsError, StatementError
 from obc_ros.ros.messages import build_problem_message, read_solution

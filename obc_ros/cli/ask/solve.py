@@ -14,8 +14,7 @@ from obc_ros.api.figures.files import save_figure
 from obc_ros.cli import results
 from obc_ros.cli.ask.pool_batch import answer_all
 from obc_ros.cli.ask.problem_requests import Question
-from obc_ros.cli.console import tables
-from obc_ros.cli.console.streams import get_width
+from obc_ros.cli.console import get_width, print_table
 from obc_ros.core.ocp.method_names import get_method, NAMES
 from obc_ros.core.ocp.solution import Condition, Optimality, Solution
 from obc_ros.core.text.errors import quote, StatementError
@@ -109,7 +108,7 @@ class _ListOptions(argparse.Action):
         from obc_ros.core.solver.options import list_options
         rows = [(each.name, _write(each.value), each.unit, each.meaning, each.needed_by)
                 for each in list_options()]
-        tables.print_table(('option', 'default', 'unit', 'meaning', 'needed by'), rows)
+        print_table(('option', 'default', 'unit', 'meaning', 'needed by'), rows)
         parser.exit()
 
 
@@ -145,7 +144,7 @@ def _print_trees(asked: Sequence[Question]) -> None:
 
 
 def _show(asked: list[Question]) -> None:
-    tables.print_table(HEADER, [
+    print_table(HEADER, [
         _row(question) for question in asked if question.status != 'malformed'], STATUS_COLOURS)
     for question in asked:
         if found := question.solution and question.solution.free_parameters:
