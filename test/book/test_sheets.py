@@ -6,9 +6,9 @@ from math import exp, pi, sqrt
 
 import numpy as np
 import obc_ros as obc
+from obc_ros.book.teaching.exercises import find_end, find_extremal, STATEMENT
 from obc_ros.book.teaching.question import FormulaQuestion
 from obc_ros.book.teaching.sheet import check_answer, check_sheet, format_sheet, QUESTIONS
-from obc_ros.book.teaching.trajectory_questions import find_end, find_extremal, STATEMENT
 from obc_ros.cli.obc import main
 from obc_ros.core.text.expressions import parse_number
 import pytest

@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 from obc_ros.cli.demo.aircraft import GUST
+from obc_ros.cli.demo.flight import measure_step
 from obc_ros.cli.demo.flight_estimates import judge_flight
-from obc_ros.cli.demo.report import measure_step
 from obc_ros.cli.obc import main
 from obc_ros.core.simulation.simulator import Simulator
 from obc_ros.core.systems import registry

@@ -10,8 +10,8 @@ import numpy as np
 from obc_ros.api.figures.style import EXACT, get_line, LINE_COLOURS, THIN
 from obc_ros.book.drawing import create_panels, label_axes
 from obc_ros.book.entry import ComparedRow, EntryResult, GalleryEntry
-from obc_ros.book.exact_loops import run_sampled_loop, simulate_loop
 from obc_ros.book.loop import Run
+from obc_ros.book.references import run_sampled_loop, simulate_loop
 from obc_ros.book.runner import Desk
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.riccati.fixed_horizon import solve_finite_horizon

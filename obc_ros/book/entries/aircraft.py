@@ -11,8 +11,8 @@ from obc_ros.api.figures.bodies import draw_aircraft
 from obc_ros.api.figures.style import get_line, THIN
 from obc_ros.book.drawing import create_panels, label_axes
 from obc_ros.book.entry import ComparedRow, EntryResult, GalleryEntry
-from obc_ros.book.exact_loops import run_sampled_loop, simulate_loop
 from obc_ros.book.loop import NodeLoop, Run
+from obc_ros.book.references import run_sampled_loop, simulate_loop
 from obc_ros.book.runner import Desk, read_design
 from obc_ros.core.numerics.arrays import Array
 from scipy.linalg import solve_continuous_are

@@ -13,7 +13,7 @@ from obc_ros.book.closed_forms import solve_lag_regulator
 from obc_ros.book.drawing import create_panels, label_axes
 from obc_ros.book.entries.regulators import state_lq_problem
 from obc_ros.book.entry import ComparedRow, EntryResult, GalleryEntry
-from obc_ros.book.exact_loops import compute_free_motion, match_poles
+from obc_ros.book.references import compute_free_motion, match_poles
 from obc_ros.book.runner import AnsweredRegulator, Desk
 from obc_ros.core.numerics.arrays import Array
 from scipy.linalg import expm, solve_continuous_are

@@ -11,8 +11,8 @@ from obc_ros.api.figures.style import EXACT, EXACT_LINE, get_line, LINE_COLOURS,
 from obc_ros.book.closed_forms import solve_double_integrator_regulator
 from obc_ros.book.drawing import create_panels, draw_pole_pairs, label_axes
 from obc_ros.book.entry import ComparedRow, EntryResult, GalleryEntry
-from obc_ros.book.exact_loops import compute_free_motion, run_sampled_loop
 from obc_ros.book.loop import Run
+from obc_ros.book.references import compute_free_motion, run_sampled_loop
 from obc_ros.book.runner import AnsweredRegulator, Desk, Trajectory
 from obc_ros.core.numerics.arrays import Array
 from scipy.linalg import expm, solve_continuous_are, solve_continuous_lyapunov

@@ -10,8 +10,8 @@ import numpy as np
 from obc_ros.api.figures.style import EXACT_LINE, get_line, LINE_COLOURS, THIN
 from obc_ros.book.drawing import create_panels, label_axes
 from obc_ros.book.entry import ComparedRow, EntryResult, GalleryEntry
-from obc_ros.book.next_chapters.estimator_runs import ask_estimator
-from obc_ros.book.next_chapters.exact_filters import sample_noise
+from obc_ros.book.next_chapters.node_runs import ask_estimator
+from obc_ros.book.references import sample_noise
 from obc_ros.book.runner import Desk
 from obc_ros.core.estimation.kalman_gain import KalmanDesign, lqe
 from obc_ros.core.estimation.output_feedback import combine, OutputFeedback, recover_loop_transfer

@@ -10,8 +10,8 @@ import numpy as np
 from obc_ros.api.figures.style import EXACT_LINE, get_line, LINE_COLOURS, THIN
 from obc_ros.book.drawing import create_panels, label_axes
 from obc_ros.book.entry import ComparedRow, EntryResult, GalleryEntry
-from obc_ros.book.next_chapters.estimator_runs import EstimatedRun, run_estimator
-from obc_ros.book.next_chapters.exact_filters import (
+from obc_ros.book.next_chapters.node_runs import EstimatedRun, run_estimator
+from obc_ros.book.references import (
     run_filter,
     solve_sampled_scalar_filter,
     solve_scalar_filter,

@@ -10,8 +10,8 @@ from obc_ros.api.figures.style import EXACT_LINE, get_line, LINE_COLOURS, THIN
 from obc_ros.book.drawing import create_panels, label_axes
 from obc_ros.book.entry import ComparedRow, EntryResult, GalleryEntry
 from obc_ros.book.loop import Run
-from obc_ros.book.next_chapters.exact_plans import solve_sampled_scalar
-from obc_ros.book.next_chapters.receding_runs import run_receding
+from obc_ros.book.next_chapters.node_runs import run_receding
+from obc_ros.book.references import solve_sampled_scalar
 from obc_ros.book.runner import Desk
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.receding.formulation import RecedingProblem, state_receding_problem

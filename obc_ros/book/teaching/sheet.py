@@ -8,16 +8,12 @@ from pathlib import Path
 import textwrap
 from typing import Any
 
-from obc_ros.book.teaching.estimation_questions import ESTIMATION_QUESTIONS
+from obc_ros.book.teaching.exercises import QUESTIONS
 from obc_ros.book.teaching.question import SheetQuestion
-from obc_ros.book.teaching.regulator_questions import REGULATOR_QUESTIONS
-from obc_ros.book.teaching.trajectory_questions import TRAJECTORY_QUESTIONS
 from obc_ros.cli.console import print_table
 from obc_ros.core.text.errors import describe_type, ObcError, quote, StatementError, suggest_name
 from obc_ros.core.text.yaml_files import read_yaml
 
-QUESTIONS: tuple[SheetQuestion, ...] = (
-    *TRAJECTORY_QUESTIONS, *REGULATOR_QUESTIONS, *ESTIMATION_QUESTIONS)
 COMMENT_WIDTH = 97   # characters
 COLOURS = {'right': 'green', 'wrong': 'red', 'unreadable': 'red'}
 HEAD = """\

@@ -1,19 +1,25 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""Entries of files under way: as many at once as can be worked on, until each has a result."""
+"""Entries of files under way until each has a result, and the worker processes of the command."""
 
 from abc import ABC, abstractmethod
 from collections import deque
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, ExitStack
+import os
+from queue import Empty, SimpleQueue
 import time
 from typing import Any
 
-from obc_ros.cli.console import InterruptedByUserError, Lines
-from obc_ros.cli.results import Asked
+from obc_ros.cli.console import EndSignals, InterruptedByUserError, Lines, show_progress
+from obc_ros.cli.results import Asked, Kind
 from obc_ros.core.text.errors import ObcError
+from obc_ros.ros.installation import require_ros
+from obc_ros.workers.pool import Job, Pool, RequestAnswer, SHORTEST, TIME_LIMIT
+from obc_ros.workers.responses import compute_affinity, respond
 
 CANCEL = 2.0  # [s] to wait for the results of cancelled requests
+TICK = 0.02  # [s] until a signal is seen
 
 
 class Batch(ABC):
@@ -95,3 +101,93 @@ def end_all(asked: Sequence[Asked], interrupted: str, failed: str) -> Iterator[N
     for entry in asked:
         if not entry.status:
             entry.end(status, message)
+
+
+def answer_all(read: Callable[[], list[Kind]], module: str, endings: tuple[str, str],
+               ask_server: Callable[[Sequence[Kind]], None] | None, time_limit: float = 0.0,
+               hidden: bool = False) -> list[Kind]:
+    """
+    Return the entries of files; each has a status.
+
+    :param read: returns the entries; malformed ones have a status already.
+    :param module: answers requests in the processes of this command, see `Pool`.
+    :param endings: status of entries without a result after a signal, and after an error.
+    :param ask_server: has a server work on entries, in place of the processes of this command.
+    :param time_limit: of each entry [s]; 0: that of a server.
+    """
+    with ExitStack() as stack:
+        if not ask_server:
+            pool = Pool(module, 1, niceness=0)  # the process starts while the files are read
+            stack.callback(pool.close)
+        asked = read()
+        if waiting := [entry for entry in asked if not entry.status]:
+            with end_all(waiting, *endings):
+                if ask_server:
+                    require_ros('--server')
+                    ask_server(waiting)
+                else:
+                    _work(pool, waiting, max(time_limit or TIME_LIMIT, SHORTEST), hidden)
+    return asked
+
+
+def _work(pool: Pool, asked: Sequence[Asked], time_limit: float, hidden: bool) -> None:
+    pool.resize(min(count_cores(), len(asked)))
+    with EndSignals() as signals, show_progress(hidden) as lines:
+        while not pool.wait_for_start(TICK):
+            signals.check()
+        PoolBatch(pool, signals, asked, time_limit, lines).work()
+
+
+def count_cores() -> int:
+    """Return the number of cores that this process may use."""
+    if hasattr(os, 'sched_getaffinity'):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1  # macOS
+
+
+class PoolBatch(Batch):
+    """Entries that the workers of a pool work on."""
+
+    def __init__(self, pool: Pool, signals: EndSignals, asked: Sequence[Asked],
+                 time_limit: float, lines: Lines) -> None:
+        super().__init__(asked, lines)
+        self._pool, self._signals = pool, signals
+        self._time_limit = time_limit
+        self._jobs: dict[Asked, Job] = {}
+        # (entry, progress or answer), put there by the threads of the pool
+        self._arrived: SimpleQueue[tuple[Asked, Any]] = SimpleQueue()
+
+    def count_workers(self) -> int:
+        """Return how many workers are ready."""
+        ready = len(self._pool.pids)
+        if not ready and self._pool.fault:
+            raise ObcError(f'no worker starts: {self._pool.fault}')
+        return ready
+
+    def send(self, entry: Asked) -> None:
+        """Give an entry to a worker."""
+        request = entry.make_request()
+        self._jobs[entry] = job = Job(
+            kind=entry.kind, request=request, time_limit=self._time_limit,
+            done=lambda answer: self._arrived.put((entry, answer)),
+            progress=lambda phase, *_: self._arrived.put((entry, phase)),
+            affinity=compute_affinity(request))
+        self._pool.submit(job)
+
+    def wait(self, check: bool = True) -> None:
+        """Process what arrives next, or return after `TICK` seconds."""
+        if check:
+            self._signals.check()
+        try:
+            entry, what = self._arrived.get(timeout=TICK)
+        except Empty:
+            return
+        if isinstance(what, RequestAnswer):
+            entry.take_response(respond(what))
+            self.finish(entry)
+        else:
+            self.report(entry, what)
+
+    def cancel(self, entry: Asked) -> None:
+        """Ask the worker to stop."""
+        self._pool.cancel(self._jobs[entry])

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 from obc_ros.cli import results
-from obc_ros.cli.ask.pool_batch import answer_all
+from obc_ros.cli.ask.batch import answer_all
 from obc_ros.cli.ask.regulator_requests import Case
 from obc_ros.cli.console import get_width, print_table
 from obc_ros.core.lqr.design.report import Matrices, read_matrices

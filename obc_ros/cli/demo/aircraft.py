@@ -15,8 +15,15 @@ from obc_ros.api.figures.bodies import ARM, draw_aircraft, PLUME
 from obc_ros.api.figures.files import save_figure
 from obc_ros.api.figures.style import get_line, LINE_COLOURS, new_figure, STYLE, THIN
 from obc_ros.cli.console import print_table
-from obc_ros.cli.demo.flight import Flight, FlightEvent, fly, make_gust, set_parameters
-from obc_ros.cli.demo.report import measure_step, report_loop
+from obc_ros.cli.demo.flight import (
+    Flight,
+    FlightEvent,
+    fly,
+    make_gust,
+    measure_step,
+    report_loop,
+    set_parameters,
+)
 from obc_ros.cli.flight_client import Pilot
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.msg import LqrDesign

@@ -15,8 +15,7 @@ import numpy as np
 from obc_ros.api.figures.files import save_figure
 from obc_ros.api.figures.style import get_line, label_unit, LINE_COLOURS, new_figure, STYLE, THIN
 from obc_ros.cli.console import print_table
-from obc_ros.cli.demo.flight import Flight, FlightEvent, fly, make_gust
-from obc_ros.cli.demo.report import report_loop
+from obc_ros.cli.demo.flight import Flight, FlightEvent, fly, make_gust, report_loop
 from obc_ros.cli.flight_client import Pilot, Samples
 from obc_ros.core.estimation.filter import Consistency
 from obc_ros.core.numerics.arrays import Array

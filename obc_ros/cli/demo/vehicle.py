@@ -12,8 +12,7 @@ import numpy as np
 from obc_ros.api.figures.files import save_figure
 from obc_ros.api.figures.style import EXACT, get_line, new_figure, STYLE, THIN
 from obc_ros.cli.console import print_table
-from obc_ros.cli.demo.flight import Flight, FlightEvent, fly
-from obc_ros.cli.demo.report import report_loop
+from obc_ros.cli.demo.flight import Flight, FlightEvent, fly, report_loop
 from obc_ros.cli.flight_client import Pilot
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.systems.courses import build_lateral_reference, make_slalom
