@@ -22,13 +22,7 @@ from obc_ros.book.entries import (
     two_wheeled,
     vehicle,
 )
-from obc_ros.book.next_chapters import (
-    double_integrator_horizon,
-    doyle,
-    scalar_filter,
-    scalar_horizon,
-    tracking_filter,
-)
+from obc_ros.book.next_chapters import doyle, kalman_filters, receding_horizons
 
 ENTRIES = (
     optimization.EXAMPLE_2_1, terminal_constraints.SECTION_2_2, principle.THEOREM_2_1,
@@ -38,6 +32,5 @@ ENTRIES = (
     least_time.EXAMPLE_2_6, optimization.EXERCISE_2_1, shortest.EXERCISE_2_2,
     shortest.EXERCISE_2_3, flat.EXERCISE_2_4, flat.EXERCISE_2_5, two_wheeled.EXERCISE_2_6,
     linear.EXERCISE_2_7, linear.EXERCISE_2_8, scalar.EXERCISE_2_9, vehicle.EXERCISE_2_10,
-    scalar_filter.ESTIMATION_1, tracking_filter.ESTIMATION_2,
-    doyle.ESTIMATION_3, scalar_horizon.RECEDING_HORIZON_1,
-    double_integrator_horizon.RECEDING_HORIZON_2)
+    kalman_filters.ESTIMATION_1, kalman_filters.ESTIMATION_2, doyle.ESTIMATION_3,
+    receding_horizons.RECEDING_HORIZON_1, receding_horizons.RECEDING_HORIZON_2)

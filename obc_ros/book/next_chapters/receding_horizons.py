@@ -1,6 +1,11 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""A double integrator with a bounded input: the plan is not the saturated regulator."""
+"""
+Receding horizons with a bounded input: a scalar plant and a double integrator.
+
+The optimal first input of a scalar plant is that of the saturated regulator; that of a double
+integrator is not.
+"""
 
 from typing import Any
 
@@ -8,31 +13,121 @@ from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 import numpy as np
-from obc_ros.api.figures.style import EXACT, get_line, LINE_COLOURS, THIN
+from obc_ros.api.figures.style import EXACT, EXACT_LINE, get_line, LINE_COLOURS, THIN
 from obc_ros.book.drawing import create_panels, label_axes
 from obc_ros.book.entry import ComparedRow, EntryResult, GalleryEntry
 from obc_ros.book.loop import Run
 from obc_ros.book.next_chapters.node_runs import run_receding
-from obc_ros.book.references import EnumeratedPlan
+from obc_ros.book.references import EnumeratedPlan, solve_sampled_scalar
 from obc_ros.book.runner import Desk
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.receding.formulation import RecedingProblem, state_receding_problem
 from obc_ros.core.receding.step_solver import StepSolver
 from obc_ros.core.systems.registry import get_system
 
-PERIOD, BOUND, QX, QU = 0.5, 1.0, (1.0, 0.0), 0.05
+HORIZONS = (1, 2, 5, 20)
+BOUND = 1.0   # of |u|
+A, B, SCALAR_PERIOD = 1.0, 1.0, 0.1   # x' = A x + B u, [s]
+STATES = np.linspace(-3.0, 3.0, 41)
+SCALAR_X0, SCALAR_DURATION = 0.9, 6.0   # of the run; no input brakes beyond x = 1
+
+
+def state_scalar_problem(horizon: int) -> RecedingProblem:
+    """Return the problem of the scalar plant with a horizon of some periods."""
+    return _state('scalar', horizon, SCALAR_PERIOD, [1.0], 1.0)
+
+
+def state_bounded_problem(horizon: int) -> RecedingProblem:
+    """Return the problem of the double integrator with a horizon of some periods."""
+    return _state('double_integrator', horizon, PERIOD, list(QX), QU)
+
+
+def _state(system: str, horizon: int, period: float, Qx: list[float], Qu: float
+           ) -> RecedingProblem:
+    return state_receding_problem(
+        get_system(system), horizon=horizon, period=period, weights={'Qx': Qx, 'Qu': [Qu]},
+        limits={'input_bounds': {'u': [-BOUND, BOUND]}})
+
+
+def receding_horizon_1(desk: Desk) -> EntryResult:
+    """Compare plans of a scalar plant with the saturated regulator."""
+    alpha, beta, P, K = solve_sampled_scalar(A, B, 1.0, 1.0, SCALAR_PERIOD)
+    problem = state_scalar_problem(HORIZONS[-1])
+    first = np.array([_plan(state_scalar_problem(N), STATES[:, None])[:, 0] for N in HORIZONS])
+    run = run_receding(desk, {
+        'system': 'scalar', 'x0': [SCALAR_X0], 'publish_rate': 1.0 / SCALAR_PERIOD}, {
+        'system': 'scalar', 'Qx': [1.0], 'Qu': [1.0], 'rate': 1.0 / SCALAR_PERIOD,
+        'horizon': 20 * SCALAR_PERIOD, 'u_limits': [-BOUND, BOUND]}, SCALAR_DURATION)
+    x = _follow_scalar(alpha, beta, K, len(run.t))
+    rows = [
+        ComparedRow('gain $K$ of the sampled regulator', problem.K.item(), K,
+                    'quadratic equation for $P$'),
+        ComparedRow('terminal weight $P$', problem.P.item(), P, 'quadratic equation'),
+        ComparedRow('first input of the plan from 41 states, $N$ = 1, 2, 5, 20',
+                    first, np.tile(np.clip(-K * STATES, -BOUND, BOUND), (len(HORIZONS), 1)),
+                    '$sat(-Kx)$'),
+        ComparedRow('`mpc_node`, $N = 20$: $x(t)$', run.x[:, 0], x,
+                    'recursion with $u = sat(-Kx)$'),
+        ComparedRow('`mpc_node`, $N = 20$: $u(t)$', run.u[:, 0], np.clip(-K * x, -BOUND, BOUND),
+                    'the same recursion')]
+    return EntryResult(rows, _draw_scalar(first, K, run, x), (
+        'Left: the first input of the plans. A longer horizon changes nothing: the saturated '
+        f'regulator is optimal. Right: `mpc_node` from $x(0) = {SCALAR_X0:g}$. For $|x| > 1$ the '
+        'bounded input cannot stop the plant. From 0.9 the input is at its bound for about two '
+        'seconds.',))
+
+
+def _plan(problem: RecedingProblem, states: Array) -> Array:
+    """Return the inputs of the plans from states (k, n), shape (k, N)."""
+    solver = StepSolver(problem, compiled=False)
+    plans: list[Any] = [solver.solve(x).plan for x in states]   # none is None: all are feasible
+    return np.array([plan.u[:, 0] for plan in plans])
+
+
+def _follow_scalar(alpha: float, beta: float, K: float, count: int) -> Array:
+    """Return the states of x+ = alpha x + beta sat(-K x)."""
+    x = [SCALAR_X0]
+    for _ in range(count - 1):
+        x.append(alpha * x[-1] + beta * float(np.clip(-K * x[-1], -BOUND, BOUND)))
+    return np.array(x)
+
+
+def _draw_scalar(first: Array, K: float, run: Run, x: Array) -> Figure:
+    figure, ((law, time),) = create_panels(1, 2, 3.6)
+    law.plot(STATES, np.clip(-K * STATES, -BOUND, BOUND), label='$\\mathrm{sat}(-Kx)$',
+             **EXACT_LINE)
+    for index, (horizon, inputs) in enumerate(zip(HORIZONS, first, strict=True)):
+        some = slice(index, None, len(HORIZONS))
+        law.plot(STATES[some], inputs[some], 'os^D'[index], color=LINE_COLOURS[index],
+                 label=f'$N = {horizon}$')
+    law.set_ylim(-1.3, 1.3)
+    label_axes(law, 'first input of the plan', 'state $x$', '$u$', legend='lower left')
+    time.plot(run.t, run.x[:, 0], label='$x$', **get_line(0))
+    time.plot(run.t, run.u[:, 0], drawstyle='steps-post', label='$u$', **get_line(1))
+    time.plot(run.t[::3], x[::3], 'o', markersize=4, color='black', label='recursion of $x$')
+    time.axhline(0, **THIN)
+    time.set(xlim=(0, SCALAR_DURATION), ylim=(-1.3, 1.3))
+    label_axes(time, 'loop with mpc_node', 'time $t$ [s]', '$x$, $u$', legend='lower right')
+    return figure
+
+
+RECEDING_HORIZON_1 = GalleryEntry(
+    'receding-horizon-1', 'A scalar plant with a bounded input',
+    'D. Q. Mayne, J. B. Rawlings, C. V. Rao, P. O. M. Scokaert, Constrained model predictive '
+    'control, Automatica 36, 2000', (
+        "$x' = ax + bu$, $|u| ≤ 1$ with an input that is held for a period $h$, and "
+        '$J = ∫ (x^2 + u^2) dt$ over $N$ periods plus $Px(Nh)^2$, the cost-to-go of the sampled '
+        'regulator $u = -Kx$. For $a > 0$ no input keeps $|x| > b/a$ from growing.',
+        'For one state, the first input of the optimal plan is $sat(-Kx)$ for every $N$.'),
+    receding_horizon_1, in_book=False)
+
+
+PERIOD, QX, QU = 0.5, (1.0, 0.0), 0.05
 SPAN = (6.0, 3.0)                      # [m], [m/s] largest magnitudes on the grids
 COUNTS = (17, 13)                      # of positions and velocities, where plans are compared
 X0, DURATION = (4.0, 0.0), 10.0        # of the runs
 LEVELS = (-1.25, -1.0, -0.75, -0.5, -0.25, -0.02, 0.02, 0.25, 0.5, 0.75, 1.0, 1.25)   # [m/s^2]
 CHECKED = (1, 2, 4)                    # horizons of the compared plans, in periods
-
-
-def state_bounded_problem(horizon: int) -> RecedingProblem:
-    """Return the problem of the entry with a horizon of some periods."""
-    return state_receding_problem(
-        get_system('double_integrator'), horizon=horizon, period=PERIOD,
-        weights={'Qx': list(QX), 'Qu': [QU]}, limits={'input_bounds': {'u': [-BOUND, BOUND]}})
 
 
 def enumerate_plan(horizon: int) -> EnumeratedPlan:
@@ -50,7 +145,7 @@ def build_grid(counts: tuple[int, int]) -> Array:
 def receding_horizon_2(desk: Desk) -> EntryResult:
     """Compare plans of the double integrator with an enumeration of the active sets."""
     grid, exact = build_grid(COUNTS), {N: enumerate_plan(N) for N in CHECKED}
-    planned = {N: _plan(N, grid) for N in CHECKED}
+    planned = {N: _plan(state_bounded_problem(N), grid) for N in CHECKED}
     problem = state_bounded_problem(2)
     rows = [ComparedRow('gain $K$ of the sampled regulator', problem.K, exact[2].K,
                         'SciPy, `solve_discrete_are`')]
@@ -74,13 +169,6 @@ def receding_horizon_2(desk: Desk) -> EntryResult:
         f'the first input differs from $sat(-Kx)$, by up to {differs:.2g} m/s² at the states of '
         'the table. For $N = 1$ the plan is $sat(-Kx)$. Below: runs with both laws from rest. The '
         'saturated regulator brakes later and overshoots more.',))
-
-
-def _plan(horizon: int, grid: Array) -> Array:
-    """Return the inputs of the plans from states, shape (k, N)."""
-    solver = StepSolver(state_bounded_problem(horizon), compiled=False)
-    plans: list[Any] = [solver.solve(x).plan for x in grid]   # none is None: all are feasible
-    return np.array([plan.u[:, 0] for plan in plans])
 
 
 def _follow(plan: EnumeratedPlan, count: int, *, is_planned: bool) -> tuple[Array, Array]:
