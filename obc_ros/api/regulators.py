@@ -325,7 +325,6 @@ def _dress(design: LqrDesign, plant: LinearPlant) -> RegulatorDesign:
 
 def _read_plant(name: str, arguments: tuple[Any, ...], at: Any
                 ) -> tuple[LinearPlant, Any, Any]:
-    """Return the plant and the weights of the arguments of a design."""
     if len(arguments) not in (3, 4):
         raise StatementError(f'{name}: wanted A, B, Qx, Qu or a plant, Qx, Qu, found '
                              f'{len(arguments)} arguments')

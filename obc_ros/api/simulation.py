@@ -224,5 +224,4 @@ def _simulate_held(plant: System, law: RegulatorDesign, x: Array, times: Array) 
 
 
 def _hold(u: Array) -> ControlLaw:
-    """Return the law of a constant input."""
     return lambda s, x: u

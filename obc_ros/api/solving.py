@@ -200,7 +200,6 @@ def certify(problem: Problem | Mapping[str, Any], answer: Answer | None = None, 
 
 
 def _write(value: Any) -> str:
-    """Return the value of an option as the command line has it."""
     if isinstance(value, (list, tuple)):
         return ','.join(map(str, value))
     return str(value)

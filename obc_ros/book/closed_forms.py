@@ -3,14 +3,12 @@
 """
 Closed-form solutions of problems of chapter 2.
 
-Examples 2.2 and 2.4, Exercises 2.2, 2.3, 2.4(a), 2.8 and 2.9. Misprints of the book are corrected,
+Examples 2.2 and 2.4, Exercises 2.2, 2.3, 2.4(a) and 2.8. Misprints of the book are corrected,
 and formulas that lose digits are evaluated in an equivalent form that does not.
-
-The module is long because it contains a function for each of these results.
 """
 
 from dataclasses import dataclass
-from math import exp, inf, isfinite, isinf, nan, pi, sqrt
+from math import exp, inf, isfinite, isinf, pi, sqrt
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -63,7 +61,8 @@ def solve_scalar_finite_horizon(a: float, b: float, c: float, x0: float, t: Arra
     _finite(a=a, b=b, x0=x0, tf=tf)
     if not c >= 0:
         raise StatementError(f'c = {c}: the weight of x(tf) must be >= 0')
-    _nonzero(b=b)
+    if b == 0:
+        raise StatementError('b = 0: wanted a nonzero number')
     times = _times(t, tf)
     r, growth = tf - times, abs(a)
     # If c is infinite, numerators and denominators are divided by c.
@@ -80,64 +79,6 @@ def solve_scalar_finite_horizon(a: float, b: float, c: float, x0: float, t: Arra
     lam = size * x0 / whole * fading
     P = size / whole * (1.0 if a > 0 else exp(2 * a * tf))
     return ScalarPath(times, x, -b * lam, lam, P * x0 * x0 / 2, P)
-
-
-def solve_scalar_infinite_horizon(a: float, b: float, x0: float, t: ArrayLike) -> ScalarPath:
-    """
-    Minimise the integral of u^2 / 2 over [0, inf) with x(inf) = 0, subject to x' = a x + b u.
-
-    For a > 0, P = 2 a / b^2 and u = -b P x, so that x' = -a x. P = 0 also solves the Riccati
-    equation; the condition x(inf) = 0 selects P > 0. For a < 0, u = 0 is optimal.
-
-    Exercise 2.9.
-
-    :param a, b, x0: system, a and b not 0, and x(0).
-    :param t: (N,), times >= 0 [s].
-    :raises StatementError: if a number is not finite or out of its range; if a = 0, for which no
-        minimum is attained.
-    """
-    _finite(a=a, b=b, x0=x0)
-    _nonzero(a=a, b=b)
-    times = np.asarray(t, dtype=float).ravel()
-    if not ((times >= 0) & np.isfinite(times)).all():
-        raise StatementError('times must be finite and >= 0')
-    P = max(2 * a / b**2, 0.0)
-    x = x0 * np.exp(-abs(a) * times)
-    return ScalarPath(times, x, -b * P * x, P * x, P * x0 * x0 / 2, P)
-
-
-def solve_scalar_between(a: float, b: float, x0: float, xf: float, t: ArrayLike, *,
-                         tf: float) -> ScalarPath:
-    """
-    Minimise the integral of u^2 / 2 over [0, tf] with x(tf) = xf, subject to x' = a x + b u.
-
-    The solution of x'' = a^2 x,
-
-        x(t) = (x0 sinh(a (tf - t)) + xf sinh(a t)) / sinh(a tf),
-
-    is evaluated without overflow. `P` is nan, because J is not a multiple of x0^2.
-
-    Exercise 2.4(d), which compares flat trajectories with it: from x(0) = 0 the solution of
-    part (a) is x = 0.
-
-    :param a, b, x0, xf: system, b not 0, and x at both ends.
-    :param t, tf: as for `solve_scalar_finite_horizon`.
-    :raises StatementError: as `solve_scalar_finite_horizon`.
-    """
-    _finite(a=a, b=b, x0=x0, xf=xf, tf=tf)
-    _nonzero(b=b)
-    s, k = _times(t, tf), abs(a)
-    whole = float(_decayed(k, np.array(tf)))
-    x = (x0 * np.exp(-k * s) * _decayed(k, tf - s)
-         + xf * np.exp(-k * (tf - s)) * _decayed(k, s)) / whole
-    # xf - e^(a tf) x0, scaled by e^(-a tf) if a > 0 to avoid overflow.
-    if a > 0:
-        missing = xf * exp(-a * tf) - x0
-        u, J = missing * np.exp(-a * s) / (b * whole), missing**2 / (2 * b * b * whole)
-    else:
-        missing = xf - exp(a * tf) * x0
-        u, J = missing * np.exp(a * (tf - s)) / (b * whole), missing**2 / (2 * b * b * whole)
-    return ScalarPath(s, x, u, -u / b, J, nan)
 
 
 @dataclass(frozen=True, eq=False)
@@ -321,12 +262,6 @@ def _finite(**values: float) -> None:
     for name, value in values.items():
         if not isfinite(value):
             raise StatementError(f'{name} = {value}: wanted a finite number')
-
-
-def _nonzero(**values: float) -> None:
-    for name, value in values.items():
-        if value == 0:
-            raise StatementError(f'{name} = 0: wanted a nonzero number')
 
 
 def _positive(**values: float) -> None:

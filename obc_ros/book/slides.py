@@ -81,7 +81,6 @@ def _read_slides(folder: Path, names: Sequence[str]) -> list[str]:
 
 
 def _write_slide(record: Record, figure: str, folder: Path, count: str) -> str:
-    """Return a slide with one figure of an entry."""
     path = folder / Path(figure).name
     data = b64encode(path.read_bytes()).decode()
     shown = html.escape(f'{record["label"]}: {strip_markup(record["title"])}')

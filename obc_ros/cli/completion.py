@@ -70,7 +70,6 @@ def complete_action(command: str, action: argparse.Action) -> Mapping[str, Any] 
 
 
 def _list_names(command: str) -> list[str]:
-    """Return the names that a subcommand takes."""
     if command == 'examples':
         return list_examples()
     if command == 'gallery':

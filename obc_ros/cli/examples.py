@@ -100,7 +100,6 @@ def _join(text: str) -> str:
 
 
 def _list(examples: Collection[ProblemExample], is_long: bool) -> None:
-    """Print a table for each category."""
     ordered = sorted(examples, key=lambda each: (each.category, each.name))
     for category, group in groupby(ordered, lambda each: each.category):
         print(f'{category}:')

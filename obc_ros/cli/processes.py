@@ -79,7 +79,6 @@ def is_domain_used(domain: int, participants: int) -> bool:
 
 
 def _port(domain: int) -> int:
-    """Return the first port of a domain."""
     return 7400 + 250 * domain
 
 

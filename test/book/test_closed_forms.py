@@ -79,46 +79,11 @@ def test_terminal_state_tends_to_zero_as_its_weight_grows():
 
 
 def test_exercise_2_9_is_the_limit_of_long_horizons():
-    t = np.linspace(0, 3, 7)
-    infinite = closed_forms.solve_scalar_infinite_horizon(2, 0.5, 4, t)
-    # P = 2 a / b^2 and J = P x0^2 / 2
-    assert pytest.approx(16) == infinite.P
-    assert pytest.approx(128) == infinite.J
-    np.testing.assert_allclose(infinite.u, -0.5 * infinite.P * infinite.x)
     errors = [abs(closed_forms.solve_scalar_finite_horizon(2, 0.5, c, 4, [0.25], tf=tf).x
                   - 4 * np.exp(-0.5))[0] for tf in (0.5, 1, 10) for c in (0.1, 10)]
     # The last two have tf = 10; one of them is the closest of the six.
     assert np.argmin(errors) >= 4
     assert errors[-1] < 1e-6
-
-
-@settings(max_examples=60, deadline=None)
-@given(st.floats(-3, 3), positive, st.floats(-3, 3), st.floats(-3, 3), positive)
-def test_paths_between_two_states_satisfy_pontryagin(a, b, x0, xf, T):
-    t = np.linspace(0, T, 21)
-    found = closed_forms.solve_scalar_between(a, b, x0, xf, t, tf=T)
-    scale = 1 + abs(found.x).max() + abs(found.u).max()
-    assert found.x[0] == pytest.approx(x0, abs=1e-12)
-    assert found.x[-1] == pytest.approx(xf, abs=1e-12)
-    np.testing.assert_allclose(found.lam, found.lam[0] * np.exp(-a * t), atol=1e-9 * scale)
-    end = solve_ivp(lambda s, x: a * x - b * b * found.lam[0] * np.exp(-a * s),
-                    (t[0], t[-1]), [x0], rtol=1e-10, atol=1e-12, t_eval=t).y[0]
-    np.testing.assert_allclose(found.x, end, atol=1e-6 * scale)
-    cost = quad(lambda s: (b * found.lam[0] * np.exp(-a * s))**2 / 2, t[0], t[-1])[0]
-    assert pytest.approx(cost, rel=1e-7, abs=1e-12) == found.J
-
-
-def test_a_subnormal_rate_is_as_good_as_zero():
-    for a in (5e-324, -5e-324, 1e-310):
-        found = closed_forms.solve_scalar_between(a, 1, 0, 1, [0, 0.25, 1], tf=1)
-        np.testing.assert_allclose(found.x, [0, 0.25, 1])
-
-
-def test_paths_over_long_times_stay_finite():
-    for a in (-20.0, 20.0):
-        found = closed_forms.solve_scalar_between(a, 1, 2, 3, np.linspace(0, 100, 5), tf=100)
-        assert np.isfinite(found.u).all()
-        np.testing.assert_allclose(found.x[[0, -1]], [2, 3])
 
 
 @pytest.mark.parametrize('q', [0.1, 1, 2, 30])
@@ -220,8 +185,6 @@ def test_straight_line_has_the_known_length_and_costate():
      'tf = 0: wanted a number > 0'),
     (lambda: closed_forms.solve_scalar_finite_horizon(1, 1, 1, 1, [2], tf=1),
      'times must lie within'),
-    (lambda: closed_forms.solve_scalar_infinite_horizon(0, 1, 1, [0]), 'a = 0'),
-    (lambda: closed_forms.solve_scalar_infinite_horizon(1, 1, 1, [-1]), 'finite and >= 0'),
     (lambda: closed_forms.solve_double_integrator_regulator(0), 'q = 0'),
     (lambda: closed_forms.solve_lag_regulator(-1), 'a = -1'),
     (lambda: closed_forms.solve_brockett([[0, 1], [1, 0]], [0]), 'must be skew'),

@@ -52,7 +52,6 @@ def draw_path(problem: Problem, solution: Solution, title: str) -> Any:
 
 
 def _list_panels(problem: Problem, shown: Solution) -> Iterator[Panel]:
-    """Yield the panels of states, inputs and costates."""
     whole = problem.phases is None   # the phases have bounds of their own
     n = len(problem.shown_states)
     steps = 'steps-post' if shown.interpolation == 'zoh' else 'default'

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 from obc_ros.api.figures.style import EXACT, EXACT_LINE, get_line, LINE_COLOURS, THIN
-from obc_ros.book.closed_forms import solve_scalar_finite_horizon, solve_scalar_infinite_horizon
+from obc_ros.book.closed_forms import solve_scalar_finite_horizon
 from obc_ros.book.drawing import create_panels, label_axes, place_legend_below
 from obc_ros.book.entry import ComparedRow, EntryResult, GalleryEntry
 from obc_ros.book.runner import Desk, Trajectory
@@ -126,7 +126,7 @@ def exercise_2_9(desk: Desk) -> EntryResult:
     rows, distances = [], []
     for (c, tf), path in zip(CURVES, paths, strict=True):
         exact = solve_scalar_finite_horizon(a, b, c, x0, path.t, tf=tf)
-        far = solve_scalar_infinite_horizon(a, b, x0, path.t).x
+        far = x0 * np.exp(-a * path.t)
         name = f'$c = {c:g}$, $t_f = {tf:g}$ s'
         rows.append(ComparedRow(f'$x*(t)$, {name}', path.x['x'], exact.x, 'Example 2.2',
                                 relative=True))

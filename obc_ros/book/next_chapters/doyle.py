@@ -115,7 +115,6 @@ def estimation_3(desk: Desk) -> EntryResult:
 
 
 def _ask_node(desk: Desk, f: float) -> SuggestNoise.Response:
-    """Return the suggestion of estimator_node."""
     return ask_estimator(desk, {
         'system': 'linear', 'system_parameters.A': A.ravel(), 'system_parameters.B': B.ravel(),
         'outputs': ['x1'], 'Qw': np.full(4, Q), 'Rv': [1.0 / PERIOD, 1.0],

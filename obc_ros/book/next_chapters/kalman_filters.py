@@ -126,7 +126,6 @@ def _draw_periods(axes: Any, sampled: list[KalmanDesign]) -> None:
 
 
 def _draw_band(axes: Any, run: EstimatedRun, state: int) -> None:
-    """Draw the 95 % band of an estimated state."""
     t, x, half = run.t - run.t[0], run.x[:, state], 1.96 * np.sqrt(run.P[:, state, state])
     axes.fill_between(t, x - half, x + half, color=LINE_COLOURS[0], alpha=0.25, linewidth=0,
                       label='95 % band')

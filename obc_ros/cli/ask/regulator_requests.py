@@ -125,7 +125,6 @@ def _system(given: Mapping[str, Any]) -> tuple[int, int]:
 
 
 def _plant(given: Mapping[str, Any]) -> tuple[int, int]:
-    """Return the numbers of states and inputs of A and B."""
     for key in PLANT:
         if key not in given:
             raise StatementError(f"{key}: missing; wanted a list of rows (or 'system')")

@@ -34,7 +34,6 @@ def answer_by_server(server: str, asked: Sequence[Question], time_limit: float) 
 
 def _build_problems(asked: Sequence[Question], lines: Lines
                     ) -> Iterator[tuple[Question, Problem]]:
-    """Yield the valid statements with their problems."""
     for question in asked:
         try:
             yield question, question.build_problem()

@@ -99,8 +99,6 @@ def _option(text: str) -> str:
 
 
 class _ListOptions(argparse.Action):
-    """Print all options and exit."""
-
     def __init__(self, option_strings: Sequence[str], dest: str, **settings: Any) -> None:
         super().__init__(option_strings, dest, nargs=0, **settings)
 

@@ -137,7 +137,6 @@ def _reporter(lines: Lines) -> Callable[[SweepProgress], None]:
 
 
 def _describe(progress: SweepProgress) -> str:
-    """Return the progress in words."""
     words = [f'{progress.done} of {progress.total}']
     if progress.rate > 0.0:
         words.append(f'{progress.rate:.3g}/s')

@@ -142,7 +142,6 @@ def _draw_surfaces(axes: Axes, dataset: Any, x: Array, y: Array) -> None:
 
 
 def _draw_limit(axes: Axes, dataset: Any, x: Array, y: Array) -> None:
-    """Draw the limit of stability."""
     decay = _solved(dataset, 'decay').T
     if np.nanmin(decay) < 0.0 < np.nanmax(decay):
         axes.contour(x, y, decay, levels=[0.0], colors=LINE_COLOURS[1], linewidths=1.8)
@@ -208,7 +207,6 @@ def _spread(values: Array) -> bool:
 
 
 def _name(dataset: Any, code: int) -> str:
-    """Return a status in words."""
     names = dataset['status'].attrs['flag_meanings'].split()
     return names[code].replace('_', ' ') if code >= 0 else 'not solved yet'
 
@@ -233,6 +231,5 @@ def _label_plane(axes: Axes, dataset: Any, keys: list[str]) -> None:
 
 
 def _label(dataset: Any, name: str, text: str = '') -> str:
-    """Return the label of a number with its unit."""
     unit = dataset[name].attrs.get('units', '')
     return f'{text or name} [{unit}]' if unit else text or name

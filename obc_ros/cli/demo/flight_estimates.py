@@ -158,7 +158,6 @@ def judge_flight(t: Array, x: Array) -> tuple[bool, str]:
 
 
 def _list_errors(flown: EstimatedFlight, whole: tuple[Array, Array]) -> Iterator[tuple[str, ...]]:
-    """Yield a row of the table for each state."""
     late, error = flown.te >= 2.0, flown.error
     for i, signal in enumerate(get_system('aircraft').states):
         found, spread = error[late, i], flown.deviation[late, i]

@@ -62,7 +62,6 @@ def _lines(name: str, comments: bool, nested_comments: bool, depth: int = 0) -> 
 
 
 def _parts(name: str) -> tuple[str, str, str]:
-    """Return package, kind and name of an interface."""
     found = re.fullmatch(r'(\w+)/(msg|srv|action)/(\w+)', name)
     if not found:
         raise ObcError(f"Invalid name '{quote(name)}'. Expected three parts separated by '/': "

@@ -288,7 +288,6 @@ def _path(field: str | None) -> list[str]:
 
 
 def _field(message: Any, path: list[str]) -> Any:
-    """Return the field of a message at a path."""
     for name in path:
         fields: Mapping[str, str] = getattr(message, 'get_fields_and_field_types', dict)()
         if name not in fields:

@@ -82,7 +82,6 @@ def fill(message: Any, values: Mapping[str, Any], *, now: Any = None, path: str 
 
 
 def _converted(value: Any, kind: Any, where: str, now: Any) -> Any:
-    """Return a value of YAML, converted to the type of a field."""
     if isinstance(kind, AbstractNestedType):
         return _sequence(value, kind, where, now)
     if isinstance(kind, NamespacedType):
