@@ -1,7 +1,8 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""Nodes as processes whose topics are recorded, and a loop with `lqr_node` in lockstep."""
+"""Requests and parameters as `ros2` commands, recorded nodes, and a loop in lockstep."""
 
+from array import array
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
@@ -10,7 +11,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from obc_ros.book.ros2_commands import publish, run_node, set_parameter, write_argument
 from obc_ros.cli.flight_client import Pilot, Samples
 from obc_ros.cli.processes import Children
 from obc_ros.cli.recording import Recorder
@@ -19,6 +19,7 @@ from obc_ros.core.text.errors import ObcError
 from obc_ros.msg import Command, LqrDesign, State, Trajectory
 from rclpy.serialization import deserialize_message
 from std_srvs.srv import Trigger
+import yaml
 
 RESET = 'ros2 service call /plant_simulator/reset std_srvs/srv/Trigger'
 DESIGN = 'ros2 topic echo --once /lqr_node/design obc_ros/msg/LqrDesign'
@@ -30,6 +31,85 @@ PACE = {'lockstep': True, 'speed': 1e6, 'dt': 0.005}  # speed 0 would publish a 
 PATIENT = {'qos_overrides./command.publisher.depth': 1000, 'state_timeout': 0.0,
            'stamp_timeout': 0.0}
 SIMULATED = {'unlimited': True, 'transition_time': 0.0}   # no protections of a robot
+
+
+def write_service_call(name: str, kind: Any, request: Any, node: str = 'trajectory_server'
+                       ) -> str:
+    """Return the command that sends a request to a node."""
+    text = _quoted(_flow(drop_defaults(request)))
+    return f'ros2 service call /{node}/{name} obc_ros/srv/{kind.__name__} {text}'
+
+
+def run_node(node: str, parameters: Mapping[str, Any], renamed: Mapping[str, str] | None = None
+             ) -> str:
+    """Return the command that starts a node, with other names for topics."""
+    given = ' '.join([*(f'-p {_argument(name, value)}' for name, value in parameters.items()),
+                      *(f'-r {topic}:={name}' for topic, name in (renamed or {}).items())])
+    return f'ros2 run obc_ros {node} --ros-args {given}'
+
+
+def publish(topic: str, message: Any, file: Path) -> str:
+    """
+    Write a message to a file, and return the command that publishes it.
+
+    The stamp is left out: it belongs to this run. The path is relative to the folder of the page.
+    """
+    fields = {name: value for name, value in drop_defaults(message).items() if name != 'header'}
+    for name, value in fields.items():
+        if not isinstance(value, str):
+            fields[name] = np.round(value, 9).tolist()
+    file.write_text(_flow(fields) + '\n', encoding='utf-8')
+    kind = type(message)
+    place = Path(*file.parts[-3:])
+    return (f'ros2 topic pub --once --keep-alive 2 --qos-durability transient_local /{topic} '
+            f'obc_ros/msg/{kind.__name__} "$(cat {place})"')
+
+
+def set_parameter(node: str, name: str, value: Any) -> str:
+    """Return the command that sets a parameter."""
+    return f'ros2 param set /{node} {name} {_quoted(_flow(_value(value)))}'
+
+
+def write_argument(name: str, value: Any) -> str:
+    """Return ``name:=value`` as an argument of a node."""
+    return f'{name}:={_flow(_value(value))}'
+
+
+def drop_defaults(message: Any) -> Any:
+    """Return a message as plain values for YAML, without fields at their defaults."""
+    if hasattr(message, 'get_fields_and_field_types'):
+        fields = {name: drop_defaults(getattr(message, name))
+                  for name in message.get_fields_and_field_types()}
+        return {name: value for name, value in fields.items()
+                if value not in ('', [], {}, 0.0, False)}
+    if isinstance(message, (array, list)):
+        return [drop_defaults(each) for each in message]
+    return message
+
+
+def _argument(name: str, value: Any) -> str:
+    text = write_argument(name, value)
+    return _quoted(text) if ' ' in text or '[' in text else text
+
+
+def _value(value: Any) -> Any:
+    if isinstance(value, (bool, int, str)):
+        return value
+    if isinstance(value, list) and value and isinstance(value[0], str):
+        return value
+    numbers = np.asarray(value, dtype=float)
+    return numbers.ravel().tolist() if numbers.ndim else float(numbers)
+
+
+def _flow(value: Any) -> str:
+    text = yaml.safe_dump(value, default_flow_style=True, width=10**9, sort_keys=False)
+    return text.removesuffix('\n').removesuffix('\n...').strip()
+
+
+def _quoted(text: str) -> str:
+    for character in '\\"$`':
+        text = text.replace(character, f'\\{character}')
+    return f'"{text}"'
 
 
 class UnansweredError(ObcError):

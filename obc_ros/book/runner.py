@@ -15,8 +15,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from obc_ros.book.loop import NodeLoop, reshape_rows, run_loop, UnansweredError
-from obc_ros.book.ros2_commands import write_service_call
+from obc_ros.book.loop import NodeLoop, reshape_rows, run_loop, UnansweredError, write_service_call
 from obc_ros.cli.client import Client
 from obc_ros.core.lqr.design.report import read_matrices
 from obc_ros.core.numerics.arrays import Array

@@ -13,13 +13,13 @@ import shlex
 
 from matplotlib.figure import Figure
 import numpy as np
-from obc_ros.book import page, ros2_commands
+from obc_ros.book import page
 from obc_ros.book import records as gallery
 from obc_ros.book import runner as desks
 from obc_ros.book.chapter.all import ENTRIES
 from obc_ros.book.entries import linear, regulators, vehicle
 from obc_ros.book.entry import ComparedRow, EntryResult, GalleryEntry
-from obc_ros.book.loop import UnansweredError
+from obc_ros.book.loop import publish, UnansweredError, write_service_call
 from obc_ros.cli.client import serve_client
 from obc_ros.cli.obc import main, parse
 from obc_ros.cli.processes import Children, isolate, reserve_domain
@@ -262,13 +262,13 @@ def test_commands_contain_the_request() -> None:
         'final_time': {'free': True, 'lower': 0.1, 'upper': 3}}
     request = desks.solve_request(problem, 'arcs')
     given = yaml.safe_load(shlex.split(
-        ros2_commands.write_service_call('solve', SolveOptimalControl, request))[-1])
+        write_service_call('solve', SolveOptimalControl, request))[-1])
     assert given['method'] == 'arcs'
     again = read_statement(fill(SolveOptimalControl.Request(), given).problem)
     assert again == read_statement(request.problem)
     case = {'A': [[0, 1], [0, 0]], 'B': [[0], [1]], 'Qx': [1, 0], 'Qu': [0.1]}
     request = desks.design_request(case)
-    command = ros2_commands.write_service_call('design_lqr', DesignLqr, request)
+    command = write_service_call('design_lqr', DesignLqr, request)
     assert shlex.split(command)[:5] == [
         'ros2', 'service', 'call', '/trajectory_server/design_lqr', 'obc_ros/srv/DesignLqr']
     assert fill(DesignLqr.Request(), yaml.safe_load(shlex.split(command)[-1])) == request
@@ -278,7 +278,7 @@ def test_a_reference_is_published_from_its_file(tmp_path: Path) -> None:
     folder = tmp_path / 'recordings' / 'loop'
     folder.mkdir(parents=True)
     reference = vehicle.make_course('flat')
-    command = ros2_commands.publish('reference', reference, folder / 'flat.yaml')
+    command = publish('reference', reference, folder / 'flat.yaml')
     assert command.endswith('"$(cat recordings/loop/flat.yaml)"')
     given = yaml.safe_load((folder / 'flat.yaml').read_text())
     again = fill(type(reference)(), given)

@@ -14,7 +14,7 @@ from asking import check_malformed, read_json, SCALAR
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from obc_ros.cli import results
-from obc_ros.cli.ask.problem_requests import is_plain, Question
+from obc_ros.cli.ask.batch import is_plain, Question
 from obc_ros.cli.ask.regulator_requests import Case
 from obc_ros.cli.obc import main
 from obc_ros.core.systems import registry

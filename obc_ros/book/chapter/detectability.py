@@ -7,9 +7,8 @@ from math import sqrt
 from matplotlib.figure import Figure
 import numpy as np
 from obc_ros.api.figures.style import EXACT, get_line, THIN
-from obc_ros.book.drawing import create_panels, label_axes
 from obc_ros.book.entries.regulators import state_lq_problem
-from obc_ros.book.entry import ComparedRow, EntryResult, GalleryEntry
+from obc_ros.book.entry import ComparedRow, create_panels, EntryResult, GalleryEntry, label_axes
 from obc_ros.book.loop import Run, UnansweredError
 from obc_ros.book.references import compute_free_motion, run_sampled_loop
 from obc_ros.book.runner import Desk, Trajectory

@@ -11,7 +11,6 @@ from matplotlib.patches import Arc
 import numpy as np
 from obc_ros.api.figures.bodies import draw_aircraft, INK, place_points
 from obc_ros.api.figures.style import LINE_COLOURS, new_figure, THIN
-from obc_ros.book.drawing import draw_arrow, label_axes
 from obc_ros.book.entries.aircraft import (
     ARM,
     FLIGHT_STEP,
@@ -21,7 +20,7 @@ from obc_ros.book.entries.aircraft import (
     linearize_at_hover,
     MASS,
 )
-from obc_ros.book.entry import ComparedRow, EntryResult, GalleryEntry
+from obc_ros.book.entry import ComparedRow, draw_arrow, EntryResult, GalleryEntry, label_axes
 from obc_ros.book.loop import Run
 from obc_ros.book.runner import Desk, read_design
 from obc_ros.core.numerics.arrays import Array

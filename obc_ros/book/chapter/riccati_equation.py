@@ -8,8 +8,7 @@ from typing import Any
 from matplotlib.figure import Figure
 import numpy as np
 from obc_ros.api.figures.style import EXACT, get_line, LINE_COLOURS, THIN
-from obc_ros.book.drawing import create_panels, label_axes
-from obc_ros.book.entry import ComparedRow, EntryResult, GalleryEntry
+from obc_ros.book.entry import ComparedRow, create_panels, EntryResult, GalleryEntry, label_axes
 from obc_ros.book.loop import Run
 from obc_ros.book.references import run_sampled_loop, simulate_loop
 from obc_ros.book.runner import Desk

@@ -9,8 +9,15 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 import numpy as np
 from obc_ros.api.figures.style import EXACT, get_line, THIN
-from obc_ros.book.drawing import create_panels, draw_arrow, label_axes, place_legend_below
-from obc_ros.book.entry import ComparedRow, EntryResult, GalleryEntry
+from obc_ros.book.entry import (
+    ComparedRow,
+    create_panels,
+    draw_arrow,
+    EntryResult,
+    GalleryEntry,
+    label_axes,
+    place_legend_below,
+)
 from obc_ros.book.runner import Desk, Trajectory
 from obc_ros.core.numerics.arrays import Array
 

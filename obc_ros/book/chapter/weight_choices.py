@@ -10,9 +10,8 @@ from typing import Any
 from matplotlib.figure import Figure
 import numpy as np
 from obc_ros.api.figures.style import get_line, THIN
-from obc_ros.book.drawing import create_panels, label_axes
 from obc_ros.book.entries.aircraft import GOAL, linearize_at_hover
-from obc_ros.book.entry import ComparedRow, EntryResult, GalleryEntry
+from obc_ros.book.entry import ComparedRow, create_panels, EntryResult, GalleryEntry, label_axes
 from obc_ros.book.loop import Run
 from obc_ros.book.references import match_poles, run_sampled_loop
 from obc_ros.book.runner import AnsweredRegulator, Desk, read_design

@@ -9,8 +9,7 @@ from matplotlib.figure import Figure
 import numpy as np
 from obc_ros.api.figures.bodies import draw_aircraft
 from obc_ros.api.figures.style import get_line, THIN
-from obc_ros.book.drawing import create_panels, label_axes
-from obc_ros.book.entry import ComparedRow, EntryResult, GalleryEntry
+from obc_ros.book.entry import ComparedRow, create_panels, EntryResult, GalleryEntry, label_axes
 from obc_ros.book.loop import NodeLoop, Run
 from obc_ros.book.references import run_sampled_loop, simulate_loop
 from obc_ros.book.runner import Desk, read_design

@@ -8,8 +8,14 @@ from typing import Any
 from matplotlib.figure import Figure
 import numpy as np
 from obc_ros.api.figures.style import get_line, LINE_COLOURS, THIN
-from obc_ros.book.drawing import create_panels, label_axes, place_legend_below
-from obc_ros.book.entry import ComparedRow, EntryResult, GalleryEntry
+from obc_ros.book.entry import (
+    ComparedRow,
+    create_panels,
+    EntryResult,
+    GalleryEntry,
+    label_axes,
+    place_legend_below,
+)
 from obc_ros.book.page import format_scientific
 from obc_ros.book.runner import Desk, Trajectory
 from obc_ros.core.numerics.arrays import Array

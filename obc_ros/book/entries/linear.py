@@ -10,9 +10,8 @@ from matplotlib.patches import Patch
 import numpy as np
 from obc_ros.api.figures.style import EXACT, EXACT_LINE, get_line, LINE_COLOURS
 from obc_ros.book.closed_forms import solve_lag_regulator
-from obc_ros.book.drawing import create_panels, label_axes
 from obc_ros.book.entries.regulators import state_lq_problem
-from obc_ros.book.entry import ComparedRow, EntryResult, GalleryEntry
+from obc_ros.book.entry import ComparedRow, create_panels, EntryResult, GalleryEntry, label_axes
 from obc_ros.book.references import compute_free_motion, match_poles
 from obc_ros.book.runner import AnsweredRegulator, Desk
 from obc_ros.core.numerics.arrays import Array

@@ -8,8 +8,14 @@ from typing import Any
 from matplotlib.figure import Figure
 import numpy as np
 from obc_ros.api.figures.style import get_line, LINE_COLOURS, WIDTH
-from obc_ros.book.drawing import create_panels, draw_arrow, label_axes
-from obc_ros.book.entry import ComparedRow, EntryResult, GalleryEntry
+from obc_ros.book.entry import (
+    ComparedRow,
+    create_panels,
+    draw_arrow,
+    EntryResult,
+    GalleryEntry,
+    label_axes,
+)
 from obc_ros.book.runner import Desk, minimize_request
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.srv import Minimize

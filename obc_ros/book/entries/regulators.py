@@ -9,8 +9,14 @@ from matplotlib.figure import Figure
 import numpy as np
 from obc_ros.api.figures.style import EXACT, EXACT_LINE, get_line, LINE_COLOURS, LINE_DASHES, THIN
 from obc_ros.book.closed_forms import solve_double_integrator_regulator
-from obc_ros.book.drawing import create_panels, draw_pole_pairs, label_axes
-from obc_ros.book.entry import ComparedRow, EntryResult, GalleryEntry
+from obc_ros.book.entry import (
+    ComparedRow,
+    create_panels,
+    draw_pole_pairs,
+    EntryResult,
+    GalleryEntry,
+    label_axes,
+)
 from obc_ros.book.loop import Run
 from obc_ros.book.references import compute_free_motion, run_sampled_loop
 from obc_ros.book.runner import AnsweredRegulator, Desk, Trajectory

@@ -11,8 +11,7 @@ from matplotlib.patches import Patch
 from matplotlib.patheffects import Normal, Stroke
 import numpy as np
 from obc_ros.api.figures.bodies import draw_two_wheeled
-from obc_ros.book.drawing import create_panels, label_axes
-from obc_ros.book.entry import ComparedRow, EntryResult, GalleryEntry
+from obc_ros.book.entry import ComparedRow, create_panels, EntryResult, GalleryEntry, label_axes
 from obc_ros.book.extremals import find_least_times
 from obc_ros.book.runner import Desk, Trajectory
 from obc_ros.core.numerics.arrays import Array

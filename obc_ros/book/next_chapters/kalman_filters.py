@@ -12,8 +12,14 @@ from typing import Any
 from matplotlib.figure import Figure
 import numpy as np
 from obc_ros.api.figures.style import EXACT_LINE, get_line, LINE_COLOURS, THIN
-from obc_ros.book.drawing import create_panels, draw_pole_pairs, label_axes
-from obc_ros.book.entry import ComparedRow, EntryResult, GalleryEntry
+from obc_ros.book.entry import (
+    ComparedRow,
+    create_panels,
+    draw_pole_pairs,
+    EntryResult,
+    GalleryEntry,
+    label_axes,
+)
 from obc_ros.book.next_chapters.node_runs import EstimatedRun, run_estimator
 from obc_ros.book.references import (
     run_filter,

@@ -10,8 +10,16 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
 import numpy as np
-from obc_ros.book.loop import ATTEMPTS, read_run, record_nodes, Run, SIMULATED, UnansweredError
-from obc_ros.book.ros2_commands import run_node, write_service_call
+from obc_ros.book.loop import (
+    ATTEMPTS,
+    read_run,
+    record_nodes,
+    Run,
+    run_node,
+    SIMULATED,
+    UnansweredError,
+    write_service_call,
+)
 from obc_ros.book.runner import Desk
 from obc_ros.cli.flight_client import Pilot, Samples
 from obc_ros.core.numerics.arrays import Array

@@ -14,8 +14,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 import numpy as np
 from obc_ros.api.figures.style import EXACT, EXACT_LINE, get_line, LINE_COLOURS, THIN
-from obc_ros.book.drawing import create_panels, label_axes
-from obc_ros.book.entry import ComparedRow, EntryResult, GalleryEntry
+from obc_ros.book.entry import ComparedRow, create_panels, EntryResult, GalleryEntry, label_axes
 from obc_ros.book.loop import Run
 from obc_ros.book.next_chapters.node_runs import run_receding
 from obc_ros.book.references import EnumeratedPlan, solve_sampled_scalar

@@ -8,8 +8,7 @@ from typing import Any
 
 from action_msgs.msg import GoalStatus
 from obc_ros.action import SolveOptimalControl
-from obc_ros.cli.ask.batch import Batch
-from obc_ros.cli.ask.problem_requests import Question
+from obc_ros.cli.ask.batch import Batch, Question
 from obc_ros.cli.client import Client, connect_client
 from obc_ros.cli.console import Lines, show_progress
 from obc_ros.core.ocp.problem import Problem

@@ -12,8 +12,7 @@ from typing import Any
 
 from obc_ros.api.figures.files import save_figure
 from obc_ros.cli import results
-from obc_ros.cli.ask.batch import answer_all
-from obc_ros.cli.ask.problem_requests import Question
+from obc_ros.cli.ask.batch import answer_all, Question
 from obc_ros.cli.console import get_width, print_table
 from obc_ros.core.ocp.method_names import get_method, NAMES
 from obc_ros.core.ocp.solution import Condition, Optimality, Solution
