@@ -2,13 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The entries in the order of the chapter, and those beyond it."""
 
-from obc_ros.book.chapter import (
-    detectability,
-    figure_2_3,
-    riccati_equation,
-    terminal_constraints,
-    weight_choices,
-)
+from obc_ros.book.chapter import detectability, riccati_equation
 from obc_ros.book.entries import (
     aircraft,
     flat,
@@ -25,10 +19,10 @@ from obc_ros.book.entries import (
 from obc_ros.book.next_chapters import doyle, kalman_filters, receding_horizons
 
 ENTRIES = (
-    optimization.EXAMPLE_2_1, terminal_constraints.SECTION_2_2, principle.THEOREM_2_1,
+    optimization.EXAMPLE_2_1, principle.SECTION_2_2, principle.THEOREM_2_1,
     scalar.EXAMPLE_2_2, least_time.EXAMPLE_2_3, riccati_equation.SECTION_2_4,
     regulators.THEOREM_2_2, detectability.COUNTEREXAMPLE_2_2, regulators.EXAMPLE_2_4,
-    weight_choices.SECTION_2_5, figure_2_3.FIGURE_2_3, aircraft.WEIGHTS_2_5,
+    aircraft.SECTION_2_5, aircraft.FIGURE_2_3, aircraft.WEIGHTS_2_5,
     least_time.EXAMPLE_2_6, optimization.EXERCISE_2_1, shortest.EXERCISE_2_2,
     shortest.EXERCISE_2_3, flat.EXERCISE_2_4, flat.EXERCISE_2_5, two_wheeled.EXERCISE_2_6,
     linear.EXERCISE_2_7, linear.EXERCISE_2_8, scalar.EXERCISE_2_9, vehicle.EXERCISE_2_10,
