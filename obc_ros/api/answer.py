@@ -23,12 +23,7 @@ from obc_ros.core.text.tables import format_html_table
 
 @dataclass(frozen=True)
 class PathPoint:
-    """
-    Values of an answer at one time or at several.
-
-    `t` is a time [s] or an array (M,); `x`, `u` and `costates` have a number or an array (M,) for
-    each name.
-    """
+    """Values at a time [s] or at times (M,): a number or an array (M,) for each name."""
 
     t: float | Array
     x: Mapping[str, Any]
@@ -197,11 +192,7 @@ class Answer:
         return pandas.DataFrame(columns, index=pandas.Index(self.t, name='t'))
 
     def plot(self) -> Any:
-        """
-        Draw states, inputs, costates, the switching function and the Hamiltonian.
-
-        A notebook shows the figure; ``savefig`` writes it. ObcError without a path or the problem.
-        """
+        """Draw the path over time; a notebook shows the figure, `savefig` writes it."""
         verdict = ('certified' if self.solution.certified else f'{self.status}: '
                    f'{self.certificate.sentence if self.certificate else self.message}')
         problem = self._require_problem()

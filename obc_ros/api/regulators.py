@@ -29,11 +29,7 @@ _POINTS = 201   # times of a finite horizon, unless they are given
 
 @dataclass(frozen=True, eq=False)
 class LinearPlant:
-    """
-    dx/dt = A x + B u, or x+ = A x + B u, about a set point xe (n,), ue (m,).
-
-    `period` [s] is 0 in continuous time.
-    """
+    """A plant about the set point xe (n,), ue (m,); `period` [s] is 0 in continuous time."""
 
     A: Any
     B: Any
@@ -182,11 +178,7 @@ class RegulatorDesign:
 
 @dataclass(frozen=True, eq=False)
 class FiniteHorizonDesign:
-    """
-    The optimal state feedback u = -K(t) x up to a final time.
-
-    `t` (N,) [s], `P` (N, n, n) with the cost x'P(t) x from t on, `K` (N, m, n).
-    """
+    """u = -K(t) x at `t` (N,) [s]: K (N, m, n), P (N, n, n); the cost from t on is x'P(t) x."""
 
     t: Array
     P: Array

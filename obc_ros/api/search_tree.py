@@ -28,11 +28,7 @@ class SearchTree(tuple[Attempt, ...]):
                     if each.verdict in _WITH_COST and not math.isnan(each.cost)})
 
     def format(self, width: int | None = None) -> str:
-        """
-        Return a table whose first column is a tree, without control characters in its lines.
-
-        :param width: longest line; the rest is cut off.
-        """
+        """Return the tree as a table without control characters, with lines cut off at a width."""
         if not self:
             return 'nothing: the request was answered without a search'
         children: dict[int, list[Attempt]] = defaultdict(list)

@@ -106,12 +106,7 @@ class SweepSettings:
 
 @dataclass(frozen=True, eq=False)
 class SweepQuestion:
-    """
-    A problem, the points at which it is to be solved, and how.
-
-    :ivar count: number of samples.
-    :raises StatementError: if a key is unknown, or the points or the settings are invalid.
-    """
+    """A problem, the `points` at which it is to be solved, and how; checked when it is made."""
 
     numbers: ProblemNumbers | RegulatorNumbers
     axes: tuple[SweepAxis, ...]
@@ -186,12 +181,7 @@ Workers = Callable[[Sequence[Chunk]], Generator[tuple[int, list[Row]]]]
 
 
 class Sweep:
-    """
-    The points of a question, solved or not.
-
-    :param folder: of journal and dataset. Without one, nothing is kept on the disk.
-    :raises ObcError: if xarray is not installed.
-    """
+    """The points of a question, solved or not; without a folder, nothing is kept on the disk."""
 
     def __init__(self, question: SweepQuestion, folder: Path | None = None) -> None:
         import_xarray()   # before the work
@@ -380,11 +370,7 @@ def load_numbers(problem: Problem | Mapping[str, Any] | str | Path
 
 
 def choose_workers(scheduler: str, workers: int) -> Workers:
-    """
-    Return what solves chunks; for the arguments see `sweep`.
-
-    :raises StatementError: if the address is malformed, or the number is negative or too large.
-    """
+    """Return what solves chunks; for the arguments, which are checked, see `sweep`."""
     if scheduler not in ('', WITHOUT_DASK):
         check_address(scheduler)
     if not 0 <= workers <= MOST_WORKERS:

@@ -20,13 +20,7 @@ _SKEW = 1e-12  # largest Y + Y' that counts as rounding, relative to Y
 
 @dataclass(frozen=True, eq=False)
 class ScalarPath:
-    """
-    Optimal trajectory of a scalar system.
-
-    :ivar t, x, u, lam: (N,), times [s], state, input, costate of H = u^2 / 2 + lam f.
-    :ivar J: cost, P x(0)^2 / 2.
-    :ivar P: cost-to-go at 0; u(0) = -b P x(0).
-    """
+    """Optimal x, u and costate lam (N,) at t (N,) [s]; J = P x(0)^2 / 2, u(0) = -b P x(0)."""
 
     t: Array
     x: Array
@@ -83,13 +77,7 @@ def solve_scalar_finite_horizon(a: float, b: float, c: float, x0: float, t: Arra
 
 @dataclass(frozen=True, eq=False)
 class SecondOrderDesign:
-    """
-    Optimal regulator of a second-order system.
-
-    :ivar K, P: (1, 2) and (2, 2), u = -K x; J = x0'P x0.
-    :ivar omega0: natural frequency of the closed loop [rad/s].
-    :ivar zeta: its damping ratio.
-    """
+    """K (1, 2) of u = -K x, P (2, 2) of J = x0'P x0; omega0 [rad/s] and zeta of the loop."""
 
     K: Array
     P: Array
@@ -136,13 +124,7 @@ def solve_lag_regulator(a: float) -> SecondOrderDesign:
 
 @dataclass(frozen=True, eq=False)
 class BrockettPath:
-    """
-    Optimal inputs of Brockett's system.
-
-    :ivar t: (N,), times within [0, 1] [s].
-    :ivar q, u: (N, m), q(t) and its rate.
-    :ivar J: integral of u'u / 2.
-    """
+    """Optimal q (N, m) and its rate u at t (N,) [s]; J is the integral of u'u / 2."""
 
     t: Array
     q: Array

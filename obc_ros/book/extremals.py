@@ -41,11 +41,7 @@ SIGNS = (1, -1)
 
 
 def find_least_times(goals: ArrayLike) -> Array:
-    """
-    Return the minimum times (N,) [s] from (0, 0, 0) to goals with |v|, |omega| <= 1.
-
-    :param goals: (N, 3), x, y [m] and theta [rad]; multiples of 2 pi do not count.
-    """
+    """Return the minimum times [s] from 0 to goals (N, 3), x, y [m], theta; |v|, |omega| <= 1."""
     x, y, theta = np.asarray(goals, dtype=float).T
     goal = x + 1j * y
     times: Array = np.min([_one_way(goal, theta), _rows(goal, theta), _lines(goal, theta)], axis=0)
@@ -126,11 +122,7 @@ def _lines(goal: Complex, theta: Array) -> Array:
 
 
 class _Ends:
-    """
-    The first and the last arc of paths between given poses, on given sides.
-
-    :ivar distance: (N,), between the centres of their circles.
-    """
+    """The first and the last arc of paths between given poses, on given sides."""
 
     def __init__(self, goal: Complex, theta: Array, first: int, last: int) -> None:
         self._first, self._last = 1j * first, 1j * last

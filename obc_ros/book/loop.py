@@ -49,11 +49,7 @@ def run_node(node: str, parameters: Mapping[str, Any], renamed: Mapping[str, str
 
 
 def publish(topic: str, message: Any, file: Path) -> str:
-    """
-    Write a message to a file, and return the command that publishes it.
-
-    The stamp is left out: it belongs to this run. The path is relative to the folder of the page.
-    """
+    """Write a message without its stamp to a file; return the command that publishes it."""
     fields = {name: value for name, value in drop_defaults(message).items() if name != 'header'}
     for name, value in fields.items():
         if not isinstance(value, str):
@@ -118,12 +114,7 @@ class UnansweredError(ObcError):
 
 @dataclass(frozen=True, eq=False)
 class Run:
-    """
-    All states of one run, and the commands computed from them.
-
-    :ivar t: (N,), times [s] since the reset.
-    :ivar x, u: (N, n) and (N, m), states and inputs.
-    """
+    """States x (N, n) at t (N,) [s] since the reset, and the inputs u (N, m) for them."""
 
     t: Array
     x: Array
@@ -172,11 +163,7 @@ class NodeLoop:
         return self._pilot.designs[-1]
 
     def set(self, node: str = 'lqr_node', **values: Any) -> None:
-        """
-        Set parameters of a node in one transaction; for `lqr_node`, wait for the new design.
-
-        :raises UnansweredError: if they are rejected.
-        """
+        """Set parameters of a node as one and wait for the design; UnansweredError if rejected."""
         pilot = self._pilot
         revision = self.design.revision
         done, reason = pilot.set_parameters(node, values)

@@ -21,11 +21,7 @@ ROUNDING_ERROR = 1e-9   # violations of a condition up to this are rounding erro
 
 def run_sampled_loop(A: Array, B: Array, K: Array, x0: ArrayLike, step: float, count: int
                      ) -> tuple[Array, Array]:
-    """
-    Return states (N + 1, n) and inputs of x' = A x + B u with u = -K x(t_k), held for a step [s].
-
-    The matrix exponential is exact up to rounding.
-    """
+    """Return x (N + 1, n) and u of x' = A x + B u with u = -K x(t_k), held for a step [s]."""
     n, m = np.shape(B)
     whole = expm(step * np.block([[A, B], [np.zeros((m, n + m))]]))
     one = whole[:n, :n] - whole[:n, n:] @ K
@@ -189,12 +185,7 @@ class EnumeratedPlan:
         self._H, self._F = cost[n:, n:], cost[n:, :n]
 
     def find_inputs(self, x: Array) -> tuple[Array, Array]:
-        """
-        Return the optimal inputs (k, N) and active sets (k, N) from states (k, n).
-
-        An active set has -1 for an input at its lower bound, 1 for one at its upper bound, and 0
-        for one between them.
-        """
+        """Return inputs and active sets (k, N) at states (k, n): -1 lower, 1 upper bound."""
         N = len(self._H)
         inputs, sets = np.full((len(x), N), np.nan), np.zeros((len(x), N), dtype=int)
         for active in product((0, -1, 1), repeat=N):

@@ -133,11 +133,7 @@ class Desk:
 
     def solve_all(self, statements: Sequence[ReportedValues], *, method: str = '', show: int = 1
                   ) -> list[Trajectory]:
-        """
-        Return the solutions of problems.
-
-        :raises UnansweredError: if one of them is not solved and certified.
-        """
+        """Return the solutions of problems; UnansweredError if one is not solved and certified."""
         responses = self.ask([solve_request(each, method) for each in statements],
                              SolveOptimalControl, show)
         return [_trajectory(each) for each in responses]

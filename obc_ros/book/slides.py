@@ -50,12 +50,7 @@ go(now);
 
 
 def write_slides(folder: Path, names: Sequence[str]) -> Path:
-    """
-    Write ``slides.html`` from the results of a gallery for some entries, or all; return the file.
-
-    :raises ObcError: if there are no results of these entries, or a file cannot be read or
-        written.
-    """
+    """Write ``slides.html`` of some entries of a gallery, or all, and return the file."""
     path = folder / 'slides.html'
     try:
         slides = _read_slides(folder, names)

@@ -88,11 +88,7 @@ def _report_servers(wanted: str, running: list[str]) -> str:
 
 @contextmanager
 def serve_client(children: Children, *parameters: str) -> Iterator[Client]:
-    """
-    Start a server with parameters ``name:=value`` on the domain of this process; yield a client.
-
-    :raises ServerLostError: if the server does not appear, or disappears.
-    """
+    """Start a server with parameters ``name:=value`` on the own domain, and yield a client."""
     children.start('trajectory_server', *(
         word for each in parameters for word in ('-p', each)))
     with join_graph(children.check, Client) as client:

@@ -24,11 +24,7 @@ import yaml
 
 @dataclass(frozen=True)
 class ProblemExample:
-    """
-    A problem file of the package.
-
-    `category` is its first tag; `cost` is known from `source`.
-    """
+    """A problem file of the package; `category` is its first tag, `cost` known from `source`."""
 
     name: str
     title: str

@@ -223,12 +223,7 @@ class Pilot:
         self.node.destroy_client(resetter)
 
     def reach(self, moment: float, timeout: float, progress: Callable[[], None]) -> None:
-        """
-        Let a paused plant in lockstep go on until `moment` [s], and until its command has come.
-
-        :raises ObcError: if the plant has passed `moment`, or does not reach it within `timeout`
-            [s].
-        """
+        """Let a paused plant in lockstep go on until `moment` [s] and its command have come."""
         if self.now < moment - 1e-9:
             done, reason = self.set_parameters('plant_simulator', {'pause_at': moment})
             if not done:

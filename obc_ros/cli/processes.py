@@ -121,12 +121,7 @@ def _is_held(file: Path) -> bool:
 
 @contextmanager
 def lock_folder(folder: Path) -> Iterator[None]:
-    """
-    Create a folder for results, and lock it against other commands until the context is left.
-
-    :raises ObcError: if another command has locked the folder.
-    :raises OSError: if the folder cannot be created.
-    """
+    """Create a folder for results; ObcError if another command writes it, else lock it."""
     folder.mkdir(parents=True, exist_ok=True)
     lock = os.open(folder, os.O_RDONLY)
     try:

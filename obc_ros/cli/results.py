@@ -74,11 +74,7 @@ Kind = TypeVar('Kind', bound=Asked)
 
 
 def read_questions(kind: type[Kind], files: Iterable[Path]) -> list[Kind]:
-    """
-    Return the entries of all files, of one entry or a list each, in order.
-
-    Malformed entries, and files that cannot be read, have the status ``malformed``.
-    """
+    """Return the entries of all files, in order; what is malformed has this status."""
     asked: list[Kind] = []
     for file in files:
         for where, entry in _entries(file):
@@ -176,11 +172,7 @@ def _entries(file: Path) -> list[tuple[str, FileEntry]]:
 
 
 def write(folder: Path, name: str, result: Mapping[str, Any]) -> None:
-    """
-    Write ``NAME.json``, with `convert_to_json`; the folder is created if it is missing.
-
-    :raises ObcError: if the file cannot be written.
-    """
+    """Write ``NAME.json``, with `convert_to_json`; the folder is created if it is missing."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
         (folder / f'{name}.json').write_text(

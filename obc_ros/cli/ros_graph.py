@@ -34,11 +34,7 @@ class ServerLostError(ObcError):
 
 
 class Graph:
-    """
-    A node that calls the services of others.
-
-    `check` raises if the user or the system asks the command to end.
-    """
+    """A node that calls services of others; `check` raises if the command is to end."""
 
     def __init__(self, context: rclpy.Context, check: Callable[[], None] = lambda: None,
                  name: str = NAME) -> None:
@@ -119,11 +115,7 @@ class Graph:
         return sorted(each for each in found if hidden or '/_' not in each)
 
     def find_node(self, name: str, timeout: float = LOOK) -> str:
-        """
-        Return the full name of a node, waiting at most `timeout` [s] for it.
-
-        :raises ObcError: if there is no such node; the message lists the running nodes.
-        """
+        """Return the full name of a node, waiting at most `timeout` [s] for it."""
         full = name if name.startswith('/') else f'/{name}'
         if not self.until(lambda: full in self.nodes(hidden=True), timeout):
             raise ObcError(f'Node not found: no node {full} within {timeout:g} s; '

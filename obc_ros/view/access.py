@@ -32,11 +32,7 @@ FORM = (b'<!doctype html><meta charset=utf-8><title>obc view</title>'
 
 
 class Gate:
-    """
-    Rejects requests from other sites and, with a token, those without it (ASGI middleware).
-
-    :param token: empty: none is asked for, and only names of this machine are served.
-    """
+    """ASGI middleware: rejects requests from other sites and, with a token, those without it."""
 
     def __init__(self, app: Any, token: str = '') -> None:
         self._app, self._token = app, token
@@ -187,11 +183,7 @@ class HeaderDeadline(asyncio.Protocol):
 
 
 class Helm:
-    """
-    Which page controls the loop: one at a time, after a click.
-
-    :param allowed: False: all pages only watch.
-    """
+    """Which page controls the loop, if allowed: one at a time, after a click."""
 
     def __init__(self, allowed: bool) -> None:
         self.allowed = allowed

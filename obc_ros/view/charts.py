@@ -163,11 +163,7 @@ def show_attempts(attempts: Sequence[Attempt]) -> None:
 
 
 def compute_steps(design: LqrDesign) -> list[tuple[str, list[list[float]]]]:
-    """
-    Return the response of each position to a step of its set point, in the linear closed loop.
-
-    Of the states whose `rise_time` is a number, two at most.
-    """
+    """Return the unit step responses of the first two states with a `rise_time`, linear."""
     n, m = len(design.state_names), len(design.input_names)
     a, b = np.reshape(design.a, (n, n)), np.reshape(design.b, (n, m))
     closed: Array = a - b @ np.reshape(design.k, (m, n))

@@ -120,12 +120,7 @@ def choose_priority(wanted: int | None) -> int:
 
 @contextmanager
 def start_loop_nodes(scenario: str, priority: int) -> Iterator[None]:
-    """
-    Start the three nodes on a domain of their own, in real time; they end with the page.
-
-    :param priority: of plant_simulator and lqr_node; 0: ordinary. trajectory_server is an ordinary
-        process.
-    """
+    """Start three nodes, two with a real-time priority, on a domain; they end with the page."""
     pace = ['-p', f'priority:={priority}']
     config = ['--params-file', str(share_directory('obc_ros') / 'config' / f'{scenario}.yaml')]
     with reserve_domain() as domain:

@@ -276,11 +276,7 @@ class LoopClient:
         self._lines.append((self._numbered, line[:LINE]))
 
     async def call(self, kind: Any, service: str, request: Any, timeout: float = ANSWERS) -> Any:
-        """
-        Return the response of a service of the loop.
-
-        :raises ObcError: if there is no such service, or no response within `timeout` [s].
-        """
+        """Return the response of a service; ObcError if there is none within `timeout` [s]."""
         answer: Future[Any] = Future()
         deadline = time.monotonic() + DISCOVERED
         self._submit(lambda: self._ask(kind, service, request, answer, deadline))
@@ -328,11 +324,7 @@ class LoopClient:
         return f'{controller}: {response.message}'
 
     async def solve(self, request: Request) -> Any:
-        """
-        Return the result of a request to trajectory_server.
-
-        :raises ObcError: if there is no server, or if it rejects the request or loses it.
-        """
+        """Return the result of trajectory_server; ObcError if it does not take the request."""
         answer: Future[Any] = Future()
         deadline = time.monotonic() + DISCOVERED
         self._submit(lambda: self._send(request, answer, deadline))

@@ -35,12 +35,7 @@ LARGEST = 2 * 10**9  # bytes of a file
 
 
 class Playback:
-    """
-    The states, commands and designs of a recording.
-
-    :param file: an MCAP file of `obc demo` or `ros2 bag`, or its folder.
-    :raises ObcError: if the file has no states, or is no recording.
-    """
+    """The states, commands and designs of a recording, an MCAP file or its folder."""
 
     def __init__(self, file: Path) -> None:
         self.design: LqrDesign | None = None

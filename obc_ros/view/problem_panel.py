@@ -91,11 +91,7 @@ class ProblemPanel:
 
 
 def build_message(text: str) -> tuple[Problem, Any]:
-    """
-    Return the first problem of a YAML text, and its message.
-
-    :raises ObcError: if it is no valid statement; the message begins with the key at fault.
-    """
+    """Return the first problem of a YAML text and its message; ObcError names the key at fault."""
     (_, entry), *_ = read_text_entries(text)
     if isinstance(entry, ObcError):
         raise entry

@@ -123,22 +123,13 @@ class Uncertainty:
 
 @dataclass(frozen=True, eq=False)
 class FollowedPath:
-    """
-    A reference that lqr_node follows, or a plan of mpc_node.
-
-    :ivar begin: time of its first sample [s], in the time of the frames.
-    :ivar path: the message, as received.
-    """
+    """A reference of lqr_node or a plan of mpc_node; `begin` [s] is in the time of the frames."""
 
     begin: float
     path: Trajectory
 
     def pack(self, plant: Plant, most: int, inputs: bool = False) -> list[list[float | None]]:
-        """
-        Return at most `most` rows of time and states of a plant; none for another one's.
-
-        :param inputs: add the inputs to each row.
-        """
+        """Return at most `most` rows of time, states and, if asked, inputs of a plant."""
         path, t = self.path, np.asarray(self.path.t)
         if not len(t):
             return []

@@ -22,11 +22,7 @@ _IN_FILES = {'pdf.fonttype': 42, 'svg.fonttype': 'path', 'svg.hashsalt': 'obc_ro
 
 
 def parse_formats(text: str) -> tuple[str, ...]:
-    """
-    Return the formats that a text names with commas between them, as ``pdf,svg``, each once.
-
-    :raises ObcError: if a name is no format. Capitals and spaces do not matter.
-    """
+    """Return the formats that a text names, as ``pdf,svg``, once; ObcError for another name."""
     names = [name.strip().lower().removeprefix('.') for name in text.split(',')]
     for name in names:
         if name not in FORMATS:
@@ -36,12 +32,7 @@ def parse_formats(text: str) -> tuple[str, ...]:
 
 
 def save_figure(figure: Any, path: Path, formats: Sequence[str] = ('png',)) -> list[Path]:
-    """
-    Write a figure of matplotlib into a file of each format, and return the files.
-
-    :param path: of the files, without the ending; the folder is created.
-    :raises ObcError: if a file cannot be written.
-    """
+    """Write a figure into files, the path with the ending of each format; return the files."""
     import matplotlib
     paths = [path.with_name(f'{path.name}.{name}') for name in formats]
     for name, file in zip(formats, paths, strict=True):

@@ -43,11 +43,7 @@ def find_marks(problem: Problem, path: Solution) -> PathMarks:
 
 
 def find_state_rows(problem: Problem) -> dict[int, tuple[int, ...]]:
-    """
-    Return the states of the statement in each path constraint on states alone, by its number.
-
-    Constraints with an input or with the time are not among them.
-    """
+    """Return the states in each path constraint on states alone, by the constraint's number."""
     columns: dict[int, set[int]] = {}
     sparsity = ca.jacobian(problem.path, ca.vertcat(problem.x, problem.u)).sparsity()
     for row, column in zip(*sparsity.get_triplet(), strict=True):

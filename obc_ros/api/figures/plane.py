@@ -24,11 +24,7 @@ POSITIONS = (('px', 'py'), ('x', 'y'), ('px', 'pz'), ('x', 'z'))
 
 @dataclass(frozen=True)
 class Plane:
-    """
-    Two states that span a plane.
-
-    `rows` are the path constraints on these two alone; `equal` is whether both have one unit.
-    """
+    """Two states, the path constraints on them alone, and whether both have one unit."""
 
     states: tuple[int, int]
     rows: tuple[int, ...]

@@ -123,13 +123,7 @@ def _fly(loop: NodeLoop, Qx: list[float], rho: float, duration: float) -> Run:
 
 
 def fly_nonlinear(K: Array, goal: Array, count: int) -> tuple[Array, Array]:
-    """
-    Return states and inputs of a flight of the nonlinear model, from rest, without the nodes.
-
-    :param K: (2, 6), gain at hover.
-    :param goal: (6,), set point.
-    :param count: number of steps of FLIGHT_STEP.
-    """
+    """Return x, u of `count` steps with K (2, 6) at hover, from rest to a goal, in SciPy."""
     hover = np.array([0.0, MASS * GRAVITY])
 
     def rate(x: Array, u: Array) -> list[Any]:

@@ -59,13 +59,7 @@ WORDS = {
 
 @dataclass(frozen=True)
 class SheetQuestion(ABC):
-    """
-    A question of a sheet.
-
-    :ivar name: key of the answer, such as ``2.4-a-input``.
-    :ivar text: the question, as a lecturer asks it.
-    :ivar form: what to write.
-    """
+    """A question: the key of its answer, such as ``2.4-a-input``, its text, and what to write."""
 
     name: str
     text: str
@@ -73,11 +67,7 @@ class SheetQuestion(ABC):
 
     @abstractmethod
     def check(self, answer: Any) -> str:
-        """
-        Return why an answer is wrong, '' if it is right.
-
-        :raises ObcError: if the answer cannot be read.
-        """
+        """Return why an answer is wrong, '' if it is right; ObcError if it cannot be read."""
 
 
 @dataclass(frozen=True)
@@ -119,11 +109,7 @@ class FormulaQuestion(SheetQuestion):
         return self.advice or 'it is not right'
 
     def evaluate(self, answer: Any) -> Array:
-        """
-        Return the values of an answer at points drawn from the intervals of the names.
-
-        :raises StatementError: if it is not a number, a formula of the names, or rows of them.
-        """
+        """Return the values of an answer, formulas at random points of the intervals."""
         rows = _arrange(self.name, answer)
         symbols = {name: ca.SX.sym(name) for name in self.names}
         found = ca.vertcat(*(ca.horzcat(*(
@@ -162,11 +148,7 @@ def _arrange(name: str, answer: Any) -> Sequence[Sequence[Any]]:
 
 @dataclass(frozen=True)
 class ExtremalQuestion(SheetQuestion):
-    """
-    A question for x(t), u(t) and lam(t) of a problem with one state and one input.
-
-    :ivar statement: the problem, by the keys of a problem file; its final time is given.
-    """
+    """A question for x(t), u(t), lam(t) of a problem with one state, one input and a given T."""
 
     statement: Statement
 

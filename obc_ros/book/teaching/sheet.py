@@ -36,11 +36,7 @@ class CheckedAnswer:
 
 
 def write_sheet(path: Path) -> None:
-    """
-    Write the sheet, a YAML file without answers.
-
-    :raises ObcError: if the file exists or cannot be written.
-    """
+    """Write the sheet, a YAML file without answers; ObcError if the file exists."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with path.open('x', encoding='utf-8') as file:
@@ -61,11 +57,7 @@ def format_sheet(name: str) -> str:
 
 
 def check_sheet(path: Path) -> list[CheckedAnswer]:
-    """
-    Check the answers of a sheet, in the order of the questions.
-
-    :raises StatementError: if the file cannot be read, or has a key that is no question.
-    """
+    """Check the answers of a sheet; StatementError if it cannot be read, or has another key."""
     answers = read_yaml(path)
     if not isinstance(answers, dict):
         raise StatementError(f'{path}: wanted the names of questions with answers, found '

@@ -130,12 +130,7 @@ class Batch(ABC):
         self._begun: dict[Any, float] = {}  # times at which entries under way were sent
 
     def work(self) -> None:
-        """
-        Have all entries worked on; cancel those under way when interrupted.
-
-        :raises InterruptedByUserError: on a signal.
-        :raises ObcError: if nobody works on the entries any more.
-        """
+        """Have all entries worked on; on a signal, cancel those under way and raise."""
         try:
             while self._waiting or self._begun:
                 while self._waiting and len(self._begun) < self.count_workers():
@@ -184,11 +179,7 @@ class Batch(ABC):
 
 @contextmanager
 def end_all(asked: Sequence[Asked], interrupted: str, failed: str) -> Iterator[None]:
-    """
-    End all entries without a status when the context is interrupted or fails.
-
-    :param interrupted, failed: their status after a signal, and after an error.
-    """
+    """End entries without a status by `interrupted` after a signal, by `failed` after an error."""
     try:
         yield
     except (InterruptedByUserError, KeyboardInterrupt) as error:

@@ -80,12 +80,7 @@ class Case(Asked):
 
 
 def check_case(mapping: Mapping[Any, Any]) -> dict[str, Any]:
-    """
-    Return the checked entries of a case by key: flat arrays, numbers and names.
-
-    :raises StatementError, DynamicsError: if a key or the system is unknown, or a number or a
-        matrix is malformed.
-    """
+    """Return the checked entries of a case by key: flat arrays, numbers and names."""
     check_keys(mapping, KEYS, FOR_PEOPLE)
     given = {key: value for key, value in mapping.items() if key in KEYS and value is not None}
     n, m = _system(given) if 'system' in given else _plant(given)

@@ -29,12 +29,7 @@ STATUS_COLOURS = ('#FFFFFF', '#56B4E9', '#000000', '#E69F00', '#D55E00', '#99999
 
 
 def draw_sweep(dataset: Any, folder: Path, formats: Sequence[str] = ('png',)) -> list[Path]:
-    """
-    Draw the figures of a sweep of a problem or of a regulator, ``value`` and ``success``.
-
-    :param dataset: from `make_dataset`.
-    :return: the files. None for over two axes, or axes with samples.
-    """
+    """Draw ``value`` and ``success``; return the files, none for over two axes or mixed ones."""
     keys = list(dataset['status'].dims)
     if keys == [SAMPLE]:
         keys = [name for name, each in dataset.coords.items() if each.dims == (SAMPLE,)][:2]
@@ -54,43 +49,33 @@ def draw_sweep(dataset: Any, folder: Path, formats: Sequence[str] = ('png',)) ->
 
 
 def _draw_curves(figure: Figure, dataset: Any, keys: list[str], style: str = '.-') -> None:
-    """Draw cost, inputs at 0 and switching times along one number."""
+    """Draw along one number cost, inputs at 0 and switching times, or overshoot and decay."""
     order = np.argsort(dataset[keys[0]].values, kind='stable')
-    x = dataset[keys[0]].values[order]
-    if 'decay' in dataset:
-        _draw_loops(figure, dataset, keys[0], order, style)
-        return
-    inputs, times = dataset['inputs'].values[order], dataset['switching_times'].values[order]
-    panels = figure.subplots(3 if np.isfinite(times).any() else 2, 1, sharex=True)
+    x, of_loops = dataset[keys[0]].values[order], 'decay' in dataset
+    which, what, label = (('state', 'overshoot', 'overshoot') if of_loops
+                          else ('input', 'inputs', 'inputs at t = 0'))
+    third = 'decay' if of_loops else 'switching_times'
+    panels = figure.subplots(
+        3 if of_loops or np.isfinite(dataset[third].values).any() else 2, 1, sharex=True)
     panels[0].plot(x, _solved(dataset, 'J')[order], style, color=LINE_COLOURS[0], markersize=5)
     panels[0].set_ylabel(_label(dataset, 'J', 'cost J'))
-    names = dataset['input'].values[:MOST_CURVES]
+    names = dataset[which].values[:MOST_CURVES]
     for k, name in enumerate(names):
-        panels[1].plot(x, inputs[:, k], MARKERS[k] + style[1:], color=LINE_COLOURS[k % 7],
-                       markersize=5, label=str(name))
-    panels[1].set_ylabel('inputs at t = 0')
-    if len(names) > 1:
+        panels[1].plot(x, dataset[what].values[order, k], MARKERS[k] + style[1:],
+                       color=LINE_COLOURS[k % 7], markersize=5, label=str(name))
+    panels[1].set_ylabel(label)
+    if of_loops or len(names) > 1:
         panels[1].legend()
-    if len(panels) > 2:
-        panels[2].plot(x, times[:, :MOST_CURVES], '.', color=LINE_COLOURS[0], markersize=5)
+    if of_loops:
+        panels[2].plot(x, _solved(dataset, third)[order], style, color=LINE_COLOURS[0],
+                       markersize=5)
+        panels[2].axhline(0.0, **THIN)
+        panels[2].set_ylabel(_label(dataset, third))
+    elif len(panels) > 2:
+        panels[2].plot(x, dataset[third].values[order, :MOST_CURVES], '.', color=LINE_COLOURS[0],
+                       markersize=5)
         panels[2].set_ylabel('switching times [s]')
     panels[-1].set_xlabel(_label(dataset, keys[0]))
-
-
-def _draw_loops(figure: Figure, dataset: Any, key: str, order: Any, style: str) -> None:
-    """Draw cost, overshoot and decay of closed loops along one number."""
-    x, panels = dataset[key].values[order], figure.subplots(3, 1, sharex=True)
-    panels[0].plot(x, _solved(dataset, 'J')[order], style, color=LINE_COLOURS[0], markersize=5)
-    panels[0].set_ylabel(_label(dataset, 'J', 'cost J'))
-    for k, name in enumerate(dataset['state'].values[:MOST_CURVES]):
-        panels[1].plot(x, dataset['overshoot'].values[order, k], MARKERS[k] + style[1:],
-                       markersize=5, color=LINE_COLOURS[k % 7], label=str(name))
-    panels[1].set_ylabel('overshoot')
-    panels[1].legend()
-    panels[2].plot(x, _solved(dataset, 'decay')[order], style, color=LINE_COLOURS[0], markersize=5)
-    panels[2].axhline(0.0, **THIN)
-    panels[2].set_ylabel(_label(dataset, 'decay'))
-    panels[2].set_xlabel(_label(dataset, key))
 
 
 def _draw_statuses(figure: Figure, dataset: Any, keys: list[str]) -> None:

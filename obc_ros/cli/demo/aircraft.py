@@ -7,13 +7,11 @@ from dataclasses import dataclass, replace
 from math import pi
 from pathlib import Path
 
-import matplotlib as mpl
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 import numpy as np
 from obc_ros.api.figures.bodies import ARM, draw_aircraft, PLUME
-from obc_ros.api.figures.files import save_figure
-from obc_ros.api.figures.style import get_line, LINE_COLOURS, new_figure, STYLE, THIN
+from obc_ros.api.figures.style import get_line, LINE_COLOURS, new_figure, THIN
 from obc_ros.cli.console import print_table
 from obc_ros.cli.demo.flight import (
     Flight,
@@ -22,6 +20,7 @@ from obc_ros.cli.demo.flight import (
     make_gust,
     measure_step,
     report_loop,
+    save_drawing,
     set_parameters,
 )
 from obc_ros.cli.flight_client import Pilot
@@ -100,9 +99,8 @@ def _conclude(pilot: Pilot, wall: float, steps: list[UnitStep], out: Path,
     print_table(
         ('unit step', 'axis', 'rise time', 'overshoot', 'settling', 'peak |f - fe|'), rows)
     print_table(('the loop', ''), report_loop(pilot, wall))
-    with mpl.rc_context(STYLE):
-        drawn = save_figure(_draw(t, x, tu, u, steps), out / 'aircraft', formats)
-    print(f'figure {", ".join(map(str, drawn))}   recording {out / "aircraft"}')
+    print(save_drawing(lambda: _draw(t, x, tu, u, steps), out / 'aircraft', formats),
+          f'  recording {out / "aircraft"}')
     return 0
 
 

@@ -8,8 +8,12 @@ from dataclasses import dataclass
 from pathlib import Path
 import sys
 import time
+from typing import Any
 
+import matplotlib as mpl
 import numpy as np
+from obc_ros.api.figures.files import save_figure
+from obc_ros.api.figures.style import STYLE
 from obc_ros.cli.flight_client import Pilot
 from obc_ros.cli.processes import Children
 from obc_ros.cli.recording import Recorder
@@ -139,6 +143,12 @@ class FlightProgress:
         """Clear the line."""
         if self._live:
             print('\r\033[K', end='')
+
+
+def save_drawing(draw: Callable[[], Any], path: Path, formats: Sequence[str]) -> str:
+    """Draw a figure into files; return which, in words."""
+    with mpl.rc_context(STYLE):
+        return f'figure {", ".join(map(str, save_figure(draw(), path, formats)))}'
 
 
 def make_gust(start: float) -> tuple[str, ...]:

@@ -8,14 +8,12 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-import matplotlib as mpl
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 import numpy as np
-from obc_ros.api.figures.files import save_figure
-from obc_ros.api.figures.style import get_line, label_unit, LINE_COLOURS, new_figure, STYLE, THIN
+from obc_ros.api.figures.style import get_line, label_unit, LINE_COLOURS, new_figure, THIN
 from obc_ros.cli.console import print_table
-from obc_ros.cli.demo.flight import Flight, FlightEvent, fly, make_gust, report_loop
+from obc_ros.cli.demo.flight import Flight, FlightEvent, fly, make_gust, report_loop, save_drawing
 from obc_ros.cli.flight_client import Pilot, Samples
 from obc_ros.core.estimation.filter import Consistency
 from obc_ros.core.numerics.arrays import Array
@@ -107,9 +105,8 @@ def _conclude(known: list[tuple[Array, Array]], out: Path, formats: Sequence[str
           for what in ('used', 'missing', 'outliers')),
         ('states without an estimate', str(pilot.stood_in)),
         *report_loop(pilot, wall)])
-    with mpl.rc_context(STYLE):
-        drawn = save_figure(_draw(flown, whole), out / 'estimates', formats)
-    print(f'figure {", ".join(map(str, drawn))}   recording {out / ESTIMATED}')
+    print(save_drawing(lambda: _draw(flown, whole), out / 'estimates', formats),
+          f'  recording {out / ESTIMATED}')
     return 0 if held else 1
 
 
@@ -147,11 +144,7 @@ def _columns(rows: dict[str, list[tuple[float, float]]]) -> dict[str, tuple[Arra
 
 
 def judge_flight(t: Array, x: Array) -> tuple[bool, str]:
-    """
-    Return whether a loop holds its set point, the origin, and the reason.
-
-    :param t, x: (N,), (N, n), times [s] and true states; the first two are positions [m].
-    """
+    """Return whether a loop holds the origin, and why, for t (N,) [s] and true states (N, n)."""
     distance = float(np.linalg.norm(x[t > t[-1] - LAST, :2], axis=1).max())
     return distance <= NEAR, (f'in the last {LAST:g} s at most {distance:.2f} m from the set '
                               f'point; wanted {NEAR:g} m')

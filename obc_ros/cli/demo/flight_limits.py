@@ -7,13 +7,11 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
-import matplotlib as mpl
 from matplotlib.figure import Figure
 import numpy as np
-from obc_ros.api.figures.files import save_figure
-from obc_ros.api.figures.style import get_line, new_figure, STYLE, THIN
+from obc_ros.api.figures.style import get_line, new_figure, THIN
 from obc_ros.cli.console import print_table
-from obc_ros.cli.demo.flight import Flight, FlightEvent, fly, report_loop
+from obc_ros.cli.demo.flight import Flight, FlightEvent, fly, report_loop, save_drawing
 from obc_ros.cli.flight_client import Pilot
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.systems.registry import get_system
@@ -49,9 +47,7 @@ def run(out: Path, real_time: bool, formats: Sequence[str]) -> int:
             controller)
         if status := fly(flight, out, real_time, partial(_conclude, flown, controller)):
             return status
-    with mpl.rc_context(STYLE):
-        drawn = save_figure(_draw(flown), out / 'limits', formats)
-    print(f'figure {", ".join(map(str, drawn))}')
+    print(save_drawing(lambda: _draw(flown), out / 'limits', formats))
     return 0
 
 

@@ -6,13 +6,11 @@ from array import array
 from collections.abc import Sequence
 from pathlib import Path
 
-import matplotlib as mpl
 from matplotlib.figure import Figure
 import numpy as np
-from obc_ros.api.figures.files import save_figure
-from obc_ros.api.figures.style import EXACT, get_line, new_figure, STYLE, THIN
+from obc_ros.api.figures.style import EXACT, get_line, new_figure, THIN
 from obc_ros.cli.console import print_table
-from obc_ros.cli.demo.flight import Flight, FlightEvent, fly, report_loop
+from obc_ros.cli.demo.flight import Flight, FlightEvent, fly, report_loop, save_drawing
 from obc_ros.cli.flight_client import Pilot
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.systems.courses import build_lateral_reference, make_slalom
@@ -99,11 +97,9 @@ def _conclude(pilot: Pilot, wall: float, reference: Trajectory, lateral: int, na
         ('maximum heading error', f'{1e3 * np.abs(heading).max():.2f} mrad'),
         ('maximum steering angle', f'{np.abs(u[:, -1]).max():.3f} rad'),
         *report_loop(pilot, wall)])
-    with mpl.rc_context(STYLE):
-        drawn = save_figure(
-            _draw(name, (times, wanted[:, lateral]), (t, x[:, lateral]), (t[during], error),
-                  (tu, u[:, -1])), out / name.replace(' ', '_'), formats)
-    print(f'figure {", ".join(map(str, drawn))}')
+    print(save_drawing(
+        lambda: _draw(name, (times, wanted[:, lateral]), (t, x[:, lateral]), (t[during], error),
+                      (tu, u[:, -1])), out / name.replace(' ', '_'), formats))
     return 0
 
 

@@ -176,12 +176,7 @@ MODULES: Mapping[str, tuple[type, ...]] = {
 
 
 class LaunchFile:
-    """
-    A launch file.
-
-    :ivar arguments: in the order of the file.
-    :raises ObcError: if it cannot be read, or uses a class of `launch` that is missing here.
-    """
+    """A launch file; ObcError if it uses a class of `launch` that is missing here."""
 
     def __init__(self, path: Path) -> None:
         if not path.is_file():

@@ -29,11 +29,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def find_executable(package: str, name: str) -> Path:
-    """
-    Return the path of an executable of a package, in a sourced workspace or this environment.
-
-    :raises ObcError: if there is none; the message lists the executables of the package.
-    """
+    """Return an executable of a package, in a sourced workspace or this environment."""
     prefixes = [*os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep), sys.prefix]
     folders = [Path(prefix) / 'lib' / package for prefix in filter(None, prefixes)]
     there = {path.name: path for folder in reversed(folders) if folder.is_dir()
