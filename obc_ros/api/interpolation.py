@@ -31,8 +31,6 @@ def interpolate(problem: Problem, solution: Solution, times: Array
 
     At a sample these are its values, at a jump those after it. Between samples, they are those of
     the integration from the sample before.
-
-    :raises ObcError: if a time is outside of the path or not a number.
     """
     if problem.phases is not None:
         raise ObcError('at: a problem with phases has values at the samples `t` only')

@@ -119,13 +119,7 @@ class Problem:
 
 
 def require_problem(problem: object, keys: Mapping[str, Any]) -> Problem:
-    """
-    Return the problem that a function was called with.
-
-    :param problem: a Problem, its statement, or None.
-    :param keys: changes of the statement, or all of it.
-    :raises StatementError: if it is something else, or the statement is invalid.
-    """
+    """Return the problem that a function was called with: a Problem, a statement, or keys."""
     if isinstance(problem, Problem) and not keys:
         return problem
     return Problem.from_dict(combine_statement(problem, keys))
@@ -144,13 +138,7 @@ def combine_statement(problem: object, keys: Mapping[str, Any]) -> dict[str, Any
 
 
 def choose_entry(entries: list[tuple[str, FileEntry]], where: str, name: str | None) -> Any:
-    """
-    Return the entry of a file with a name, or its only one.
-
-    :param entries: as `read_entries` returns them.
-    :param where: the file, for errors.
-    :raises StatementError: if there is no such entry, or more than one.
-    """
+    """Return the entry of a file, `where`, with a name, or its only one."""
     found = []
     for _, entry in entries:
         if isinstance(entry, StatementError):

@@ -73,15 +73,7 @@ def _say_nothing(progress: SweepProgress) -> None:
 
 @dataclass(frozen=True)
 class SweepSettings:
-    """
-    How the points of a sweep are solved.
-
-    :ivar seed: of the random numbers, at least 0.
-    :ivar chunk: largest number of points that are solved one after the other.
-    :ivar time_limit: of each point [s].
-    :ivar method: one of `method_names.NAMES`; empty: that of the problem.
-    :ivar options: numbers that steer the search, as ``multistart.most=20``.
-    """
+    """How the points of a sweep are solved; see `sweep` for the fields."""
 
     seed: int = 0
     chunk: int = CHUNK
@@ -219,13 +211,10 @@ class Sweep:
     def run(self, workers: Workers, resume: bool = False,
             report: Callable[[SweepProgress], None] = _say_nothing) -> None:
         """
-        Solve all points that are not solved yet.
+        Solve all points that are not solved yet; what is done is kept, also after an error.
 
         :param workers: solves chunks, and yields their numbers and answers as they are finished.
-        :param resume: whether to go on with the sweep in the folder.
         :param report: called after each chunk.
-        :raises ObcError, OSError: if the folder cannot be used, or the workers are lost. What is
-            done is kept.
         """
         self.check(resume)
         if self.folder is None:
@@ -349,12 +338,7 @@ def sweep(problem: Problem | Mapping[str, Any] | str | Path,
 
 def load_numbers(problem: Problem | Mapping[str, Any] | str | Path
                  ) -> ProblemNumbers | RegulatorNumbers:
-    """
-    Return the numbers of a problem, or of a case of `obc lqr`, that can be varied.
-
-    :param problem: the problem, its statement, or a YAML file with one.
-    :raises ObcError: if it is malformed, or if the file cannot be read or has several entries.
-    """
+    """Return the numbers, that can be varied, of a problem or case, its statement, or its file."""
     if isinstance(problem, Problem | Mapping):
         statement = dict(problem.statement if isinstance(problem, Problem) else problem)
         for key, value in statement.items():

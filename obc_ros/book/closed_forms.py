@@ -87,15 +87,10 @@ class SecondOrderDesign:
 
 def solve_double_integrator_regulator(q: float) -> SecondOrderDesign:
     """
-    Minimise the integral of q^2 x1^2 + u^2 over [0, inf) subject to x1'' = u.
+    Minimise the integral of q^2 x1^2 + u^2 over [0, inf) subject to x1'' = u, q > 0.
 
     K = [q, sqrt(2 q)], the second row of P = [[sqrt(2 q^3), q], [q, sqrt(2 q)]], and
-    omega0 = sqrt(q). The K and omega0 printed in the book hold for q = 1 only.
-
-    Example 2.4.
-
-    :param q: square root of the weight of x1, > 0.
-    :raises StatementError: if `q` is not a finite number > 0.
+    omega0 = sqrt(q). The K and omega0 printed in Example 2.4 hold for q = 1 only.
     """
     _positive(q=q)
     root = sqrt(2 * q)
@@ -105,15 +100,10 @@ def solve_double_integrator_regulator(q: float) -> SecondOrderDesign:
 
 def solve_lag_regulator(a: float) -> SecondOrderDesign:
     """
-    Minimise the integral of x1^2 + u^2 over [0, inf) subject to x1' = x2, x2' = -a x2 + u.
+    Minimise the integral of x1^2 + u^2 over [0, inf) subject to x1' = x2, x2' = -a x2 + u, a > 0.
 
     K = [1, sqrt(a^2 + 2) - a], omega0 = 1, zeta = sqrt(a^2 + 2) / 2. The zero b of the transfer
-    function has no influence.
-
-    Exercise 2.8.
-
-    :param a: reciprocal of the time constant of the lag [1/s], > 0.
-    :raises StatementError: if `a` is not a finite number > 0.
+    function has no influence. Exercise 2.8.
     """
     _positive(a=a)
     root = sqrt(a * a + 2)
@@ -181,9 +171,8 @@ def solve_brockett(Y: ArrayLike, t: ArrayLike) -> BrockettPath:
 @dataclass(frozen=True, eq=False)
 class StraightPath:
     """
-    Shortest path between two points, at constant speed over [0, 1].
+    Shortest path between two points, at constant speed over t (N,) from 0 to 1 s.
 
-    :ivar t: (N,), times [s].
     :ivar x, u: (N, n), position [m] and velocity [m/s].
     :ivar length: integral of |u| [m]; it does not depend on the speed along the line.
     :ivar energy: integral of u'u; only constant speed minimises it.

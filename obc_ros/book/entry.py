@@ -23,10 +23,8 @@ class ComparedRow:
     A quantity as computed by the nodes, and its reference.
 
     :ivar what: name and unit, in the markup of `page`.
-    :ivar measured, exact: result and reference, of one shape.
     :ivar by: source of the reference: a formula, or an independent computation.
     :ivar relative: whether errors are relative for references below 1, too.
-    :ivar tolerance: largest error allowed.
     """
 
     what: str
@@ -88,13 +86,11 @@ class EntryResult:
 @dataclass(frozen=True)
 class GalleryEntry:
     """
-    An example, a theorem or an exercise.
+    An example, a theorem or an exercise, as on the command line: '2.5', 'theorem-2.1'.
 
-    :ivar name: as on the command line: '2.5', 'theorem-2.1', 'exercise-2.4', 'estimation-1'.
     :ivar source: place in the book, or a publication.
     :ivar statement: paragraphs, in the markup of `page`.
     :ivar erratum: what the book prints and what is correct; empty if the book is correct.
-    :ivar in_book: whether the entry is of chapter 2 of the book.
     """
 
     name: str

@@ -180,8 +180,6 @@ class NodeLoop:
         Reset the plant, run the loop for `duration` [s], along a reference if given.
 
         The reference is written to a file called `name`, for the command that publishes it.
-
-        :raises UnansweredError: if messages of the loop are lost in each of `ATTEMPTS` runs.
         """
         self._note(RESET)
         if reference:

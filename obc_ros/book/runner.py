@@ -40,14 +40,10 @@ REQUEST_NAMES = {SolveOptimalControl: 'solve', Minimize: 'minimize', PlanMotion:
 @dataclass(frozen=True, eq=False)
 class Trajectory:
     """
-    An optimal trajectory computed by the server.
+    An optimal trajectory at t (N,) of the server; x, u, lam (N,) by name; J, T [s].
 
-    :ivar t, hamiltonian: (N,).
-    :ivar x, u, lam: (N,), by name of the state or input.
     :ivar nu: (q,), multipliers of the terminal constraints; empty for a planned motion.
-    :ivar J, T: cost and final time [s].
-    :ivar switching_times: times [s].
-    :ivar message, verdict: of the response and of its certificate.
+    :ivar verdict: of its certificate.
     """
 
     t: Array
@@ -59,7 +55,6 @@ class Trajectory:
     J: float
     T: float
     switching_times: Array
-    message: str
     verdict: str
 
 
@@ -73,11 +68,6 @@ class AnsweredRegulator:
     P: Array
     E: NDArray[np.complex128]
     message: Any
-
-    @property
-    def omega0(self) -> float:
-        """Return the natural frequency [rad/s] of the first pole."""
-        return float(abs(self.E[0]))
 
 
 class Desk:
@@ -248,7 +238,7 @@ def _trajectory(response: Any) -> Trajectory:
         u=named(path.input_names, path.u, m), lam=named(path.state_names, path.lam, n),
         hamiltonian=np.array(path.hamiltonian), nu=np.array(getattr(response, 'nu', ())),
         J=response.objective, T=path.t[-1], switching_times=np.array(path.switching_times),
-        message=response.message, verdict=response.certificate.sentence)
+        verdict=response.certificate.sentence)
 
 
 def read_design(design: Any) -> AnsweredRegulator:

@@ -65,12 +65,10 @@ class Client(Graph):
 @contextmanager
 def connect_client(server: str = '') -> Iterator[Client]:
     """
-    Yield a client of a running server.
+    Yield a client of a running server, of the first one by name if none is given.
 
-    :param server: its full name; empty: the first one by name.
-    :raises InterruptedByUserError, ServerLostError: on a signal, or if the server disappears.
-        Methods of the client raise them, too.
-    :raises ObcError: if no such server is running, or if ROS 2 does not start in this environment.
+    It and its methods raise InterruptedByUserError on a signal, ServerLostError if the server
+    disappears.
     """
     with EndSignals() as signals, join_graph(signals.check, Client) as client:
         if not client.find(LOOK_HERE if is_own_domain_used() else CLIENT_LOOK, server):

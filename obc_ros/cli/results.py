@@ -148,9 +148,7 @@ def save_answers(asked: Sequence[Kind], args: argparse.Namespace,
     """
     Write the files of all results, and report those that were renamed.
 
-    :param draw: draws a result, if it can be drawn, into files: the path without ending, the
-        formats.
-    :raises ObcError: if a file cannot be written.
+    :param draw: draws a result, if it can be drawn, into files: path without ending, formats.
     """
     for each in asked:
         if each.renamed and (args.json or args.plot):

@@ -145,7 +145,6 @@ def join_graph(check: Callable[[], None] = lambda: None, kind: Callable[..., Gra
 
     :param check: called while the node waits; raises if the command is to end.
     :param kind: returns the `Graph` for a context and `check`.
-    :raises ObcError: if ROS 2 does not start in this environment, or rejects a name.
     """
     context = rclpy.Context()
     find_log_folder()

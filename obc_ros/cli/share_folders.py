@@ -11,13 +11,10 @@ from obc_ros.core.text.errors import ObcError
 
 def share_directory(package: str) -> Path:
     """
-    Return the share folder of an installed package.
+    Return the share folder of a package below a prefix of AMENT_PREFIX_PATH or the interpreter's.
 
     For obc_ros itself this is the source tree if the modules are imported from there (an editable
     installation, links of a workspace): it has the same layout, and changes take effect at once.
-
-    :raises ObcError: if the package is under no prefix of AMENT_PREFIX_PATH and not under the
-        interpreter's.
     """
     source = Path(__file__).resolve().parents[2]
     if package == 'obc_ros' and (source / 'package.xml').is_file():

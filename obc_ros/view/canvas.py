@@ -28,10 +28,7 @@ class LoopCanvas(Element, component='canvas.js'):
     A body in its plane, and signals over time.
 
     A browser that falls behind is sent fewer frames: what it has not acknowledged is bounded.
-
-    :param scene: from `describe_scene`.
-    :param on_goal: called with x and y [m] of a click.
-    :param live: whether the picture says so when no state has come for more than a second.
+    `live`: the picture says so when no state has come for more than a second.
     """
 
     def __init__(self, scene: dict[str, Any], on_goal: Callable[[float, float], Any], *,

@@ -35,14 +35,10 @@ def choose_points(count: int) -> Array:
 def find_switching_functions(problem: Problem, x: Array, u: Array, lam: Array
                              ) -> dict[str, Array]:
     """
-    Return dH/du along a path, by input.
+    Return dH/du along a path (N, n), (N, m), (N, n), by input; none with phases or without lam.
 
     An input is at its lower bound where its function is positive, and at its upper bound where it
     is negative. Inputs without bounds, and those whose function is 0 throughout, have none.
-
-    :param problem: the problem; one of several phases has none.
-    :param x, u, lam: (N, n), (N, m), (N, n), the path with all states of the problem; without
-        costates there are none.
     """
     if problem.phases is not None or np.shape(lam) != np.shape(x) or not np.size(x):
         return {}

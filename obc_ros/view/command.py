@@ -102,12 +102,7 @@ def open_source(args: argparse.Namespace, stack: ExitStack) -> tuple[Any, str, b
 
 
 def choose_priority(wanted: int | None) -> int:
-    """
-    Return the priority of the nodes that `obc view` starts.
-
-    :param wanted: as given; None: `LOOP_PRIORITY` where the system allows it, else 0.
-    :raises ObcError: if the system does not allow the priority that was given.
-    """
+    """Return the priority of the nodes; by default `LOOP_PRIORITY`, 0 if the system refuses it."""
     priority = LOOP_PRIORITY if wanted is None else wanted
     refusal = find_priority_refusal(priority) if priority else ''
     if not refusal:

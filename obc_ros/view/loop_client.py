@@ -79,14 +79,7 @@ class Request:
 
 
 class LoopClient:
-    """
-    A client of the nodes of one loop.
-
-    :param namespace: of the loop; empty: none.
-    :ivar plant: signals of the plant; None before the first design.
-    :ivar design: the design in use.
-    :ivar controller: the node that has published it.
-    """
+    """A client of the nodes of one loop: its plant, and the design in use and who published it."""
 
     def __init__(self, namespace: str = '') -> None:
         self.plant: Plant | None = None

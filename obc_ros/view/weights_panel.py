@@ -297,12 +297,9 @@ class WeightsPanel:
 
 def convert_weights(mode: str, x: Sequence[float], u: Sequence[float]) -> dict[str, list[float]]:
     """
-    Return diagonal weights as largest deviations, or the other way round, by parameter.
+    Return diagonal weights as largest deviations (mode 'bryson'), or the other way round.
 
-    :param mode: how they are wanted: 'matrices' or 'bryson'.
-    :param x, u: of states and inputs, in the other way. A weight is the inverse square of a
-        deviation.
-    :raises ObcError: if a number is negative, or one of an input is not positive.
+    A weight is the inverse square of a deviation; ObcError if a number has none.
     """
     first, second, _ = MODES[mode]
     of_x, of_u = (('Qx', 'Qu') if mode == 'bryson' else ('x_max', 'u_max'))

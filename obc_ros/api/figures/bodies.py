@@ -72,13 +72,7 @@ def draw_vehicle(axes: Axes, x: float, y: float, theta: float, phi: float = 0.0)
 
 def draw_two_wheeled(axes: Axes, x: float, y: float, theta: float, *, width: float = 0.5,
                      colour: str = LINE_COLOURS[5]) -> list[Any]:
-    """
-    Draw the two-wheeled robot of Exercise 2.6 from above; its platform points forward.
-
-    :param x, y, theta: middle of the axle [m] and heading [rad].
-    :param width: distance of the wheels [m].
-    :param colour: of the platform.
-    """
+    """Draw the robot of Exercise 2.6, of a width [m], from above; its platform points forward."""
     wheel = width * np.array([(-0.3, -0.08), (0.3, -0.08), (0.3, 0.08), (-0.3, 0.08)])
     platform = width * np.array([(-0.25, -0.36), (0.15, -0.36), (0.5, 0.0), (0.15, 0.36),
                                  (-0.25, 0.36)])

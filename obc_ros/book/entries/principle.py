@@ -165,13 +165,10 @@ LENGTH = 0.35  # of the arrows of lambda(T)
 @dataclass(frozen=True, eq=False)
 class TerminalCase:
     """
-    A terminal condition on x1' = x2, x2' = u from x(0) = 0, and its closed form.
+    A terminal condition psi on x1' = x2, x2' = u from x(0) = 0, and its closed form.
 
     :ivar name, text: for the table, and for the figure.
-    :ivar constraints: psi.
-    :ivar nu: multipliers of psi.
-    :ivar lam: lambda(T).
-    :ivar J: minimum cost.
+    :ivar nu, lam, J: multipliers of psi, lambda(T) and the minimum cost.
     """
 
     name: str

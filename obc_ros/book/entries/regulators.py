@@ -165,7 +165,7 @@ def example_2_4(desk: Desk) -> EntryResult:
                     [each.K for each in exact], '$[q, √(2q)]$'),
         ComparedRow('$P$', [each.P for each in found], [each.P for each in exact],
                     '$[[√(2q^3), q], [q, √(2q)]]$'),
-        ComparedRow('$ω_0$ [rad/s]', [each.omega0 for each in found], np.sqrt(WEIGHTS), '$√q$'),
+        ComparedRow('$ω_0$ [rad/s]', [abs(each.E[0]) for each in found], np.sqrt(WEIGHTS), '$√q$'),
         ComparedRow('damping ratio $ζ$', [each.message.damping[0] for each in found],
                     np.full(len(WEIGHTS), 1 / sqrt(2)), '$1/√2$'),
         ComparedRow(f'$q = {Q:g}$, $x(0) = (1, 0)$: cost of $K = [2, 2]$', cost, 4.0,

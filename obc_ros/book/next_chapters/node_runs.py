@@ -40,15 +40,7 @@ PLAN = 'ros2 topic echo --once /mpc_node/plan obc_ros/msg/Trajectory'
 
 @dataclass(frozen=True, eq=False)
 class EstimatedRun:
-    """
-    Estimates after each measurement.
-
-    :ivar t: (N,), times of the measurements [s].
-    :ivar y: (N, q), Measurements.
-    :ivar x: (N, n), Estimates.
-    :ivar P: (N, n, n), covariances of their errors.
-    :ivar true: (N, n), states of the plant.
-    """
+    """Measurements y (N, q) at t (N,) [s], estimates x, P after them, true states (N, n)."""
 
     t: Array
     y: Array
@@ -59,13 +51,7 @@ class EstimatedRun:
 
 def run_estimator(desk: Desk, plant: Mapping[str, Any], estimator: Mapping[str, Any], count: int
                   ) -> EstimatedRun:
-    """
-    Return `count` estimates of a plant, from the first one that arrives.
-
-    :param plant, estimator: parameters of the nodes. The estimator has the rate 0: one estimate
-        after each measurement.
-    :raises UnansweredError: if a message is lost.
-    """
+    """Return `count` estimates of a plant, one after each measurement; UnansweredError if lost."""
     plant, estimator = {**plant, 'speed': SPEED}, {**estimator, 'stamp_timeout': 0.0}
     desk.note(run_node('plant_simulator', plant, RENAMED))
     desk.note(run_node('estimator_node', estimator))
@@ -138,10 +124,7 @@ def run_receding(desk: Desk, plant: Mapping[str, Any], controller: Mapping[str, 
     """
     Return the states and commands of a loop whose plant waits at each state for its command.
 
-    :param plant, controller: parameters of plant_simulator and mpc_node.
-    :param duration: length of the run [s]; the plant keeps real time, so that each plan is ready
-        in time.
-    :raises UnansweredError: if messages are lost or a plan is late in each of `ATTEMPTS` runs.
+    The plant keeps real time, so that each plan is ready in time.
     """
     plant = {**plant, 'lockstep': True}   # whose stamps are simulated
     # The period is as long as the default: a late state would count as missing.

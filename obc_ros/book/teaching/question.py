@@ -210,9 +210,7 @@ class ProblemQuestion(SheetQuestion):
     """
     A question that a problem statement answers, which is then solved and certified.
 
-    :ivar cost: minimum cost, from a closed form.
-    :ivar extremal: gets times, returns x, u and lam of the optimum, from closed forms.
-    :ivar final_time: of the optimum [s].
+    :ivar cost, extremal, final_time: of the optimum, from closed forms; x, u, lam at times.
     :ivar mistakes: costs of typical wrong statements, each with the words for a student.
     """
 

@@ -96,12 +96,7 @@ class Question(Asked):
 
 
 def is_plain(entry: Any) -> bool:
-    """
-    Return whether a value of YAML can be sent to a worker, and is the same there.
-
-    It may have dates, keys that are no texts, or contain itself. Wanted are at most `MOST_VALUES`
-    mappings of texts, lists, texts and numbers.
-    """
+    """Return whether YAML is at most `MOST_VALUES` mappings of texts, lists, texts and numbers."""
     waiting, count = [(entry, 0)], 0
     while waiting:
         value, depth = waiting.pop()

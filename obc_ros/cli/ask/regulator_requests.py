@@ -37,10 +37,10 @@ KEYS = ('name', 'system', *PLANT, *SYSTEM, 'weights', 'Qx', 'Qu', *LISTS, *NUMBE
 @dataclass(eq=False)
 class Case(Asked):
     """
-    A regulator to be designed, and its design.
+    A regulator to be designed.
 
-    `given` holds the entries of the file by key (arrays, numbers and names); it is None if the
-    case is malformed. `design` has the fields of the message LqrDesign; None if there is none.
+    `given` holds the entries of the file by key; None if it is malformed. `design` has the fields
+    of the message LqrDesign; None if there is none.
     """
 
     kind: ClassVar[str] = 'design_lqr'

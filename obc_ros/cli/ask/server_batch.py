@@ -18,12 +18,9 @@ from obc_ros.ros.messages import build_problem_message, read_solution
 
 def answer_by_server(server: str, asked: Sequence[Question], time_limit: float) -> None:
     """
-    Have a running server solve problems; each has a status afterwards.
+    Have a server, '' for any, solve problems; each has a status, also after an error.
 
-    :param server: its name; empty: any.
     :param time_limit: of each problem [s]; 0: that of the server.
-    :raises InterruptedByUserError: on a signal; the problems under way have a result.
-    :raises ObcError: if no such server is running, or it does not respond any more.
     """
     with show_progress() as lines:
         if problems := dict(_build_problems(asked, lines)):

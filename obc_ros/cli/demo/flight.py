@@ -39,10 +39,7 @@ class Flight:
     """
     One run of the loop.
 
-    :ivar name: of the recording.
     :ivar config: file of config/ with the parameters of the nodes.
-    :ivar duration: [s].
-    :ivar controller: name of its node.
     :ivar plant: ROS arguments of the plant in addition.
     :ivar sensors: file of config/sensors/: estimator_node provides the state. Empty: the plant
         does.
@@ -179,12 +176,7 @@ class StepFigures:
 
 
 def measure_step(t: Array, y: Array, start: float, target: float) -> StepFigures:
-    """
-    Return rise time (10 % to 90 %), overshoot and settling time (2 %) of a recorded step.
-
-    :param t, y: (N,), times [s] from the step on, and the signal.
-    :param start, target: value before the step, and its set point.
-    """
+    """Return rise time (10 % to 90 %), overshoot and settling time (2 %) of a step at t[0]."""
     share = (y - start) / (target - start)
     above = [np.flatnonzero(share >= level) for level in (0.1, 0.9)]
     rise = t[above[1][0]] - t[above[0][0]] if above[1].size else np.nan

@@ -28,13 +28,7 @@ class FieldError(ObcError):
 
 
 def find_type(name: str, kind: str) -> Any:
-    """
-    Return the class of a message, service or action by its name.
-
-    :param name: ``obc_ros/srv/DesignLqr`` or, shorter, ``obc_ros/DesignLqr``.
-    :param kind: ``msg``, ``srv`` or ``action``.
-    :raises ObcError: if there is none; the message lists the types of the package.
-    """
+    """Return the class of ``obc_ros/srv/DesignLqr`` or ``obc_ros/DesignLqr``, for a kind ``srv``."""
     parts = name.split('/')
     if len(parts) == 2:
         parts.insert(1, kind)
@@ -66,10 +60,8 @@ def fill(message: Any, values: Mapping[str, Any], *, now: Any = None, path: str 
     """
     Set fields of a message, and return the message.
 
-    :param values: as `parse_values` returns it.
     :param now: value of ``stamp: now`` and ``header: auto``.
     :param path: prefix of the names of the fields in errors.
-    :raises FieldError: if there is no such field, or if it does not accept the value.
     """
     types = dict(zip(message.get_fields_and_field_types(), message.SLOT_TYPES, strict=True))
     for name, value in values.items():
