@@ -96,7 +96,7 @@ def parse(arguments: Sequence[str]) -> argparse.Namespace:
 
 def build_parser(used: Collection[str], unlisted: Collection[str] = (), epilog: str = ''
                  ) -> Parser:
-    """Return the parser, with the arguments of the commands `used`; `unlisted`: not in the help."""
+    """Return the parser, with arguments of the commands `used`; `unlisted`: not in the help."""
     parser = Parser(
         prog='obc', description='Optimal control: LQR and certified trajectories.',
         epilog=epilog, formatter_class=argparse.RawDescriptionHelpFormatter)

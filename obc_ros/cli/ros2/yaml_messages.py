@@ -28,7 +28,7 @@ class FieldError(ObcError):
 
 
 def find_type(name: str, kind: str) -> Any:
-    """Return the class of ``obc_ros/srv/DesignLqr`` or ``obc_ros/DesignLqr``, for a kind ``srv``."""
+    """Return the class of ``obc_ros/srv/DesignLqr`` or ``obc_ros/DesignLqr``, of kind ``srv``."""
     parts = name.split('/')
     if len(parts) == 2:
         parts.insert(1, kind)
