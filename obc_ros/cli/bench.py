@@ -19,7 +19,8 @@ from obc_ros.ros.installation import explain_missing_ros, require_ros
 
 HELPERS = ('baseline', 'timing')  # no benchmarks: a comparison of two versions, and shared code
 # These need ROS 2.
-NODES = ('fuzz', 'hosts', 'mpc_loop', 'real_time', 'scale', 'server', 'soak', 'stop', 'view')
+NODES = ('fuzz', 'hosts', 'latency', 'mpc_loop', 'real_time', 'scale', 'server', 'soak', 'stop',
+         'view')
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
