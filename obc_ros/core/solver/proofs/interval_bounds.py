@@ -11,7 +11,7 @@ from collections.abc import Iterator
 
 import casadi as ca
 import numpy as np
-from obc_ros.core.numerics.arrays import Array, Mask
+from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.numerics.enclosures.interval_arithmetic import (
     add_intervals,
     enclose_outputs,
@@ -36,14 +36,18 @@ def find_lower_bounds(problem: Problem) -> Array:
     slope, acts in a rate are excluded: x' = -sqrt(abs(x)) is 0 at x = 0, but x can become
     negative from there.
     """
-    stays = (problem.start_box[0] >= 0) & ~_rooted(problem)
+    steep = [value for where, value in find_steep_operands(problem)
+             if where.startswith('dynamics.')]
+    stays = np.array([start >= 0 and not any(ca.depends_on(value, x) for value in steep)
+                      for start, x in zip(problem.start_box[0], ca.vertsplit(problem.x),
+                                          strict=True)])
     while stays.any():
         before, low = stays.copy(), np.where(stays, 0.0, problem.x_lower)
         for i in np.flatnonzero(before):
             high = problem.x_upper.copy()
             high[i] = 0.0
-            stays[i] = _rates(problem, np.where(np.arange(problem.n) == i, 0.0, low), high)[
-                i].low >= 0
+            at_0 = np.where(np.arange(problem.n) == i, 0.0, low)
+            stays[i] = _values(problem, problem.f, at_0, high)[i].low >= 0
         if np.array_equal(stays, before):
             break
     return np.where(stays, np.maximum(problem.x_lower, 0.0), problem.x_lower)
@@ -51,7 +55,7 @@ def find_lower_bounds(problem: Problem) -> Array:
 
 def bound_rates(problem: Problem) -> list[Interval]:
     """Return bounds of dx_i/dt for all states and inputs within their bounds."""
-    return _rates(problem, find_lower_bounds(problem), problem.x_upper)
+    return _values(problem, problem.f, find_lower_bounds(problem), problem.x_upper)
 
 
 def find_unsatisfiable(problem: Problem) -> Iterator[str]:
@@ -63,25 +67,29 @@ def find_unsatisfiable(problem: Problem) -> Iterator[str]:
     """
     low, high = find_lower_bounds(problem), problem.x_upper
     yield from _path(problem, low, high)
-    last = problem.final_time.latest
     # For linear systems the check of the minimum time gives more.
     curved = bool(problem.q) and find_affine_dynamics(problem) is None
-    for within in ('within its bounds', 'within reach')[:1 + curved]:
+    for tightened in (False, True)[:1 + curved]:
+        for _ in range(problem.n * tightened):
+            low, high = _reachable(problem, low, high)
         for row, found in enumerate(_values(problem, problem.psi, low, high)):
             margin = _margin(found)
             if found.low > margin or found.high < -margin:
-                more = (_turning(problem, row, low) if within == 'within its bounds' else
-                        _extent(problem, row, low, high))
+                more = (_extent if tightened else _turning)(problem, row, low, high)
                 nearest = found.low if found.low > 0 else found.high
                 yield (f'the terminal constraint {describe_terminal(problem, row)} cannot be met'
                        f'{more}: it is missed by at least {format_number(abs(nearest))}')
-        for _ in range(problem.n):
-            reached = [add_intervals(Interval(float(least), float(most)), multiply_intervals(
-                Interval(last, last), Interval(min(rate.low, 0.0), max(rate.high, 0.0))))
-                for least, most, rate in zip(
-                    *problem.start_box, _rates(problem, low, high), strict=True)]
-            low = np.maximum(low, [each.low for each in reached])
-            high = np.minimum(high, [each.high for each in reached])
+
+
+def _reachable(problem: Problem, low: Array, high: Array) -> tuple[Array, Array]:
+    """Return tighter bounds of the states until the last admissible T, by those of their rates."""
+    T = Interval(problem.final_time.latest, problem.final_time.latest)
+    ends = [add_intervals(Interval(float(least), float(most)), multiply_intervals(
+                T, Interval(min(rate.low, 0.0), max(rate.high, 0.0))))
+            for least, most, rate in zip(
+                *problem.start_box, _values(problem, problem.f, low, high), strict=True)]
+    return (np.maximum(low, [each.low for each in ends]),
+            np.minimum(high, [each.high for each in ends]))
 
 
 def _path(problem: Problem, low: Array, high: Array) -> Iterator[str]:
@@ -105,24 +113,12 @@ def _values(problem: Problem, expressions: ca.SX, low: Array, high: Array) -> li
                                       (problem.p_value, problem.p_value)])
 
 
-def _rooted(problem: Problem) -> Mask:
-    """Return on which states a function with an infinite slope acts in a rate, shape (n,)."""
-    under = [value for where, value in find_steep_operands(problem)
-             if where.startswith('dynamics.')]
-    return np.array([any(ca.depends_on(value, x) for value in under)
-                     for x in ca.vertsplit(problem.x)])
-
-
-def _rates(problem: Problem, low: Array, high: Array) -> list[Interval]:
-    return _values(problem, problem.f, low, high)
-
-
 def _margin(found: Interval) -> float:
     ends = (abs(each) for each in (found.low, found.high) if np.isfinite(each))
     return COUNTS_AS_MET * (1 + sum(ends))
 
 
-def _turning(problem: Problem, row: int, low: Array) -> str:
+def _turning(problem: Problem, row: int, low: Array, high: Array) -> str:
     """Return, as text, the states of a terminal constraint that stay nonnegative by themselves."""
     used = find_dependence(problem.psi[row], problem.x)[0] & (low > problem.x_lower)
     names = [problem.states[k] for k in np.flatnonzero(used)]
