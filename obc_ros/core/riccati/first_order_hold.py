@@ -87,10 +87,6 @@ class Feedback:
         self._joined: dict[int, bool] = {}
         self._flows: dict[int, Array] = {}
 
-    def times(self, block: int) -> Array:
-        """Return the ends of the steps of a block."""
-        return np.linspace(*self.blocks[block], 2**self.halvings[block] + 1)
-
     def refine(self, more: Index) -> None:
         """Halve the steps of each block `more` (blocks,) times."""
         self.halvings += more
@@ -291,7 +287,8 @@ def _followed(feedback: Feedback, x0: Array, nu: Array) -> Held:
         lam.append(_products(P[block > 0:], z[first + (block > 0):last + 1]))
         pushed.append(_products(P[1:, :, :n], bends[-1] @ to_states))
         first = last
-    t = np.concatenate([feedback.times(block)[block > 0:] for block in blocks])
+    t = np.concatenate([np.linspace(*ends, 2**int(halvings) + 1)[ends[0] > 0:] for
+                        ends, halvings in zip(feedback.blocks, feedback.halvings, strict=True)])
     path = (t, z[:, :n] * extended.scale, u, np.concatenate(lam) / extended.scale)
     return Held(*path, nu + change, _errors(
         extended.form, *path, np.concatenate(bends), np.concatenate(pushed) / extended.scale))

@@ -10,7 +10,6 @@ and terminal constraints whose gradient vanishes where they are met.
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from itertools import chain
 from typing import TypeVar
 
 import casadi as ca
@@ -69,8 +68,8 @@ def explain_kink(problem: Problem, t: Array, x: Array, u: Array) -> str:
 
     At the kink the costate equation does not determine dlam/dt. '' is returned if there is none.
     """
-    found = [(where, operands[0]) for where, operation, operands in chain(
-                 _operations(problem), ((_AT_END, *each) for each in _done_in(problem, problem.V)))
+    found = [(where, operands[0])
+             for where, operation, operands in _operations(problem, (_AT_END, problem.V))
              if operation == ca.OP_FABS and ca.depends_on(operands[0], problem.x)]
     for where, value, row in _follow(problem, found, x, u):
         size = float(np.abs(row).max())
@@ -220,18 +219,9 @@ def _root(operation: int, operands: list[ca.SX]) -> bool:
     return bool(power or operation == ca.OP_SQRT)
 
 
-def _operations(problem: Problem) -> Iterator[tuple[str, int, list[ca.SX]]]:
-    """Yield the operations in a problem: key, operation, operands."""
-    named = [*((f'dynamics.{name}', problem.f[k]) for k, name in enumerate(problem.states)),
-             ('running_cost', problem.L), *((f'path_constraints[{k}]', problem.path[k])
-                                            for k in range(problem.path.numel()))]
-    for where, expression in named:
-        for operation, operands in _done_in(problem, expression):
-            yield where, operation, operands
-
-
-def _done_in(problem: Problem, expression: ca.SX) -> list[tuple[int, list[ca.SX]]]:
-    """Return the operations in an expression with their operands."""
+def _operations(problem: Problem, *more: tuple[str, ca.SX]
+                ) -> Iterator[tuple[str, int, list[ca.SX]]]:
+    """Yield the operations in a problem, and in `more` expressions: key, operation, operands."""
     symbols = [problem.x, problem.u, problem.p]
     found: list[tuple[int, list[ca.SX]]] = []
 
@@ -239,9 +229,15 @@ def _done_in(problem: Problem, expression: ca.SX) -> list[tuple[int, list[ca.SX]
         found.append((operation, operands))
         return apply_to_expressions(operation, operands)
 
-    Instructions(ca.Function('one', symbols, [expression])).evaluate(
-        lambda i, k: symbols[i][k], ca.SX, apply)
-    return found
+    for where, expression in (
+            *((f'dynamics.{name}', problem.f[k]) for k, name in enumerate(problem.states)),
+            ('running_cost', problem.L),
+            *((f'path_constraints[{k}]', problem.path[k]) for k in range(problem.path.numel())),
+            *more):
+        found.clear()
+        Instructions(ca.Function('one', symbols, [expression])).evaluate(
+            lambda i, k: symbols[i][k], ca.SX, apply)
+        yield from [(where, *each) for each in found]
 
 
 def find_suspects(problem: Problem) -> list[Suspect]:
