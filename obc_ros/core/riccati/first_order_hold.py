@@ -21,7 +21,6 @@ import numpy as np
 from obc_ros.core.numerics.arrays import Array, Index, linalg
 from obc_ros.core.numerics.rounding import norm, TINY
 from obc_ros.core.riccati import propagation
-from obc_ros.core.riccati.problem_matrices import LqForm
 
 _FEWEST = 3             # initial halvings of a block
 _MOST_AT_ONCE = 3       # halvings added in one round
@@ -32,6 +31,33 @@ _MOST_GROWTH = 20.0     # largest norm of the transition matrix of a step per st
 _SHORT = 0.5            # largest norm of a rate matrix times the step of which expm is taken
 _ALLOWED = 1e-5         # sum of `_errors`, a tenth of the tolerance of the certificate
 _OF_THE_COST = 100.0    # weight of the excess cost: its relative tolerance is 1e-7
+
+
+@dataclass(frozen=True, eq=False)
+class LqForm:
+    """
+    The matrices of a linear quadratic problem.
+
+    dx/dt = A x + B u + a
+    L     = x'Q x / 2 + x'N u + u'R u / 2 + q'x + r'u + cost,  R > 0
+    V     = x'P1 x / 2 + p1'x + terminal_cost
+    psi   = C x - d
+    """
+
+    A: Array
+    B: Array
+    a: Array
+    Q: Array
+    N: Array
+    R: Array
+    q: Array
+    r: Array
+    cost: float
+    P1: Array
+    p1: Array
+    terminal_cost: float
+    C: Array
+    d: Array
 
 
 @dataclass(frozen=True, eq=False)

@@ -30,8 +30,8 @@ from obc_ros.core.riccati.first_order_hold import (
     Extended,
     Feedback,
     follow_feedback,
+    LqForm,
 )
-from obc_ros.core.riccati.problem_matrices import LqForm
 
 Places = NDArray[np.intp]
 SampledPath = tuple[Array, Array, Array, Array, Array, float]

@@ -4,12 +4,16 @@
 
 from dataclasses import replace
 
+import casadi as ca
 import numpy as np
+from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.ocp.solution import Solution, Status
-from obc_ros.core.riccati.problem_matrices import find_lq_form
+from obc_ros.core.riccati.first_order_hold import LqForm
 from obc_ros.core.riccati.terminal_constraints import solve_form
 from obc_ros.core.solver.proofs.contradictions import explain_contradiction
+
+_DEFINITE = 1e-13   # minimum eigenvalue of R scaled to a unit diagonal
 
 
 def solve_lq(problem: Problem) -> Solution | None:
@@ -23,7 +27,7 @@ def solve_lq(problem: Problem) -> Solution | None:
     """
     if problem.final_time.free or problem.path.numel() or problem.start is not None:
         return None
-    form = find_lq_form(problem)
+    form = _find_form(problem)
     if form is None:
         return None
     solution = solve_form(form, problem.x0, problem.final_time.value, problem.states)
@@ -45,3 +49,44 @@ def _is_within(problem: Problem, solution: Solution) -> bool:
         if (values.min(axis=0) - room < lower).any() or (values.max(axis=0) + room > upper).any():
             return False
     return True
+
+
+def _find_form(problem: Problem) -> LqForm | None:
+    """
+    Return the matrices of a problem with affine f and psi and quadratic L and V.
+
+    None is returned if the problem is not linear quadratic, a matrix is not finite, or L is not
+    strictly convex in u.
+    """
+    x, u = problem.x, problem.u
+    z = ca.vertcat(x, u)
+    values = ca.DM(problem.p_value)
+    f, L, V, psi = (ca.substitute(expression, problem.p, values) for expression in (
+        problem.f, problem.L, problem.V, problem.psi))
+    fz, psix = ca.jacobian(f, z), ca.jacobian(psi, x)
+    Lzz, Lz = ca.hessian(L, z)
+    Vxx, Vx = ca.hessian(V, x)
+    if ca.depends_on(ca.veccat(fz, psix, Lzz, Vxx), z):
+        return None
+    read = ca.Function('read', [z], [ca.densify(part) for part in (
+        fz, f, Lzz, Lz, L, Vxx, Vx, V, psix, psi)])
+    parts = [part.full() for part in read(ca.DM.zeros(z.numel()))]
+    if not all(np.isfinite(part).all() for part in parts):
+        return None
+    fz, f, Lzz, Lz, L, Vxx, Vx, V, psix, psi = parts
+    n = problem.n
+    form = LqForm(
+        A=fz[:, :n], B=fz[:, n:], a=f.ravel(),
+        Q=Lzz[:n, :n], N=Lzz[:n, n:], R=Lzz[n:, n:], q=Lz[:n, 0], r=Lz[n:, 0], cost=float(L[0, 0]),
+        P1=Vxx, p1=Vx[:, 0], terminal_cost=float(V[0, 0]),
+        C=psix.reshape(-1, n), d=-psi.ravel())
+    return form if _is_definite(form.R) else None
+
+
+def _is_definite(R: Array) -> bool:
+    """Return whether R, scaled to a unit diagonal, is positive definite beyond rounding."""
+    size = np.diag(R)
+    if not np.all(size > 0.0):
+        return False
+    d = 1.0 / np.sqrt(size)
+    return bool(np.linalg.eigvalsh(R * d * d[:, None])[0] > _DEFINITE)
