@@ -8,6 +8,7 @@ from typing import Any
 from lqr_bench import LATCHED
 import numpy as np
 from obc_ros.msg import NamedBounds, NamedExpression
+from obc_ros.nodes.trajectory_server import TrajectoryServer
 from obc_ros.srv import PlanMotion
 import pytest
 from visualization_msgs.msg import MarkerArray
@@ -88,10 +89,7 @@ def test_a_plant_of_a_file_is_planned_for_by_its_name(
     (['cart'], {'state': ['p']}, 'state: unknown key'),
 ])
 def test_plants_that_cannot_be_used_refuse_the_start(
-        names: list[str], changes: dict[str, Any], words: str, spawn: Any, tmp_path: Path
+        names: list[str], changes: dict[str, Any], words: str, probe: Any, tmp_path: Path
         ) -> None:
-    """The server ends with the reason."""
-    process = spawn('trajectory_server', {
-        'workers': 1, 'systems': [write(tmp_path, name, **changes) for name in names]})
-    assert process.wait() == 1
-    assert words in process.output()
+    assert words in probe.refusal(TrajectoryServer, {
+        'systems': [write(tmp_path, name, **changes) for name in names]})
