@@ -68,6 +68,7 @@ LINEAR = {
     'parameters': {'A': [[0, 1], [0, 0]], 'B': [0, 1], 'goal': '1/3'},
     'running_cost': 'u1**2', 'initial_state': {'x1': 0, 'x2': 0},
     'terminal_constraints': ['x1 - goal', 'x2'], 'final_time': {'free': False, 'value': 1}}
+STATEMENTS = {each['name']: each for each in (EVERYTHING, BEYOND, IN_PHASES, LINEAR)}
 NUMBERS = ('p_value', 'x0', 'x_lower', 'x_upper', 'u_lower', 'u_upper', 'path_lower', 'path_upper')
 
 
@@ -76,10 +77,9 @@ def serialized_and_back(message):
     return deserialize_message(serialize_message(message), type(message))
 
 
-@pytest.mark.parametrize('mapping', [
-    EVERYTHING, BEYOND, IN_PHASES, LINEAR, *map(problems.read, problems.NAMES)],
-                         ids=lambda mapping: mapping['name'])
-def test_a_statement_is_unchanged_by_the_message(mapping):
+@pytest.mark.parametrize('statement', [*STATEMENTS, *problems.NAMES])
+def test_a_statement_is_unchanged_by_the_message(statement):
+    mapping = STATEMENTS.get(statement) or problems.read(statement)
     problem = build_problem(mapping)
     message = serialized_and_back(messages.build_problem_message(mapping, problem.guess))
     arrived = build_problem(unpack(pack(Packet(messages.read_statement(message)))).plain)
@@ -119,18 +119,18 @@ def test_a_malformed_list_is_refused(text):
         messages.read_statement(message)
 
 
-@pytest.mark.parametrize('kind, request_', [
-    ('solve', SolveOptimalControl.Request(
+@pytest.mark.parametrize('kind, make', [
+    ('solve', lambda: SolveOptimalControl.Request(
         problem=OptimalControlProblem(running_cost='u' * 11_000_000))),
-    ('solve', SolveOptimalControl.Request(
+    ('solve', lambda: SolveOptimalControl.Request(
         problem=OptimalControlProblem(terminal_constraints=['x' * 9] * 800_000))),
-    ('minimize', Minimize.Request(cost='x' * 11_000_000)),
-    ('plan', PlanMotion.Request(start=[0.0] * 1_300_000)),
-    ('design_lqr', DesignLqr.Request(a=[0.0] * 2_000_000)),
+    ('minimize', lambda: Minimize.Request(cost='x' * 11_000_000)),
+    ('plan', lambda: PlanMotion.Request(start=[0.0] * 1_300_000)),
+    ('design_lqr', lambda: DesignLqr.Request(a=[0.0] * 2_000_000)),
 ])
-def test_an_oversized_request_is_refused(kind, request_):
+def test_an_oversized_request_is_refused(kind, make):
     with pytest.raises(StatementError, match=r'has \d+ bytes of text and numbers; at most'):
-        messages.read_request(kind, request_)
+        messages.read_request(kind, make())
 
 
 def made_up_solution(problem, **changes):
