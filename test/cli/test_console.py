@@ -135,10 +135,10 @@ def test_no_color_leaves_the_colours_out(files, columns):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize('variables', [
-    {'PYTHONIOENCODING': 'ascii'}, {'LC_ALL': 'C', 'PYTHONUTF8': '0', 'PYTHONCOERCECLOCALE': '0'},
-    {'TERM': 'dumb'}], ids=str)
-@pytest.mark.parametrize('columns', [40, 80])
+@pytest.mark.parametrize(('columns', 'variables'), [
+    (40, {'PYTHONIOENCODING': 'ascii'}), (80, {'PYTHONIOENCODING': 'ascii'}),
+    (80, {'LC_ALL': 'C', 'PYTHONUTF8': '0', 'PYTHONCOERCECLOCALE': '0'}),
+    (40, {'TERM': 'dumb'})], ids=str)
 def test_a_terminal_without_unicode_is_enough(files, columns, variables):
     (files / 'ähnlich.yaml').write_text(yaml.safe_dump({**ENERGY, 'name': 'ähnlich'}))
     status, output = run_on_terminal(
