@@ -31,7 +31,6 @@ class Extremal:
     """
     States, inputs and costates on a fine grid: K parts, `parts` in each of N intervals.
 
-    :ivar parts: parts of each interval.
     :ivar t: (K + 1,), times [s].
     :ivar x, x_end: (K, n), state at the start and at the end of each part.
     :ivar ua, ub: (K, m), input at the start and at the end of each part.

@@ -34,7 +34,6 @@ def refine_indirectly(bench: Bench, found: Candidate) -> Candidate:
     """
     Refine a solution by the indirect method.
 
-    :param found: result of the search.
     :return: with a certified solution from the boundary value problem; otherwise with that of
         `found`, and the reason in its message if the method does not apply or did not converge.
     """
@@ -159,7 +158,6 @@ def solve_boundary_values(bench: Bench, outcome: TranscriptionOutcome, *, rough:
 
     Free arcs are inserted in which an input crosses from bound to bound within a mesh interval.
 
-    :param rough: accept a rough solution.
     :return: None on singular arcs, for a problem that is too large, or without convergence.
     """
     problem, programs = bench.stated, bench.programs
@@ -209,7 +207,6 @@ def start_from_neighbour(programs: ProgramCache, problem: Problem, last: Answere
     Solve the boundary value problem from that of a neighbouring problem.
 
     :param problem: as stated, in the symbols of `programs`.
-    :param last: the neighbour.
     :return: the solution, and the same on the mesh of the neighbour stretched in time. None if the
         neighbour has no extremal, or without convergence; or where x(0) is free.
     """

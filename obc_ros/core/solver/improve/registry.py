@@ -50,9 +50,7 @@ class Improvement:
     A change of a path that may lower its cost or lead to its certificate.
 
     :ivar name: as users see it in the trace, unique.
-    :ivar stage: when it is tried.
     :ivar when: when it applies, in one sentence.
-    :ivar applies: whether it applies.
     :ivar run: returns the new state, or the reason why there is none.
     """
 

@@ -196,7 +196,6 @@ class Iterate:
 
     :ivar gap, z: (count,), distances from the bounds, the lower ones first, and their multipliers
         (>= 0).
-    :ivar mu: barrier parameter.
     :ivar status: of the run that ends here: 'converged', 'good enough', 'stopped', 'no step', 'too
         slow'.
     :ivar error: largest scaled residual of the gradient of the Lagrangian.

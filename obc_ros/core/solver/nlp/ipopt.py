@@ -50,7 +50,6 @@ class Found:
     :ivar g, lam_w, lam_g: constraints and multipliers, with the signs of CasADi.
     :ivar converged: whether the tolerances are met, or no step was left and `measure_optimality`
         is at most 1e-7.
-    :ivar status: why it ended.
     :ivar mu: the last barrier parameter; 0 if it is not known.
     """
 

@@ -20,13 +20,11 @@ class Meter:
     :ivar stopped: '' while work goes on, then 'cancelled', 'timed_out' or, for a part of the work,
         'spent'.
     :ivar iterations, most: so far, and at which the present solve ends. `stopped` stays '' then.
-    :ivar each: work of one iteration.
     :ivar effort: work of the solves that led to outcomes, from `credit`: by it a search compares
         how much its parts took. Failed attempts before a second one, phases and other parts are
         left out.
     :ivar deadline: on the monotonic clock [s].
     :ivar kept: time after the deadline for a certificate and a path within the bounds [s].
-    :ivar max_intervals: of a mesh.
     """
 
     def __init__(self, time_limit: float = math.inf, report: Report | None = None,
@@ -104,10 +102,9 @@ class Meter:
 
     def step(self, cost: float, infeasibility: float) -> bool:
         """
-        Count an iteration.
+        Count an iteration; return whether to stop.
 
         :param cost, infeasibility: of the iterate: cost, and largest violation of a constraint.
-        :return: whether to stop.
         """
         if self._whole:
             self._whole.step(cost, infeasibility)

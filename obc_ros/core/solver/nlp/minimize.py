@@ -44,7 +44,6 @@ class Minimum:
     """
     The solution of a static problem.
 
-    :ivar message: the result or the reason for failure, in words.
     :ivar x, objective: (n,), the minimiser, and F there.
     :ivar lam, mu: (k,), (l,), multipliers: grad F + lam' grad G + mu' grad g = 0 inside the
         bounds, mu >= 0.

@@ -128,9 +128,7 @@ class Stages:
         """
         Solve the program by the interior-point method.
 
-        :param w: initial unknowns.
         :param watch: called with cost and infeasibility; True stops.
-        :param near: whether the start is near the solution.
         :param multipliers: initial `lam_w` and `lam_g`; the method estimates `lam_w` anew.
         :param mu: barrier parameter at which these were found.
         """
