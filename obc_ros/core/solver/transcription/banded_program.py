@@ -124,12 +124,12 @@ class Stages:
     @np.errstate(over='ignore', invalid='ignore')   # trial points that overflow are rejected
     def run(self, w: Array, constants: Array, bounds: tuple[Array, Array], goal: StoppingRule,
             watch: Callable[[float, float], bool], *, near: bool = False,
-            multipliers: tuple[Array, Array] | None = None, mu: float = 0.0) -> Found:
+            lam_g: Array | None = None, mu: float = 0.0) -> Found:
         """
         Solve the program by the interior-point method.
 
         :param watch: called with cost and infeasibility; True stops.
-        :param multipliers: initial `lam_w` and `lam_g`; the method estimates `lam_w` anew.
+        :param lam_g: initial multipliers of the rows; the method estimates `lam_w`.
         :param mu: barrier parameter at which these were found.
         """
         y, lower = np.zeros(self.size), np.full(self.size, -np.inf)
@@ -140,10 +140,10 @@ class Stages:
         def seen(f: float, worst: float) -> bool:
             return watch(f / self.factor, worst)
 
-        if multipliers is not None:
-            y[self.at_rows] = multipliers[1]
+        if lam_g is not None:
+            y[self.at_rows] = lam_g
         work = Interior(self, lower, upper)
-        if near and multipliers is not None:
+        if near and lam_g is not None:
             # The barrier parameter begins above the last one of the neighbour.
             now = work.resume(y, float(np.clip(100 * mu, 1e-8, 1e-4)))
         else:
@@ -151,7 +151,7 @@ class Stages:
             now = work.begin(y, *((1e-6, 1e-6) if near else (0.1, 1e-2)))
         if not near:
             now = work.measured(self._scale(replace(now, z=np.ones_like(now.z))))
-        if multipliers is None:
+        if lam_g is None:
             now = work.multipliers(now)
         end = leave_saddle(work, solve_program(work, now, goal, seen), goal, seen)
         return Found(

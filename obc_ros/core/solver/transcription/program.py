@@ -210,8 +210,10 @@ class Transcription:
         self.c = compute_gauss_points(layout.stages)
         self._links = 0 if problem.start is None else len(problem.start.linked)
         self._number(problem)
-        self._problem = problem
         self._uses = find_dependence(problem.path, ca.vertcat(problem.x, problem.u))
+        # The last intervals of the phases at whose ends path constraints are needed.
+        last: Index = np.cumsum([phase.intervals for phase in layout.phases]) - 1
+        self._ends = last if ca.depends_on(problem.path, problem.u) else last[-1:]
         self._path = ca.Function('path', [problem.x, problem.u, problem.p], [problem.path])
 
     def _number(self, problem: Problem) -> None:
@@ -285,13 +287,12 @@ class Transcription:
 
     def _blocks(self) -> list[Block]:
         """Return intervals, the end, path constraints at ends of phases, lengths, the start."""
-        layout, pieces, problem = self.layout, self._pieces, self._problem
+        layout, pieces = self.layout, self._pieces
         none = np.zeros((1, 0), dtype=np.int64)
         blocks = [Block(pieces.interval, *self._index()), Block(pieces.end, self.at_x[-1:], none)]
         if self.l:
-            last = self._ends(problem)
-            blocks.append(Block(pieces.limits, np.hstack([self.at_x[last + 1], self.at_ub[last]]),
-                                np.zeros((len(last), 0), dtype=np.int64)))
+            places = np.hstack([self.at_x[self._ends + 1], self.at_ub[self._ends]])
+            blocks.append(Block(pieces.limits, places, np.zeros((len(places), 0), dtype=np.int64)))
         if len(layout.phases) > 1:
             durations = ca.SX.sym('durations', len(layout.phases))
             blocks.append(Block(
@@ -300,11 +301,6 @@ class Transcription:
         if pieces.links is not None:
             blocks.append(Block(pieces.links, self.at_x[:1], none))
         return blocks
-
-    def _ends(self, problem: Problem) -> Index:
-        """Return the last intervals of the phases at whose ends path constraints are needed."""
-        last = np.cumsum([phase.intervals for phase in self.layout.phases]) - 1
-        return last if ca.depends_on(problem.path, problem.u) else last[-1:]
 
     def _solver(self, start: str) -> tuple[ca.Function, Watch]:
         if start not in self._solvers:
@@ -337,18 +333,12 @@ class Transcription:
             w[self.at_duration] = durations / scales.time
         return w
 
-    def multipliers(self, mesh: Mesh, start: Array, guide: TranscriptionOutcome,
-                    scales: ProblemScales, bounds: tuple[Array, Array]) -> tuple[Array, Array]:
-        """Return signs of `lam_w` and values of `lam_g` from an outcome on another mesh."""
+    def multipliers(self, mesh: Mesh, guide: TranscriptionOutcome, scales: ProblemScales) -> Array:
+        """Return `lam_g` of steps, without path constraints, from an outcome on another mesh."""
         t = self.times(mesh, guide.path.durations)[1:]
         costates = np.vstack([guide.costates[1], guide.costates[1:]])
         lam = interpolate_columns(t, guide.path.t, costates)
-        near = 1e-6 * np.maximum(1.0, np.abs(start))
-        inputs = np.zeros(self.unknowns, dtype=bool)
-        inputs[self.at_ua], inputs[self.at_ub] = True, True
-        sign = (start >= bounds[1] - near).astype(float) - (start <= bounds[0] + near)
-        return (np.where(inputs, sign, 0.0),
-                np.append((-lam * scales.x).ravel(), guide.nu) / scales.cost)
+        return np.append((-lam * scales.x).ravel(), guide.nu) / scales.cost
 
     def _constants(self, problem: Problem, mesh: Mesh, scales: ProblemScales) -> Array:
         held = [mesh.held[number, i] / scales.u[i] for number, i in self.held]
@@ -483,9 +473,8 @@ class Transcription:
         multipliers = (warm.lam_w, warm.lam_g) if warm else None
         once, known = effort.once, effort.known
         if self._staged is not None:
-            guessed = multipliers
-            if guide is not None and multipliers is None:
-                guessed = self.multipliers(mesh, start, guide, scales, (lower, upper))
+            lam_g = warm.lam_g if warm else (
+                self.multipliers(mesh, guide, scales) if guide else None)
 
             def seen(f: float, worst: float) -> bool:
                 again = known is not None and known.record_iterate(f * scales.cost, worst)
@@ -493,7 +482,7 @@ class Transcription:
 
             found = self._staged.run(
                 start, constants, (lower, upper), StoppingRule(rough=effort.rough, once=once),
-                seen, near=near is not None, multipliers=guessed, mu=guide.mu if guide else 0.0)
+                seen, near=near is not None, lam_g=lam_g, mu=guide.mu if guide else 0.0)
             if found.converged or once or meter.stopped or meter.spent:
                 return self._outcome(problem, mesh, scales, found, (0.0, 0.0))
         rows = self._row_bounds(problem, mesh, scales, limits)
@@ -531,7 +520,7 @@ class Transcription:
         sides = np.stack([node_path[:-1], node_path[1:]], axis=1)
         if l:
             ends = lam[first + self.q:][:self._program.rows[2]].reshape(-1, l)
-            for k, value in zip(self._ends(problem), ends, strict=True):
+            for k, value in zip(self._ends, ends, strict=True):
                 node_path[k + 1] += value
                 sides[k, 1] = value
         violation = float(np.maximum(row_bounds[0] - g, g - row_bounds[1]).max(initial=0.0))
