@@ -20,6 +20,7 @@ from obc_ros.core.numerics.vectorized import Chain, VectorizedFunction
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.ocp.solution import Solution, Status
 from obc_ros.core.solver.transcription.intervals import step_of
+from obc_ros.core.solver.transcription.mesh import Path
 from obc_ros.core.solver.transcription.program import TranscriptionOutcome
 
 _STIFF = 1e-4   # relative error of an interval above which explicit steps are not trusted
@@ -236,16 +237,14 @@ class CostateIntegrator:
         transcription are returned, with one part in each interval.
         """
         path = outcome.path
-        t, ua, ub = cut_inputs(path.t, path.ua, path.ub, parts)
-        anew, anew_end, J = self._restarted(problem, path.x, t, ua, ub, parts)
+        t, ua, ub, anew, anew_end, J = self._restarted(problem, path, parts)
         size = np.maximum(np.abs(path.x).max(axis=0), 1e-3 * np.abs(path.x).max() + 1e-12)
         local = _largest(anew_end[parts - 1::parts] - path.x[1:], size)
         x, running = self.forward(problem.pin_start(path.x[0]), t, ua, ub)
         defect = _largest(x[parts::parts] - path.x[1:], size)
         if local.max() > _STIFF and path.inner.shape[1]:
             # The error may be that of the explicit steps: repeat with many small ones.
-            t, ua, ub = cut_inputs(path.t, path.ua, path.ub, _MANY)
-            _, ends, _ = self._restarted(problem, path.x, t, ua, ub, _MANY)
+            *_, ends, _ = self._restarted(problem, path, _MANY)
             local = _largest(ends[_MANY - 1::_MANY] - path.x[1:], size)
             return self._at_nodes(outcome, float(defect.max()), local)
         single = bool(defect.max() < 1e-5)
@@ -267,8 +266,7 @@ class CostateIntegrator:
         Corrected costs can be compared on coarse meshes, the others cannot.
         """
         path, parts = outcome.path, _MANY if outcome.path.inner.shape[1] else 4
-        t, ua, ub = cut_inputs(path.t, path.ua, path.ub, parts)
-        _, x_end, J = self._restarted(problem, path.x, t, ua, ub, parts)
+        *_, x_end, J = self._restarted(problem, path, parts)
         ends = x_end[parts - 1::parts]
         V, psi, _ = self._end(ends[-1:], outcome.nu[None, :], problem.p_value)
         gaps = outcome.costates[1:-1] * (ends[:-1] - path.x[1:-1])
@@ -291,18 +289,20 @@ class CostateIntegrator:
             lam=(costates - mass)[:-1], lam_end=costates[1:], cost=outcome.objective,
             defect=defect, local=local, nu=outcome.nu)
 
-    def _restarted(self, problem: Problem, nodes: Array, t: Array, ua: Array, ub: Array,
-                   parts: int) -> tuple[Array, Array, float]:
+    def _restarted(self, problem: Problem, path: Path, parts: int
+                   ) -> tuple[Array, Array, Array, Array, Array, float]:
+        """Return t, ua, ub, x, x_end and J of sweeps that restart at every mesh point."""
+        t, ua, ub = cut_inputs(path.t, path.ua, path.ub, parts)
         h, K = np.diff(t)[:, None], len(ua)
         x, x_end, J = np.empty((K, problem.n)), np.empty((K, problem.n)), 0.0
-        now = nodes[:-1]
+        now = path.x[:-1]
         for part in range(parts):
             here = slice(part, None, parts)
             x[here] = now
             now, cost = self._step(now, ua[here], ub[here], h[here], problem.p_value)
             x_end[here] = now
             J += float(cost.sum())
-        return x, x_end, J
+        return t, ua, ub, x, x_end, J
 
     def _costates(self, problem: Problem, outcome: TranscriptionOutcome,
                   course: tuple[Array, Array, Array, Array], last: Array, parts: int,
