@@ -89,18 +89,13 @@ class ArcIteration:
             elsewhere = have_moved(arcs, outcome.path.durations, options.vanishing)
             if bench.meter.stopped:
                 break
-            if shown == now and not elsewhere:
-                new, now = self.closed(found, outcome)
+            if shown == now:
+                # Where ends move no arc at a bound shrinks by more than 2 %.
+                new = self.with_arcs(arcs, outcome, kept=0.98) if elsewhere else None
+                if new is None or not is_below(new.objective, outcome.objective, CHEAPER):
+                    new, now = (self.freed if elsewhere else self.closed)(found, outcome)
                 if new is None:
                     break
-                outcome = new
-                continue
-            if shown == now:   # ends move, but no arc at a bound shrinks by more than 2 %
-                new = self.with_arcs(arcs, outcome, kept=0.98)
-                if new is None or not is_below(new.objective, outcome.objective, CHEAPER):
-                    new, now = self.freed(found, outcome)
-                    if new is None:
-                        break
                 outcome = new
                 continue
             if shown in self.seen:
