@@ -7,13 +7,14 @@ from collections import Counter
 from dataclasses import dataclass, field
 from functools import partial
 
-from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
+from diagnostic_msgs.msg import DiagnosticStatus
 from obc_ros.core.estimation import delayed_filter
 from obc_ros.core.estimation.delayed_filter import DelayedFilter
 from obc_ros.core.systems.system import System
 from obc_ros.msg import Estimate, State
 from obc_ros.nodes.estimator_settings import EstimatorCandidate
 from obc_ros.ros.conversions import set_stamp
+from obc_ros.ros.diagnostics import make_status
 
 COUNTS = ('used', 'late', 'out of order', 'too late', 'repeated', 'missing', 'not used',
           'not finite', 'out of range', 'malformed', 'outliers', 'restarts', 'faults', 'future')
@@ -91,16 +92,14 @@ def estimator_status(name: str, candidate: EstimatorCandidate, delayed: DelayedF
     consistency = delayed.consistency
     level, words = _explain_silence(candidate, now, before) or _judge(
         candidate, delayed, now.counts - before.counts)
-    values = {
+    return make_status(f'{name}: estimate', level, words, {
         'age of the newest measurement [s]': '' if now.age is None else f'{now.age:.3f}',
         'stamp minus local time [s]': f'{now.ahead:.3f}' if now.received else '',
         'estimates published': now.published,
         'consistency': f'{consistency.ratio:.3f}',
         'band': f'{consistency.lower:.3f} to {consistency.upper:.3f}',
         'design': candidate,
-        **{f'measurements {what}': now.counts[what] for what in COUNTS}}
-    return DiagnosticStatus(name=f'{name}: estimate', level=level, message=words, values=[
-        KeyValue(key=key, value=str(value)) for key, value in values.items()])
+        **{f'measurements {what}': now.counts[what] for what in COUNTS}})
 
 
 def _explain_silence(candidate: EstimatorCandidate, now: Traffic, before: Traffic

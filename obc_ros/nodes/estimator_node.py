@@ -38,17 +38,14 @@ from obc_ros.nodes.estimator_settings import (
     Settings,
 )
 from obc_ros.nodes.noise_suggestions import fill_noise, suggest_noise
-from obc_ros.ros.clock_watch import ClockWatch
 from obc_ros.ros.conversions import OdometryMap, read_nanoseconds
 from obc_ros.ros.diagnostics import Diagnostics
-from obc_ros.ros.execution.callback_guards import guard_callbacks
+from obc_ros.ros.execution.callback_guards import guard_callbacks, STEADY
 from obc_ros.ros.execution.executor import run
+from obc_ros.ros.execution.subscription_thread import Apart
 from obc_ros.ros.parameters.node_parameters import Parameters
 from obc_ros.ros.throttled_log import ThrottledLog
 from obc_ros.srv import SuggestNoise
-from rclpy.callback_groups import CallbackGroup
-from rclpy.clock import Clock
-from rclpy.clock_type import ClockType
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
@@ -57,28 +54,14 @@ UNREAD = 1000       # messages that wait for the next estimate
 LATCHED_DESIGN = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
-class ReadByTimer(CallbackGroup):  # type: ignore[misc] # rclpy's classes are untyped
-    """Subscriptions that do not wake the executor."""
-
-    def can_execute(self, entity: Any) -> bool:
-        """Return whether the executor waits for an entity."""
-        return False
-
-    def beginning_execution(self, entity: Any) -> bool:
-        """Return whether an entity may be executed."""
-        return self.can_execute(entity)
-
-    def ending_execution(self, entity: Any) -> None:
-        """Do nothing: nothing was begun."""
-
-
 class EstimatorNode(Node):  # type: ignore[misc] # rclpy's classes are untyped
     """The node; see the module's text."""
 
     def __init__(self, **options: Any) -> None:
         super().__init__('estimator_node', allow_undeclared_parameters=True, **options)
         self._log = ThrottledLog(self)
-        self._table = Parameters(self, Settings, self._judge, self._adopt, opening=str)
+        self._table = Parameters(
+            self, Settings, judge_estimator_settings, self._adopt, opening=str)
         self._adopted = candidate = self._table.candidate
         settings = candidate.settings
         self._filter = DelayedFilter(
@@ -96,10 +79,10 @@ class EstimatorNode(Node):  # type: ignore[misc] # rclpy's classes are untyped
         self._estimates = self.create_publisher(Estimate, '~/estimate', BACKLOG)
         self._odom = self.create_publisher(
             Odometry, 'odom', BACKLOG) if self._map.complete else None
-        self._diagnostics = Diagnostics(self, ClockWatch(self))
+        self._diagnostics = Diagnostics(self, needs_clock=True)
         # The executor needs more time for a message than the filter. It does not get the events
         # of these subscriptions either: unread messages wake it through them.
-        group = ReadByTimer() if settings.rate else None
+        group = Apart() if settings.rate else None
         self._sources = [
             (self.create_subscription(kind, topic, take, UNREAD, callback_group=group), take)
             for kind, topic, take in ((Measurement, 'measurement', self._on_measurement),
@@ -111,7 +94,7 @@ class EstimatorNode(Node):  # type: ignore[misc] # rclpy's classes are untyped
         if settings.rate:
             guard_callbacks(self, self.create_timer(1.0 / settings.rate, self._on_time),
                             'estimates')
-        self.create_timer(1.0, self._diagnose, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self.create_timer(1.0, self._diagnose, clock=STEADY)
 
     def _on_time(self) -> None:
         """Publish the estimate from all messages that have arrived."""
@@ -213,9 +196,6 @@ class EstimatorNode(Node):  # type: ignore[misc] # rclpy's classes are untyped
             self._log.warning('restart', f'restart {restarts} of the filter: '
                               f'{self._filter.reason}; the estimate jumps')
             self._restarts, self._last = restarts, None
-
-    def _judge(self, settings: Settings) -> EstimatorCandidate:
-        return judge_estimator_settings(settings)
 
     def _adopt(self, candidate: EstimatorCandidate) -> None:
         self._adopted = candidate

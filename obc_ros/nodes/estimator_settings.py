@@ -16,7 +16,7 @@ from obc_ros.core.simulation.simulator import compute_resting_input
 from obc_ros.core.systems.equilibrium import check_numbers
 from obc_ros.core.systems.system import System
 from obc_ros.core.text.errors import quote, StatementError
-from obc_ros.ros.hardware_id import HARDWARE
+from obc_ros.ros.diagnostics import HARDWARE
 from obc_ros.ros.parameters.node_parameters import declare_field, group, Value
 from obc_ros.ros.parameters.system_parameters import choose_system, list_system_parameters
 

@@ -45,13 +45,12 @@ from obc_ros.nodes.mpc.settings import (
     Settings,
 )
 from obc_ros.ros.conversions import read_nanoseconds
+from obc_ros.ros.execution.callback_guards import STEADY
 from obc_ros.ros.execution.executor import run
 from obc_ros.workers.steps.step_link import StepLink
 from obc_ros.workers.steps.step_supervisor import STEP_PATIENCE, StepSupervisor
 from obc_ros.workers.wire import pack, Packet
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
-from rclpy.clock import Clock
-from rclpy.clock_type import ClockType
 from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 from rclpy.qos import QoSProfile
 from rclpy.task import Future
@@ -102,7 +101,7 @@ class MpcNode(ControllerNode):
         self.trigger_configure()
         # Simulated time may not run before the first command.
         self._idle_reason = 'it starts'
-        self.create_timer(ATTEMPT, self._attempt, clock=Clock(clock_type=ClockType.STEADY_TIME),
+        self.create_timer(ATTEMPT, self._attempt, clock=STEADY,
                           callback_group=MutuallyExclusiveCallbackGroup())
 
     async def _attempt(self) -> None:

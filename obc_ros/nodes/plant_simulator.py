@@ -30,7 +30,7 @@ from threading import Lock
 import time
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
+from diagnostic_msgs.msg import DiagnosticStatus
 from nav_msgs.msg import Odometry
 from obc_ros.core.simulation.paced_plant import (
     ANSWERED,
@@ -59,11 +59,10 @@ from obc_ros.nodes.views.plant_view import (
     ViewSettings,
 )
 from obc_ros.ros import conversions
-from obc_ros.ros.clock_watch import ClockWatch
-from obc_ros.ros.diagnostics import Diagnostics
+from obc_ros.ros.diagnostics import Diagnostics, HARDWARE, make_status
+from obc_ros.ros.execution.callback_guards import STEADY
 from obc_ros.ros.execution.executor import run
 from obc_ros.ros.execution.subscription_thread import Apart, OwnThread, PRIORITY
-from obc_ros.ros.hardware_id import HARDWARE
 from obc_ros.ros.messages import flatten_doubles
 from obc_ros.ros.parameters.node_parameters import (
     declare_field,
@@ -79,8 +78,6 @@ from obc_ros.ros.parameters.system_parameters import (
 )
 from obc_ros.ros.state_sources import Components, NamesError
 from obc_ros.ros.throttled_log import ThrottledLog
-from rclpy.clock import Clock
-from rclpy.clock_type import ClockType
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock as ClockMessage
@@ -304,13 +301,13 @@ class PlantSimulator(Node):  # type: ignore[misc] # rclpy's classes are untyped
             self._odom = self.create_publisher(Odometry, 'odom', BACKLOG)
         if settings.publish_clock or settings.speed == 0.0:
             self._clock_out = self.create_publisher(ClockMessage, '/clock', CLOCK_QOS)
-        self._diagnostics = Diagnostics(self, ClockWatch(self))
+        self._diagnostics = Diagnostics(self, needs_clock=True)
         self._commands = self.create_subscription(
             Command, 'command', lambda message: None, 10, callback_group=Apart())
         self.create_service(Trigger, '~/reset', self._on_reset)
         self.create_service(SetBool, '~/pause', self._on_pause)
         self.create_service(Trigger, '~/step', self._on_step)
-        self.create_timer(1.0, self._diagnose, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self.create_timer(1.0, self._diagnose, clock=STEADY)
         if self._follows:  # the executor's thread receives the clock
             self.create_timer(0.5 / settings.publish_rate, lambda: self._thread.wake())
 
@@ -484,19 +481,15 @@ class PlantSimulator(Node):  # type: ignore[misc] # rclpy's classes are untyped
         factor = (simulated - self._looked[1]) / (now - self._looked[0])
         self._looked = now, simulated
         level, text = self._health()
-        status = DiagnosticStatus(
-            name=f'{self.get_fully_qualified_name()[1:]}: plant', level=level, message=text,
-            values=[
-                KeyValue(key=key, value=str(value)) for key, value in (
-                    ('simulated time [s]', f'{simulated:.9g}'),
-                    ('simulated seconds a second', f'{max(factor, 0.0):.3f}'),
-                    ('behind [s]', f'{plant.behind:.6f}'), ('states published', plant.published),
-                    ('states sent again', plant.resent), ('states unanswered', plant.unanswered),
-                    ('commands taken', plant.accepted),
-                    ('times without commands', plant.rests), ('times held up', plant.held_up),
-                    ('commands dropped', plant.dropped.total()),
-                    *((f'commands dropped, {reason}', count)
-                      for reason, count in sorted(plant.dropped.items())))])
+        status = make_status(f'{self.get_fully_qualified_name()[1:]}: plant', level, text, {
+            'simulated time [s]': f'{simulated:.9g}',
+            'simulated seconds a second': f'{max(factor, 0.0):.3f}',
+            'behind [s]': f'{plant.behind:.6f}', 'states published': plant.published,
+            'states sent again': plant.resent, 'states unanswered': plant.unanswered,
+            'commands taken': plant.accepted, 'times without commands': plant.rests,
+            'times held up': plant.held_up, 'commands dropped': plant.dropped.total(),
+            **{f'commands dropped, {reason}': count
+               for reason, count in sorted(plant.dropped.items())}})
         self._diagnostics.publish([status], self.get_clock().now().to_msg(),
                                   self._settings.settings.hardware_id,
                                   plant.simulator.system.name)

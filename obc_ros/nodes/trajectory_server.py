@@ -25,7 +25,7 @@ from time import monotonic
 from types import MappingProxyType
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
+from diagnostic_msgs.msg import DiagnosticStatus
 from obc_ros.action import SolveOptimalControl as SolveAction
 from obc_ros.core.ocp.solution import MAX_INTERVALS
 from obc_ros.core.text.errors import ObcError, quote, StatementError
@@ -36,8 +36,8 @@ from obc_ros.nodes.motions.plant_files import load_plants
 from obc_ros.nodes.motions.present_state import PresentState
 from obc_ros.nodes.views.plan_view import PlanView
 from obc_ros.ros import messages
-from obc_ros.ros.diagnostics import Diagnostics
-from obc_ros.ros.execution.callback_guards import guard_callbacks
+from obc_ros.ros.diagnostics import Diagnostics, make_status
+from obc_ros.ros.execution.callback_guards import guard_callbacks, STEADY
 from obc_ros.ros.execution.executor import run
 from obc_ros.ros.parameters.node_parameters import declare_field, Parameters
 from obc_ros.ros.service_qos import be_patient, BURST
@@ -59,8 +59,6 @@ from obc_ros.workers.responses import compute_affinity, respond
 from obc_ros.workers.wire import Packet
 from rclpy.action import ActionServer, CancelResponse
 from rclpy.callback_groups import ReentrantCallbackGroup
-from rclpy.clock import Clock
-from rclpy.clock_type import ClockType
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.task import Future
@@ -127,19 +125,16 @@ class TrajectoryServer(Node):  # type: ignore[misc] # rclpy's classes are untype
         self._arrived: deque[tuple[Future, RequestAnswer]] = deque()
         self._statuses: Counter[str] = Counter()
         self._log = ThrottledLog(self)
-        self._motions = self._plan_motions()
-        self._diagnostics = Diagnostics(self)
-        steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self.create_timer(1.0, self._diagnose, clock=steady)
-        self._action: ActionServer | None = None
-        self._latest = monotonic() + START
-        self._opening = self.create_timer(LOOK, self._open, clock=steady)
-
-    def _plan_motions(self) -> MotionRequests:
-        return MotionRequests(
+        self._motions = MotionRequests(
             self, PresentState(self, self._settings.settings.state_source, self._log),
             LqrClient(self, ReentrantCallbackGroup()),
-            self.create_publisher(Trajectory, 'reference', PLAN_QOS), self._log, self._ask_motion)
+            self.create_publisher(Trajectory, 'reference', PLAN_QOS), self._log,
+            partial(self._ask, 'plan'))
+        self._diagnostics = Diagnostics(self)
+        self.create_timer(1.0, self._diagnose, clock=STEADY)
+        self._action: ActionServer | None = None
+        self._latest = monotonic() + START
+        self._opening = self.create_timer(LOOK, self._open, clock=STEADY)
 
     def _open(self) -> None:
         """Create the services once the workers run, so that the first responses are in time."""
@@ -169,17 +164,14 @@ class TrajectoryServer(Node):  # type: ignore[misc] # rclpy's classes are untype
 
     def owes(self) -> bool:
         """Cancel all requests without a response; return whether there are any."""
-        self._close_pools()
-        return self._asked > 0
-
-    def _close_pools(self) -> None:
         for pool in self._pools:
             pool.close()
+        return self._asked > 0
 
     def destroy_node(self) -> None:
         """End the workers, then the node."""
-        if self._pools:
-            self._close_pools()
+        for pool in self._pools:
+            pool.close()
         if self._pools and self._action:
             self._action.destroy()
         super().destroy_node()
@@ -203,14 +195,11 @@ class TrajectoryServer(Node):  # type: ignore[misc] # rclpy's classes are untype
             await self._motions.answer(
                 request, response, self._settings.settings, self._limit(request.time_limit))
         except ObcError as error:
-            messages.fill_answer(response, self._refuse('plan', 'malformed', str(error)))
+            messages.fill_answer(response, self._refuse('plan', error))
         if response.success:
             self._view.show(response.trajectory, partial(
                 state_plan, request, self._settings.settings.systems))
         return response
-
-    async def _ask_motion(self, request: Any, limit: float, more: Mapping[str, Any]) -> Packet:
-        return await self._ask('plan', request, limit, more=more)
 
     async def _execute(self, goal: Any) -> Any:
         """Execute a goal of the action; it succeeds only with a certified solution."""
@@ -224,7 +213,7 @@ class TrajectoryServer(Node):  # type: ignore[misc] # rclpy's classes are untype
         progress('queued', 0, math.nan, math.nan)
         result = SolveAction.Result()
         messages.fill_answer(result, await self._ask(
-            'solve', goal.request, goal.request.time_limit, progress, goal))
+            'solve', goal.request, goal.request.time_limit, progress=progress, goal=goal))
         if result.success:
             self._view.show(
                 result.trajectory, partial(messages.read_statement, goal.request.problem))
@@ -242,14 +231,14 @@ class TrajectoryServer(Node):  # type: ignore[misc] # rclpy's classes are untype
         return CancelResponse.ACCEPT
 
     async def _ask(self, kind: str, request: Any, time_limit: float = 0.0,
-                   progress: Progress = lambda *_: None, goal: Any = None,
-                   more: Mapping[str, Any] = MappingProxyType({})) -> Packet:
+                   more: Mapping[str, Any] = MappingProxyType({}),
+                   progress: Progress = lambda *_: None, goal: Any = None) -> Packet:
         """Return the response of a worker to a request, or the reason for its absence."""
         try:
             packet = messages.read_request(kind, request)
             limit = self._limit(time_limit)
         except StatementError as error:
-            return self._refuse(kind, 'malformed', str(error))
+            return self._refuse(kind, error)
         settings = self._settings.settings
         packet.plain.update(
             more, cache_size=settings.cache_size, max_intervals=settings.max_intervals)
@@ -277,7 +266,8 @@ class TrajectoryServer(Node):  # type: ignore[misc] # rclpy's classes are untype
         elif answer.outcome is RequestOutcome.REFUSED or (
                 response.plain['status'] in ('malformed', 'refused')):
             self._log_refusal(kind, response.plain['message'])
-        return self._count(response)
+        self._statuses[response.plain['status']] += 1
+        return response
 
     def _limit(self, time_limit: float) -> float:
         """Return the time limit of a request, at most that of the server [s]."""
@@ -296,17 +286,13 @@ class TrajectoryServer(Node):  # type: ignore[misc] # rclpy's classes are untype
             future, answer = self._arrived.popleft()
             future.set_result(answer)
 
-    def _refuse(self, kind: str, status: str, reason: str) -> Packet:
-        self._log_refusal(kind, reason)
-        return self._count(Packet({'status': status, 'message': reason}))
+    def _refuse(self, kind: str, error: ObcError) -> Packet:
+        self._log_refusal(kind, str(error))
+        self._statuses['malformed'] += 1
+        return Packet({'status': 'malformed', 'message': str(error)})
 
     def _log_refusal(self, kind: str, reason: str) -> None:
-        self._log.warning(
-            'refused', f'a request to ~/{kind} was rejected: {quote(str(reason), 500)}')
-
-    def _count(self, packet: Packet) -> Packet:
-        self._statuses[packet.plain['status']] += 1
-        return packet
+        self._log.warning('refused', f'a request to ~/{kind} was rejected: {quote(reason, 500)}')
 
     def _adopt(self, settings: Settings) -> None:
         self._view.is_shown = settings.markers
@@ -333,9 +319,13 @@ class TrajectoryServer(Node):  # type: ignore[misc] # rclpy's classes are untype
         """Publish the state of the workers and the numbers of requests by status."""
         pool = self._solvers
         replaced = pool.replaced + self._designers.replaced
-        status = DiagnosticStatus(
-            name=f'{self.get_fully_qualified_name()[1:]}: workers', level=DiagnosticStatus.OK,
-            message=f'{pool.busy} of {pool.size} workers are busy, {pool.waiting} requests wait')
+        status = make_status(
+            f'{self.get_fully_qualified_name()[1:]}: workers', DiagnosticStatus.OK,
+            f'{pool.busy} of {pool.size} workers are busy, {pool.waiting} requests wait', {
+                'queue': pool.waiting, 'queue length': pool.queue_length, 'busy': pool.busy,
+                'workers': pool.size, 'workers replaced': replaced,
+                'requests': self._statuses.total(),
+                **{f'requests {name}': count for name, count in sorted(self._statuses.items())}})
         if fault := pool.fault or self._designers.fault:
             status.level = DiagnosticStatus.ERROR
             status.message += f'; no worker starts: {fault}'
@@ -352,12 +342,6 @@ class TrajectoryServer(Node):  # type: ignore[misc] # rclpy's classes are untype
         if pool.waiting >= pool.queue_length:
             status.level = max(status.level, DiagnosticStatus.WARN)
             status.message += '; the queue is full'
-        values = {
-            'queue': pool.waiting, 'queue length': pool.queue_length, 'busy': pool.busy,
-            'workers': pool.size, 'workers replaced': replaced,
-            'requests': sum(self._statuses.values()),
-            **{f'requests {name}': self._statuses[name] for name in sorted(self._statuses)}}
-        status.values = [KeyValue(key=key, value=str(value)) for key, value in values.items()]
         self._diagnostics.publish([status], self.get_clock().now().to_msg(),
                                   self._settings.settings.hardware_id, self.get_name())
 

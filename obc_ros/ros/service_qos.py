@@ -12,7 +12,7 @@ warns.
 from typing import Any
 import warnings
 
-from rclpy.clock import Clock, ClockType
+from obc_ros.ros.execution.callback_guards import STEADY
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from rclpy.service import Service
@@ -28,7 +28,7 @@ def be_patient(node: Node, service: Service) -> None:
     :param node: whose timers and log are used.
     :param service: its method `send_response` is replaced.
     """
-    send, clock = service.send_response, Clock(clock_type=ClockType.STEADY_TIME)
+    send = service.send_response
 
     def send_or_retry(response: Any, header: Any, delay: float = FIRST) -> None:
         with warnings.catch_warnings(record=True) as dropped:
@@ -42,6 +42,6 @@ def be_patient(node: Node, service: Service) -> None:
                 node.destroy_timer(timer)
                 send_or_retry(response, header, 2.0 * delay)
 
-            timer = node.create_timer(delay, retry, service.callback_group, clock)
+            timer = node.create_timer(delay, retry, service.callback_group, STEADY)
 
     service.send_response = send_or_retry

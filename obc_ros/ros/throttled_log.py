@@ -18,7 +18,8 @@ class ThrottledLog:
 
     def __init__(self, node: Any) -> None:
         self._node = node
-        self._kinds: dict[str, _Kind] = {}
+        # By kind: how many lines may still be logged, at which time, and how many were omitted.
+        self._kinds: dict[str, tuple[float, float, int]] = {}
 
     def info(self, kind: str, sentence: str) -> None:
         """Log an expected event."""
@@ -32,25 +33,11 @@ class ThrottledLog:
 
     def _due(self, kind: str, sentence: str) -> str:
         """Return the line to log, or an empty text."""
-        left_out = self._kinds.setdefault(kind, _Kind()).take(monotonic())
-        if left_out < 0:
+        now = monotonic()
+        left, looked, omitted = self._kinds.get(kind, (LOG_BURST, now, 0))
+        left = min(left + (now - looked) / PERIOD, LOG_BURST)
+        if left < 1.0:
+            self._kinds[kind] = left, now, omitted + 1
             return ''
-        return f'{sentence} ({left_out} more since the last such line)' if left_out else sentence
-
-
-class _Kind:
-    """The number of lines of a kind that may still be logged, and of omitted ones."""
-
-    def __init__(self) -> None:
-        self._left, self._looked, self._left_out = float(LOG_BURST), monotonic(), 0
-
-    def take(self, now: float) -> int:
-        """Return the number of lines omitted before this one; -1 if this one is omitted, too."""
-        self._left = min(self._left + (now - self._looked) / PERIOD, LOG_BURST)
-        self._looked = now
-        if self._left < 1.0:
-            self._left_out += 1
-            return -1
-        self._left -= 1.0
-        left_out, self._left_out = self._left_out, 0
-        return left_out
+        self._kinds[kind] = left - 1.0, now, 0
+        return f'{sentence} ({omitted} more since the last such line)' if omitted else sentence

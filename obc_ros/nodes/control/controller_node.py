@@ -38,16 +38,14 @@ from obc_ros.nodes.control.design_message import design_message
 from obc_ros.nodes.control.loop_monitor import LoopMonitor, predict_error
 from obc_ros.nodes.control.source_watch import Source, SourceWatch
 from obc_ros.ros import state_sources
-from obc_ros.ros.clock_watch import ClockWatch
 from obc_ros.ros.conversions import make_body_reader, read_nanoseconds
 from obc_ros.ros.diagnostics import Diagnostics
+from obc_ros.ros.execution.callback_guards import STEADY
 from obc_ros.ros.execution.subscription_thread import Apart, OwnThread
 from obc_ros.ros.execution.worker_thread import WorkerThread
 from obc_ros.ros.parameters.node_parameters import Parameters
 from obc_ros.ros.repeated_messages import RepeatedReader
 from obc_ros.ros.throttled_log import ThrottledLog
-from rclpy.clock import Clock
-from rclpy.clock_type import ClockType
 from rclpy.duration import Duration
 from rclpy.event_handler import EventHandler, SubscriptionEventCallbacks
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
@@ -142,7 +140,7 @@ class ControllerNode(LifecycleNode):  # type: ignore[misc] # rclpy's classes are
             self._sink.type, settings.command_sink, SINK,
             qos_overriding_options=overrides)
         self._designs = self.create_publisher(LqrDesign, '~/design', LATCHED_QOS)
-        self._diagnostics = Diagnostics(self, ClockWatch(self))
+        self._diagnostics = Diagnostics(self, needs_clock=True)
         is_repeated = settings.state_source == 'state'
         self._repeated = RepeatedReader(State, 'x')
         self._thread = OwnThread(
@@ -151,7 +149,7 @@ class ControllerNode(LifecycleNode):  # type: ignore[misc] # rclpy's classes are
         self._news = self.create_guard_condition(self._log_news)
         self._designed = self.create_guard_condition(
             self._publish_design, callback_group=self._desk.group)
-        self.create_timer(1.0, self._diagnose, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self.create_timer(1.0, self._diagnose, clock=STEADY)
 
     def _deadline_events(self) -> list[EventHandler]:
         """Return the handlers of a missed deadline, if a QoS override sets a deadline."""

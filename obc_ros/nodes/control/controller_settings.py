@@ -26,8 +26,8 @@ from obc_ros.core.lqr.weights import count, WEIGHT_KINDS
 from obc_ros.core.text.errors import StatementError
 from obc_ros.nodes.control.command_sinks import Sink, SINKS
 from obc_ros.ros.conversions import make_state_reader
+from obc_ros.ros.diagnostics import HARDWARE
 from obc_ros.ros.execution.subscription_thread import PRIORITY
-from obc_ros.ros.hardware_id import HARDWARE
 from obc_ros.ros.parameters.node_parameters import declare_field, group, Value
 from obc_ros.ros.parameters.system_parameters import (
     choose_node_system,

@@ -9,15 +9,15 @@ from itertools import pairwise
 import math
 from statistics import quantiles
 from time import monotonic
-from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
+from diagnostic_msgs.msg import DiagnosticStatus
 import numpy as np
 from obc_ros.core.closed_loop.clock import NS
 from obc_ros.core.closed_loop.control import Control
 from obc_ros.core.closed_loop.loop import ControlLoop
 from obc_ros.core.closed_loop.modes import Mode
 from obc_ros.core.systems.system import System
+from obc_ros.ros.diagnostics import make_status
 
 DROPPED = {'unreadable': 'that cannot be read', 'size': 'of wrong size',
            'finite': 'not finite', 'frame': 'in another frame',
@@ -204,10 +204,3 @@ def predict_error(system: System, loop: ControlLoop) -> dict[str, float]:
     ahead = x + dt / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + system.f(x + dt * k3, u))
     return dict(zip(system.state_names, loop.control.limits.error(last.x, ahead.tolist()),
                     strict=True))
-
-
-def make_status(name: str, level: Any, message: str, values: Mapping[str, Any]
-                ) -> DiagnosticStatus:
-    """Return a status with its values as texts."""
-    return DiagnosticStatus(name=name, level=level, message=message, values=[
-        KeyValue(key=key, value=str(value)) for key, value in values.items()])

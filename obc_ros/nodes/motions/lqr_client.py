@@ -6,12 +6,11 @@ from typing import Any
 
 from builtin_interfaces.msg import Time
 from obc_ros.msg import Trajectory
+from obc_ros.ros.execution.callback_guards import STEADY
 from obc_ros.ros.service_qos import BURST
 from obc_ros.srv import FollowReference, PredictState
 from rclpy.callback_groups import CallbackGroup
 from rclpy.client import Client
-from rclpy.clock import Clock
-from rclpy.clock_type import ClockType
 from rclpy.node import Node
 from rclpy.task import Future
 
@@ -33,7 +32,6 @@ class LqrClient:
 
     def __init__(self, node: Node, group: CallbackGroup) -> None:
         self._node, self._group = node, group
-        self._steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._prediction, self._following = (
             node.create_client(service, name, qos_profile=BURST, callback_group=group)
             for service, name in ((PredictState, 'lqr_node/predict_state'),
@@ -72,7 +70,7 @@ class LqrClient:
 
         asked = client.call_async(request)
         asked.add_done_callback(lambda _: end(asked.result()))
-        timer = self._node.create_timer(timeout, lambda: end(None), self._group, self._steady)
+        timer = self._node.create_timer(timeout, lambda: end(None), self._group, STEADY)
         answer = await done
         self._node.destroy_timer(timer)
         client.remove_pending_request(asked)

@@ -11,7 +11,7 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from obc_ros.core.closed_loop.loop import ControlLoop
-from obc_ros.nodes.control.loop_monitor import make_status
+from obc_ros.ros.diagnostics import make_status
 from obc_ros.workers.wire import Packet
 
 KEPT = 1e-6   # slack below which a bound is kept

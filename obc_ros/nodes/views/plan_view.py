@@ -14,9 +14,7 @@ from typing import Any
 from nav_msgs.msg import Path
 from obc_ros.msg import Trajectory
 from obc_ros.nodes.views.scene import Scene
-from obc_ros.ros.execution.callback_guards import guard_callbacks
-from rclpy.clock import Clock
-from rclpy.clock_type import ClockType
+from obc_ros.ros.execution.callback_guards import guard_callbacks, STEADY
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 
@@ -40,7 +38,7 @@ class PlanView:
         self._plan: tuple[Trajectory, StateProblem | None] | None = None
         self._todo: set[str] = set()
         timer = node.create_timer(LOOK_PERIOD, self._publish,
-                                  clock=Clock(clock_type=ClockType.STEADY_TIME))
+                                  clock=STEADY)
         guard_callbacks(node, timer, 'view of the plan')
 
     def show(self, plan: Trajectory, state: StateProblem | None = None) -> None:

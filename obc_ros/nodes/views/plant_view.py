@@ -26,9 +26,7 @@ from obc_ros.nodes.views.plane import PlaneMap
 from obc_ros.nodes.views.scene import Scene
 from obc_ros.nodes.views.set_point import SetPointMarkers
 from obc_ros.ros.conversions import ODOM, set_stamp
-from obc_ros.ros.execution.callback_guards import guard_callbacks
-from rclpy.clock import Clock
-from rclpy.clock_type import ClockType
+from obc_ros.ros.execution.callback_guards import guard_callbacks, STEADY
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 
@@ -99,7 +97,7 @@ class PlantView:
         self.adopt(system, settings)
         node.create_subscription(LqrDesign, 'lqr_node/design', self._take, DESIGN_QOS)
         self._timer = node.create_timer(
-            IDLE_PERIOD, self._publish, clock=Clock(clock_type=ClockType.STEADY_TIME))
+            IDLE_PERIOD, self._publish, clock=STEADY)
         guard_callbacks(node, self._timer, 'view of the plant')
 
     def adopt(self, system: System, settings: ViewSettings) -> None:
