@@ -35,8 +35,8 @@ from obc_ros.nodes.control.controller_settings import (
     make_rules,
 )
 from obc_ros.nodes.lqr.gain_schedule import make_schedule
-from obc_ros.ros.parameters.conditions import is_used
 from obc_ros.ros.parameters.node_parameters import declare_field
+from obc_ros.ros.parameters.table import is_used
 
 DESIGNS = ('continuous', 'sampled')
 

@@ -24,6 +24,16 @@ value is rejected, also at the start. A change that removes its effect resets it
 
 A name that is no parameter is rejected, also at the start, unless a section for all nodes of a
 file gives it. A parameter file without a section for the node is rejected.
+
+The services that set parameters make no exceptions and needless rejections of rclpy:
+
+- A value type that does not exist is rejected; rclpy raises an exception.
+- A file with all parameters of a node, as ``ros2 param dump`` writes it, can be loaded again: a
+  read-only parameter may be set to its present value, and so may a string that reads as a number.
+- Parameters that are acceptable together are set together, in any order of the request, and the
+  node adopts them once. Otherwise each is tried separately, after those that give it an effect.
+- Each rejection is logged with its reason, including those by rclpy.
+- A node may judge a change elsewhere, and serve other requests meanwhile.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -34,31 +44,32 @@ from typing import Any, cast, Generic, TypeVar
 from obc_ros.core.text.errors import ObcError, quote, StatementError
 from obc_ros.ros.execution.callback_guards import guard
 from obc_ros.ros.execution.worker_thread import WorkerThread
-from obc_ros.ros.parameters.conditions import (
-    count_depth,
-    explain_idle,
-    is_used,
-    Value,
-)
 from obc_ros.ros.parameters.files import check_files
-from obc_ros.ros.parameters.services import serve_parameters
 from obc_ros.ros.parameters.table import (
+    count_depth,
     declare_field,
+    explain_idle,
     group,
+    is_used,
     ParameterRow,
     StartValues,
     suggest_key,
+    Value,
 )
+from obc_ros.ros.throttled_log import ThrottledLog
 from rcl_interfaces.msg import SetParametersResult
 from rcl_interfaces.srv import SetParameters, SetParametersAtomically
 from rclpy.node import Node
 from rclpy.parameter import get_parameter_value, Parameter
+from rclpy.service import Service
 from yaml import YAMLError
 
 __all__ = ['ParameterRow', 'declare_field', 'group', 'Parameters', 'StartValues', 'Value']
 
 Settings = TypeVar('Settings')
 Judged = TypeVar('Judged')
+Callback = Callable[[Any, Any], Any]   # of a service
+_TYPES = {each.value for each in Parameter.Type}
 
 
 class Parameters(Generic[Settings, Judged]):
@@ -67,7 +78,6 @@ class Parameters(Generic[Settings, Judged]):
 
     :param node: created with ``allow_undeclared_parameters=True``: unknown names are rejected
         here.
-    :param table: the frozen dataclass made of `declare_field` and `group`.
     :param judge: returns the candidate for given settings or raises ObcError; has no side effects.
     :param adopt: puts a candidate into use. It runs inside the service call and must be short. It
         is not called for the values at the start: use `candidate`.
@@ -100,7 +110,7 @@ class Parameters(Generic[Settings, Judged]):
         self._pending: tuple[dict[str, Value], Settings, Judged] | None = None
         self._asked: list[Parameter] = []  # as given, before `_normalise`
         self._is_attempt = False  # whose rejection is not reported
-        self._desk = desk
+        self._desk, self._log = desk, ThrottledLog(node)
         self._prepared: tuple[Settings, Judged | None, Exception | None] | None = None
         # rclpy has no public list of the values given by files and arguments
         self._overrides: dict[str, Parameter] = getattr(node, '_parameter_overrides', {})
@@ -118,26 +128,25 @@ class Parameters(Generic[Settings, Judged]):
         node.add_pre_set_parameters_callback(self._normalise)
         node.add_on_set_parameters_callback(self._on_set)
         node.add_post_set_parameters_callback(self._post_set)
-        serve_parameters(node, self._is_kept, self._attempt, self._prepare,
-                         lambda name: count_depth(self._entries, name))
         for service in node.services:
-            if desk is not None and service.srv_type in (SetParameters, SetParametersAtomically):
-                desk.move(service, desk.changes)
+            if service.srv_type in (SetParameters, SetParametersAtomically):
+                self._serve(service)
         guard(node)
 
     def _rows(self) -> Iterable[ParameterRow]:
         rows = fields(self._table)  # type: ignore[arg-type] # a dataclass type
         # What gives start values is declared before the parameters that get them.
-        for each in sorted(rows, key=lambda each: not _gives(each.metadata.get('entry'))):
+        for each in sorted(rows, key=lambda each: not getattr(
+                each.metadata.get('entry'), 'gives', None)):
             if 'group' in each.metadata:
                 for member in each.metadata['group'](self._values):
-                    yield _renamed(member, f'{each.name}.{member.name}')
+                    yield replace(member, name=f'{each.name}.{member.name}')
             else:
                 entry = each.metadata['entry']
-                yield entry if entry.name else _renamed(entry, each.name)
+                yield replace(entry, name=entry.name or each.name)
 
     def _declare(self, entry: ParameterRow) -> None:
-        if entry.default_given and self._is_given(entry.default_given[0]):
+        if entry.default_given and entry.default_given[0] in {*self._overrides, *self._start}:
             entry = replace(entry, default=entry.default_given[1])
         if entry.name in self._start:
             entry = replace(entry, default=entry.value(entry.ros(self._start[entry.name][0])))
@@ -156,10 +165,6 @@ class Parameters(Generic[Settings, Judged]):
                 raise StatementError(f'{giver}: {str(error).removeprefix(f"{value}: ")}') from None
             self._start |= {each: (given, giver) for each, given in found.values.items()}
             self._node.get_logger().info(f'{giver}: {found.note}')
-
-    def _is_given(self, name: str) -> bool:
-        """Return whether a value at the start replaces the default of a parameter."""
-        return name in self._overrides or name in self._start
 
     def _check_start(self) -> None:
         """Reject values at the start that no parameter takes, or that would have no effect."""
@@ -257,6 +262,55 @@ class Parameters(Generic[Settings, Judged]):
             return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)
 
+    def _serve(self, service: Service) -> None:
+        """Take the place of rclpy's callback of a service that sets parameters."""
+        callback = service.callback
+
+        async def answer(request: Any, response: Any) -> Any:
+            names, given = [each.name for each in request.parameters], list(request.parameters)
+            if service.srv_type is SetParameters:
+                response.results = results = await self._set_each(callback, given)
+            else:
+                response.result = await self._set_together(callback, given)
+                names, results = [', '.join(names)], [response.result]
+            for name, result in zip(names, results, strict=True):
+                if not result.successful:
+                    self._log.warning(
+                        'refused', f'a change of {quote(name, 100)} was rejected: '
+                        f'{quote(result.reason, 500)}')
+            return response
+
+        service.callback = answer
+        if self._desk is not None:
+            self._desk.move(service, self._desk.changes)
+
+    async def _set_each(self, callback: Callback, given: list[Any]) -> list[SetParametersResult]:
+        if refusal := _find_unknown_type(given):
+            return [refusal] * len(given)
+        changes = list(map(Parameter.from_parameter_msg, given))
+        results = [SetParametersResult(successful=True)] * len(given)
+        left = [index for index, each in enumerate(changes) if not self._is_kept(each)]
+        if len(left) > 1:
+            wanted = [changes[index] for index in left]
+            await self._prepare(wanted)
+            if self._attempt(wanted).successful:
+                return results
+        for index in sorted(left, key=lambda index: count_depth(self._entries, given[index].name)):
+            await self._prepare([changes[index]])
+            request = SetParameters.Request(parameters=[given[index]])
+            results[index] = callback(request, SetParameters.Response()).results[0]
+        return results
+
+    async def _set_together(self, callback: Callback, given: list[Any]) -> SetParametersResult:
+        if refusal := _find_unknown_type(given):
+            return refusal
+        left = [each for each in given if not self._is_kept(Parameter.from_parameter_msg(each))]
+        if given and not left:
+            return SetParametersResult(successful=True)
+        await self._prepare([Parameter.from_parameter_msg(each) for each in left])
+        return callback(SetParametersAtomically.Request(parameters=left),
+                        SetParametersAtomically.Response()).result
+
     async def _prepare(self, changes: list[Parameter]) -> None:
         """Judge changes at the desk, so that they are set without delay afterwards."""
         self._prepared = None
@@ -317,12 +371,11 @@ class Parameters(Generic[Settings, Judged]):
         """Return all values and the settings after changes; ObcError: one has no effect."""
         values = {**self._values, **ours}
         for name in self._idle(values):
-            raise StatementError(
-                explain_idle(self._entries, name, values) + self._advice({name: values[name]},
-                                                                         values))
+            raise StatementError(explain_idle(self._entries, name, values) + self._advise(
+                {name: values[name]}, values))
         return values, self._assembled(values)
 
-    def _advice(self, given: Mapping[str, Any], values: Mapping[str, Value]) -> str:
+    def _advise(self, given: Mapping[str, Any], values: Mapping[str, Value]) -> str:
         advice = self._former(given, values)
         return advice and f'; {advice}'
 
@@ -344,7 +397,7 @@ class Parameters(Generic[Settings, Judged]):
             entry = self._entries.get(change.name)
             if entry is None:
                 if not self._node.has_parameter(change.name):
-                    advice = self._advice({change.name: change.value}, self._values)
+                    advice = self._advise({change.name: change.value}, self._values)
                     raise StatementError(
                         f"no parameter '{quote(change.name)}'"
                         f'{advice or suggest_key(change.name, self._entries)}')
@@ -355,12 +408,12 @@ class Parameters(Generic[Settings, Judged]):
         return values
 
 
-def _gives(entry: ParameterRow | None) -> bool:
-    return entry is not None and entry.gives is not None
-
-
-def _renamed(entry: ParameterRow, name: str) -> ParameterRow:
-    return ParameterRow(**{**vars(entry), 'name': name})
+def _find_unknown_type(given: list[Any]) -> SetParametersResult | None:
+    for each in given:
+        if each.value.type not in _TYPES:
+            return SetParametersResult(
+                reason=f'{quote(each.name)}: there is no parameter type {each.value.type}')
+    return None
 
 
 def _reads_as(text: str, given: Parameter) -> bool:

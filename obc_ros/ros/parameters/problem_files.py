@@ -14,9 +14,8 @@ from obc_ros.core.systems.registry import is_file
 from obc_ros.core.text.errors import quote, StatementError
 from obc_ros.core.text.example_files import choose_file, suggest_file
 from obc_ros.core.text.expressions import parse_number
-from obc_ros.ros.parameters.conditions import Value
 from obc_ros.ros.parameters.system_parameters import list_system_parameters, SYSTEM_PARAMETERS
-from obc_ros.ros.parameters.table import ParameterRow
+from obc_ros.ros.parameters.table import ParameterRow, Value
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,19 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""Rows of a parameter table: meaning, type, allowed values and conditions of a parameter."""
+"""
+Rows of a parameter table: meaning, type, allowed values and conditions of a parameter.
+
+A condition says when a parameter has an effect: the name of another parameter and its allowed
+values. ``NAME.*`` means any parameter of a group. Without values the other parameter has to be
+set: neither 0, false nor empty.
+
+==============================  =====================================================
+('weights', 'matrices')         weights is matrices
+('command_sink', 'a', 'b')      command_sink is a or b
+('integral',)                   integral names a state
+('noise.*',)                    one of noise.px, noise.py, ... is not 0
+==============================  =====================================================
+"""
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
@@ -10,9 +23,12 @@ import re
 from typing import Any, cast
 
 from obc_ros.core.text.errors import quote, StatementError
-from obc_ros.ros.parameters.conditions import UsedWhen, Value
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 from rclpy.parameter import Parameter
+
+Value = bool | int | float | str | tuple[float, ...] | tuple[str, ...]
+ParameterCondition = tuple[str | bool, ...]
+UsedWhen = tuple[ParameterCondition, ...]
 
 _WANTED = {
     Parameter.Type.BOOL: 'true or false',
@@ -51,7 +67,24 @@ class StartValues:
 
 @dataclass(frozen=True)
 class ParameterRow:
-    """A row of the table: one parameter, see `declare_field`."""
+    """
+    A row of the table: one parameter.
+
+    :ivar default: its type is that of the parameter; a tuple has numbers. For numbers, integers,
+        strings with numbers, a single number in place of a list, and a list of rows are accepted;
+        for a list of strings, a single string.
+    :ivar description, unit: meaning, and the unit that is appended to it.
+    :ivar lower, upper: bounds of the number, or of each number of a list.
+    :ivar choices: accepted strings; empty: all.
+    :ivar read_only: whether the value is fixed once the node has started.
+    :ivar finite: whether infinity is rejected; NaN always is.
+    :ivar texts: whether a tuple has strings.
+    :ivar used_when: conditions; the parameter has an effect if one holds; empty: always.
+    :ivar default_given: name of a parameter declared before, and the default if that is given at
+        the start.
+    :ivar gives: returns the `StartValues` of a text that is not empty. They become the defaults
+        of the other parameters. Raises ObcError for a text that gives none.
+    """
 
     name: str
     default: Value
@@ -166,49 +199,17 @@ class ParameterRow:
                                  .rstrip())
 
 
-def declare_field(
-    default: Value,
-    description: str,
-    unit: str = '',
-    *,
-    name: str = '',
-    lower: float = -math.inf,
-    upper: float = math.inf,
-    choices: tuple[str, ...] = (),
-    read_only: bool = False,
-    finite: bool = True,
-    texts: bool = False,
-    used_when: UsedWhen = (),
-    default_given: tuple[str, Value] | None = None,
-    gives: Callable[[str], StartValues] | None = None,
-) -> Any:
+def declare_field(default: Value, description: str, unit: str = '', *, name: str = '',
+                  **options: Any) -> Any:
     """
     Return a field of a table that is one ROS parameter.
 
-    :param default: its type is that of the parameter; a tuple has numbers. For numbers, integers,
-        strings with numbers, a single number in place of a list, and a list of rows are accepted;
-        for a list of strings, a single string.
-    :param description, unit: meaning, and the unit that is appended to it.
     :param name: name of the parameter if it differs from that of the field, such as
         ``noise.position``.
-    :param lower, upper: bounds of the number, or of each number of a list.
-    :param choices: accepted strings; empty: all.
-    :param read_only: whether the value is fixed once the node has started.
-    :param finite: whether infinity is rejected; NaN always is.
-    :param texts: whether a tuple has strings.
-    :param used_when: conditions on other parameters, see `conditions`. The parameter has an effect
-        if one of them holds; empty: always.
-    :param default_given: name of a parameter declared before, and the default if that is given at
-        the start.
-    :param gives: returns the `StartValues` of a text that is not empty. They become the defaults
-        of the other parameters. Raises ObcError for a text that gives none.
-    :return: with the row in its metadata.
+    :param options: further attributes of its `ParameterRow`, which is in the metadata.
     """
-    entry = ParameterRow(
-        name=name, default=default, description=description, unit=unit, lower=lower, upper=upper,
-        choices=choices, read_only=read_only, finite=finite, texts=texts, used_when=used_when,
-        default_given=default_given, gives=gives)
-    return field(default=default, metadata={'entry': entry})
+    return field(default=default, metadata={
+        'entry': ParameterRow(name, default, description, unit, **options)})
 
 
 def group(members: Callable[[Mapping[str, Value]], Iterable[ParameterRow]]) -> Any:
@@ -265,3 +266,61 @@ def _numbers(got: Parameter.Type, value: Any) -> tuple[float, ...] | None:
         return tuple(float(number) for row in rows for number in row)
     except ValueError:
         return None
+
+
+def is_used(used_when: UsedWhen, values: Mapping[str, Value]) -> bool:
+    """Return whether a parameter has an effect, for the values of all parameters by name."""
+    return not used_when or any(
+        values[other] in wanted if wanted else bool(values[other])
+        for name, *wanted in used_when for other in _names(str(name), values))
+
+
+def explain_idle(rows: Mapping[str, ParameterRow], name: str, values: Mapping[str, Value], *,
+                 is_start: bool = False) -> str:
+    """
+    Return why a parameter has no effect, and the remedy.
+
+    :param rows: rows of the table by name.
+    :param name: the parameter, none of whose conditions holds.
+    :param values: of all parameters by name.
+    :param is_start: whether the node is starting; otherwise a value is being changed.
+    """
+    conditions = rows[name].used_when
+    others = [_names(str(each[0]), values) for each in conditions]
+    now = ' and '.join(f'{each[0]} = {_word(values[names[0]])}'
+                       for each, names in zip(conditions, others, strict=True))
+    unused = f'{name} is not used with {now}; '
+    if is_start:
+        return unused + f'write {_wanted(conditions, ": ")} as well, or leave {name} out'
+    if all(rows[other].read_only for names in others for other in names):
+        return unused + f'start the node with {_wanted(conditions, ": ")} for it'
+    return unused + (f'set {_wanted(conditions, " to ")} first, or both with '
+                     'set_parameters_atomically')
+
+
+def count_depth(rows: Mapping[str, ParameterRow], name: str) -> int:
+    """Return the number of parameters that have to be set in turn before one is used."""
+    if name not in rows or not rows[name].used_when:
+        return 0
+    return 1 + max(count_depth(rows, str(each[0])) for each in rows[name].used_when)
+
+
+def _names(name: str, values: Mapping[str, Value]) -> list[str]:
+    """Return the parameters that the name of a condition means."""
+    if not name.endswith('*'):
+        return [name]
+    return [each for each in values if each.startswith(name[:-1])]
+
+
+def _wanted(conditions: UsedWhen, equals: str) -> str:
+    return ' or '.join(
+        str(name) + (equals + ' or '.join(map(_word, wanted)) if wanted else '')
+        for name, *wanted in conditions)
+
+
+def _word(value: Value) -> str:
+    if isinstance(value, float):
+        return f'{value:g}'
+    if value in ((), ''):
+        return 'empty'
+    return str(value).lower() if isinstance(value, bool) else str(value)
