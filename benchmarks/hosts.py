@@ -21,7 +21,7 @@ import _hosts
 from _machine import Stalls, still, told
 from diagnostic_msgs.msg import DiagnosticArray
 from obc_ros.msg import Command, State
-from obc_ros.ros.conversions import read_nanoseconds
+from obc_ros.ros.messages import read_nanoseconds
 from obc_ros.ros.service_qos import BURST
 from obc_ros.srv import DesignLqr
 import rclpy

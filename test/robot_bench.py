@@ -11,7 +11,7 @@ from nav_msgs.msg import Odometry
 import numpy as np
 from numpy.typing import NDArray
 from obc_ros.msg import Command, Measurement, State, Trajectory
-from obc_ros.ros.conversions import read_nanoseconds, set_stamp
+from obc_ros.ros.messages import read_nanoseconds, set_stamp
 from probes import Probe
 import support
 

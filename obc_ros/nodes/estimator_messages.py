@@ -13,8 +13,8 @@ from obc_ros.core.estimation.delayed_filter import DelayedFilter
 from obc_ros.core.systems.system import System
 from obc_ros.msg import Estimate, State
 from obc_ros.nodes.estimator_settings import EstimatorCandidate
-from obc_ros.ros.conversions import set_stamp
 from obc_ros.ros.diagnostics import make_status
+from obc_ros.ros.messages import set_stamp
 
 COUNTS = ('used', 'late', 'out of order', 'too late', 'repeated', 'missing', 'not used',
           'not finite', 'out of range', 'malformed', 'outliers', 'restarts', 'faults', 'future')

@@ -38,20 +38,21 @@ from obc_ros.nodes.estimator_settings import (
     Settings,
 )
 from obc_ros.nodes.noise_suggestions import fill_noise, suggest_noise
-from obc_ros.ros.conversions import OdometryMap, read_nanoseconds
+from obc_ros.ros.conversions import OdometryMap
 from obc_ros.ros.diagnostics import Diagnostics
 from obc_ros.ros.execution.callback_guards import guard_callbacks, STEADY
 from obc_ros.ros.execution.executor import run
 from obc_ros.ros.execution.subscription_thread import Apart
+from obc_ros.ros.messages import read_nanoseconds
 from obc_ros.ros.parameters.node_parameters import Parameters
+from obc_ros.ros.service_qos import LATCHED_QOS
 from obc_ros.ros.throttled_log import ThrottledLog
 from obc_ros.srv import SuggestNoise
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import ReliabilityPolicy
 
 BACKLOG = 100       # messages to publish
 UNREAD = 1000       # messages that wait for the next estimate
-LATCHED_DESIGN = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
 class EstimatorNode(Node):  # type: ignore[misc] # rclpy's classes are untyped
@@ -88,7 +89,7 @@ class EstimatorNode(Node):  # type: ignore[misc] # rclpy's classes are untyped
             for kind, topic, take in ((Measurement, 'measurement', self._on_measurement),
                                       (Command, 'command', self._on_command))]
         self._regulator: LqrDesign | None = None
-        self.create_subscription(LqrDesign, 'lqr_node/design', self._on_design, LATCHED_DESIGN)
+        self.create_subscription(LqrDesign, 'lqr_node/design', self._on_design, LATCHED_QOS)
         self.create_service(SuggestNoise, '~/suggest_noise', self._on_suggest_noise)
         self.create_service(SuggestNoise, '~/suggest_weights', self._on_suggest_weights)
         if settings.rate:

@@ -21,7 +21,7 @@ from obc_ros.core.lqr.design.reference_tracking import Course
 from obc_ros.core.lqr.design.report import change
 from obc_ros.core.text.errors import ObcError, RefusedReferenceError, StatementError
 from obc_ros.msg import LqrDesign, Trajectory
-from obc_ros.nodes.control.controller_node import ControllerNode, LATCHED_QOS, OVERRIDES
+from obc_ros.nodes.control.controller_node import ControllerNode, OVERRIDES
 from obc_ros.nodes.control.design_message import design_message
 from obc_ros.nodes.lqr.prediction import explain_idleness, Oracle
 from obc_ros.nodes.lqr.reference_messages import is_same_reference, read_courses
@@ -33,8 +33,9 @@ from obc_ros.nodes.lqr.settings import (
     Settings,
 )
 from obc_ros.nodes.lqr.weight_suggestions import fill_suggestion, suggest_weights
-from obc_ros.ros.conversions import read_nanoseconds, set_stamp
 from obc_ros.ros.execution.executor import run
+from obc_ros.ros.messages import read_nanoseconds, set_stamp
+from obc_ros.ros.service_qos import LATCHED_QOS
 from obc_ros.srv import FollowReference, PredictState, SuggestWeights, TryDesign
 from rclpy.qos_overriding_options import QoSOverridingOptions
 

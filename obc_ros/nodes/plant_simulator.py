@@ -58,12 +58,12 @@ from obc_ros.nodes.views.plant_view import (
     PlantView,
     ViewSettings,
 )
-from obc_ros.ros import conversions
+from obc_ros.ros.conversions import ODOM, OdometryMap
 from obc_ros.ros.diagnostics import Diagnostics, HARDWARE, make_status
 from obc_ros.ros.execution.callback_guards import STEADY
 from obc_ros.ros.execution.executor import run
 from obc_ros.ros.execution.subscription_thread import Apart, OwnThread, PRIORITY
-from obc_ros.ros.messages import flatten_doubles
+from obc_ros.ros.messages import flatten_doubles, read_nanoseconds, set_stamp
 from obc_ros.ros.parameters.node_parameters import (
     declare_field,
     group,
@@ -76,15 +76,14 @@ from obc_ros.ros.parameters.system_parameters import (
     choose_system,
     list_system_parameters,
 )
+from obc_ros.ros.service_qos import BEST_EFFORT
 from obc_ros.ros.state_sources import Components, NamesError
 from obc_ros.ros.throttled_log import ThrottledLog
 from rclpy.node import Node
-from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock as ClockMessage
 from std_srvs.srv import SetBool, Trigger
 
 BACKLOG = 1000  # messages kept for slow readers, such as a recorder
-CLOCK_QOS = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 LONGEST_WAIT = 0.5  # [s] between two checks in the thread
 
 
@@ -274,9 +273,9 @@ class PlantSimulator(Node):  # type: ignore[misc] # rclpy's classes are untyped
             *self._now())
         self._sensors = candidate.sensors
         self._inputs = Components(candidate.system.name, candidate.system.input_names)
-        self._map = conversions.OdometryMap(candidate.system)
+        self._map = OdometryMap(candidate.system)
         self._message = State(names=list(candidate.system.state_names))
-        self._message.header.frame_id = conversions.ODOM
+        self._message.header.frame_id = ODOM
         self._message.names = list(candidate.system.state_names)
         self._odometry = self._map.message(candidate.conditions.noise)
         self._warned: set[str] = set()
@@ -300,7 +299,7 @@ class PlantSimulator(Node):  # type: ignore[misc] # rclpy's classes are untyped
         if self._map.complete:
             self._odom = self.create_publisher(Odometry, 'odom', BACKLOG)
         if settings.publish_clock or settings.speed == 0.0:
-            self._clock_out = self.create_publisher(ClockMessage, '/clock', CLOCK_QOS)
+            self._clock_out = self.create_publisher(ClockMessage, '/clock', BEST_EFFORT)
         self._diagnostics = Diagnostics(self, needs_clock=True)
         self._commands = self.create_subscription(
             Command, 'command', lambda message: None, 10, callback_group=Apart())
@@ -342,7 +341,7 @@ class PlantSimulator(Node):  # type: ignore[misc] # rclpy's classes are untyped
 
     def _publish(self) -> None:
         plant, message = self._plant, self._message
-        conversions.set_stamp(message.header.stamp, plant.stamp)
+        set_stamp(message.header.stamp, plant.stamp)
         if self._clock_out:
             self._clock_out.publish(ClockMessage(clock=message.header.stamp))
         message.x = flatten_doubles(plant.sample)
@@ -361,8 +360,8 @@ class PlantSimulator(Node):  # type: ignore[misc] # rclpy's classes are untyped
         for reading in self._sensors.take(simulator.steps // plant.pacing.steps, plant.stamp,
                                           simulator.x, simulator.u):
             message = Measurement(names=reading.names, y=flatten_doubles(reading.y))
-            message.header.frame_id = conversions.ODOM
-            conversions.set_stamp(message.header.stamp, reading.stamp)
+            message.header.frame_id = ODOM
+            set_stamp(message.header.stamp, reading.stamp)
             self._measurements.publish(message)
 
     def _observe(self) -> Moment:
@@ -373,7 +372,7 @@ class PlantSimulator(Node):  # type: ignore[misc] # rclpy's classes are untyped
                           plant.simulator.u)
 
     def _on_command(self, message: Command, _: Any = None) -> None:
-        stamp = conversions.read_nanoseconds(message.header.stamp)
+        stamp = read_nanoseconds(message.header.stamp)
         try:
             u = self._inputs.arrange(message.names, message.u)
         except NamesError as error:

@@ -29,11 +29,8 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from obc_ros.action import SolveOptimalControl as SolveAction
 from obc_ros.core.ocp.solution import MAX_INTERVALS
 from obc_ros.core.text.errors import ObcError, quote, StatementError
-from obc_ros.msg import Trajectory
-from obc_ros.nodes.motions.lqr_client import LqrClient
 from obc_ros.nodes.motions.motion_requests import MotionRequests, state_plan
-from obc_ros.nodes.motions.plant_files import load_plants
-from obc_ros.nodes.motions.present_state import PresentState
+from obc_ros.nodes.motions.present_state import load_plants
 from obc_ros.nodes.views.plan_view import PlanView
 from obc_ros.ros import messages
 from obc_ros.ros.diagnostics import Diagnostics, make_status
@@ -60,11 +57,9 @@ from obc_ros.workers.wire import Packet
 from rclpy.action import ActionServer, CancelResponse
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.task import Future
 
 ANSWERS = 'obc_ros.workers.requests'
-PLAN_QOS = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 START, LOOK = 10.0, 0.02  # [s] maximum wait of the services for the workers, and its step
 RESULT_TIMEOUT = 30  # [s] time for which the result of an action is kept
 QUICK = 2_500        # numbers in A up to which a design has a worker of its own
@@ -126,10 +121,7 @@ class TrajectoryServer(Node):  # type: ignore[misc] # rclpy's classes are untype
         self._statuses: Counter[str] = Counter()
         self._log = ThrottledLog(self)
         self._motions = MotionRequests(
-            self, PresentState(self, self._settings.settings.state_source, self._log),
-            LqrClient(self, ReentrantCallbackGroup()),
-            self.create_publisher(Trajectory, 'reference', PLAN_QOS), self._log,
-            partial(self._ask, 'plan'))
+            self, self._settings.settings.state_source, self._log, partial(self._ask, 'plan'))
         self._diagnostics = Diagnostics(self)
         self.create_timer(1.0, self._diagnose, clock=STEADY)
         self._action: ActionServer | None = None

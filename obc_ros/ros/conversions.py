@@ -18,7 +18,6 @@ from collections.abc import Callable, Iterator, Sequence
 import math
 from typing import Any
 
-from builtin_interfaces.msg import Time
 from nav_msgs.msg import Odometry
 import numpy as np
 from obc_ros.core.numerics.arrays import Array
@@ -35,26 +34,6 @@ _HORIZONTAL, _VERTICAL = ('x', 'y', 'yaw'), ('x', 'z', 'pitch')
 _HORIZONTAL_RATES = 'vx', 'vy', 'angular.z', 'linear.x', 'linear.y'
 _VERTICAL_RATES = 'vx', 'vz', 'angular.y', 'linear.x', 'linear.z'
 _XX, _YY, _ZZ, _PITCH, _YAW = 0, 7, 14, 28, 35  # of a 6 x 6 covariance
-
-
-def read_nanoseconds(stamp: Time) -> int:
-    """
-    Return a stamp in nanoseconds.
-
-    :param stamp: may be negative.
-    :return: time [ns].
-    """
-    return int(stamp.sec) * 10**9 + int(stamp.nanosec)
-
-
-def set_stamp(stamp: Time, time: int) -> None:
-    """
-    Set a stamp.
-
-    :param stamp: changed in place.
-    :param time: time [ns], not negative.
-    """
-    stamp.sec, stamp.nanosec = divmod(time, 10**9)
 
 
 class OdometryMap:

@@ -14,6 +14,7 @@ from collections.abc import Iterable, Mapping
 import json
 from typing import Any
 
+from builtin_interfaces.msg import Time
 import numpy as np
 from obc_ros.core.ocp import solution
 from obc_ros.core.ocp.guess import Guess
@@ -33,19 +34,17 @@ from obc_ros.msg import (
     Phase,
     Trajectory,
 )
+from obc_ros.workers.responses import unpack_solution
 from obc_ros.workers.wire import Packet
 
 _FREE = 'null'   # as an initial value: none is given
+_WITH_FREE = ('initial_state', 'link')         # fields that may have it
+_WITH_LISTS = ('parameters', 'initial_state')  # fields that may have lists
 MAX_SIZE = 10_000_000  # bytes of names, expressions and numbers in one request
 
 
 def check_size(message: Any) -> None:
-    """
-    Reject a request that is too large.
-
-    :param message: the request, or a field of it.
-    :raises StatementError: if its texts and numbers take more than `MAX_SIZE` bytes.
-    """
+    """Raise StatementError if texts and numbers of a request take more than `MAX_SIZE` bytes."""
     size = _size(message)
     if size > MAX_SIZE:
         raise StatementError(
@@ -65,75 +64,66 @@ def _size(value: Any) -> int:
     return 8
 
 
+def read_nanoseconds(stamp: Time) -> int:
+    """Return a stamp in nanoseconds; it may be negative."""
+    return int(stamp.sec) * 10**9 + int(stamp.nanosec)
+
+
+def set_stamp(stamp: Time, time: int) -> None:
+    """Set a stamp, in place, to a time [ns] that is not negative."""
+    stamp.sec, stamp.nanosec = divmod(time, 10**9)
+
+
+def make_stamp(time: int) -> Time:
+    """Return the stamp of a time [ns] that is not negative."""
+    stamp = Time()
+    set_stamp(stamp, time)
+    return stamp
+
+
 def read_statement(problem: OptimalControlProblem) -> dict[str, Any]:
     """
     Return the statement of a problem message, without its empty fields.
 
-    :param problem: the message.
     :return: with the keys of a problem file.
     :raises StatementError: if a name occurs twice in a list of names and values, or the message is
         too large.
     """
     check_size(problem)
-    entries = {
-        'name': problem.name,
-        'system': problem.system,
-        'states': list(problem.states),
-        'inputs': list(problem.inputs),
-        'parameters': read_parameters('parameters', problem.parameters),
-        'free_parameters': read_message_bounds('free_parameters', problem.free_parameters),
-        'dynamics': read_expressions('dynamics', problem.dynamics),
-        'running_cost': problem.running_cost,
-        'terminal_cost': problem.terminal_cost,
-        'initial_cost': problem.initial_cost,
-        'initial_state': {
-            name: None if text == _FREE else text for name, text in read_parameters(
-                'initial_state', problem.initial_state).items()},
-        'initial_constraints': list(problem.initial_constraints),
-        'terminal_constraints': list(problem.terminal_constraints),
-        'boundary_constraints': list(problem.boundary_constraints),
-        'periodic': list(problem.periodic),
-        'input_bounds': read_message_bounds('input_bounds', problem.input_bounds),
-        'state_bounds': read_message_bounds('state_bounds', problem.state_bounds),
-        'path_constraints': _read_path_constraints(problem.path_constraints),
-        'final_time': {} if problem.phases else _read_final_time(problem.final_time),
-        'phases': [_read_phase(f'phases[{k}]', phase) for k, phase in enumerate(problem.phases)],
-        'initial_guess': _read_guess('initial_guess', problem.initial_guess),
-    }
-    return _without_empty(entries)
+    statement = _read_fields('', problem)
+    if problem.phases:
+        del statement['final_time']
+    return statement
 
 
-def _read_phase(where: str, phase: Phase) -> dict[str, Any]:
-    return _without_empty({
-        'name': phase.name,
-        'duration': _read_final_time(phase.duration),
-        'link': {name: None if text == _FREE else text
-                 for name, text in read_expressions(f'{where}.link', phase.link).items()},
-        'dynamics': read_expressions(f'{where}.dynamics', phase.dynamics),
-        'running_cost': phase.running_cost,
-        'terminal_cost': phase.terminal_cost,
-        'terminal_constraints': list(phase.terminal_constraints),
-        'input_bounds': read_message_bounds(f'{where}.input_bounds', phase.input_bounds),
-        'state_bounds': read_message_bounds(f'{where}.state_bounds', phase.state_bounds),
-        'path_constraints': _read_path_constraints(phase.path_constraints),
-        'initial_guess': _read_guess(f'{where}.initial_guess', phase.initial_guess)})
+def _read_fields(where: str, message: Any) -> dict[str, Any]:
+    """Return the fields of a part of a problem that are not empty; `where` begins their keys."""
+    found = {name: _read_field(where + name, name, getattr(message, name), _kind(of))
+             for name, of in message.get_fields_and_field_types().items()}
+    return _without_empty(found)
 
 
-def _read_final_time(time: FinalTime) -> dict[str, Any]:
-    return {'free': time.free, **_without_empty(
-        {key: getattr(time, key) for key in ('value', 'lower', 'upper', 'guess')})}
-
-
-def _read_path_constraints(rows: Iterable[PathConstraint]) -> list[dict[str, Any]]:
-    return [{'expr': each.expr, 'lower': each.lower or None, 'upper': each.upper or None}
-            for each in rows]
-
-
-def _read_guess(where: str, guess: InitialGuess) -> dict[str, Any]:
-    return _without_empty({
-        **{key: _values(f'{where}.{key}', getattr(guess, key))
-           for key in ('states', 'inputs', 'parameters')},
-        'final_time': guess.final_time})
+def _read_field(where: str, name: str, value: Any, kind: str) -> Any:
+    match kind:
+        case 'NamedExpression':
+            read = read_parameters if name in _WITH_LISTS else read_expressions
+            return {key: None if text == _FREE and name in _WITH_FREE else text
+                    for key, text in read(where, value).items()}
+        case 'NamedBounds':
+            return read_message_bounds(where, value)
+        case 'NamedValues':
+            return _unique(where, ((each.name, each.values.tolist()) for each in value))
+        case 'PathConstraint':
+            return [{'expr': each.expr, 'lower': each.lower or None, 'upper': each.upper or None}
+                    for each in value]
+        case 'FinalTime':
+            return {'free': value.free, **_without_empty(
+                {key: getattr(value, key) for key in ('value', 'lower', 'upper', 'guess')})}
+        case 'InitialGuess':
+            return _read_fields(f'{where}.', value)
+        case 'Phase':
+            return [_read_fields(f'{where}[{k}].', phase) for k, phase in enumerate(value)]
+    return list(value) if isinstance(value, list) else value
 
 
 def build_problem_message(mapping: Mapping[str, Any], guess: Guess) -> OptimalControlProblem:
@@ -142,71 +132,62 @@ def build_problem_message(mapping: Mapping[str, Any], guess: Guess) -> OptimalCo
 
     :param mapping: a statement that `statement.build_problem` accepts.
     :param guess: initial guess of the problem that `build_problem` returns.
-    :return: the message.
     """
-    message = OptimalControlProblem()
-    for key in ('name', 'system'):
-        setattr(message, key, mapping.get(key) or '')
-    for key in ('running_cost', 'terminal_cost', 'initial_cost'):
-        setattr(message, key, _text(mapping.get(key)))
-    for key in ('states', 'inputs', 'periodic'):
-        setattr(message, key, list(mapping.get(key) or ()))
-    for key in ('terminal_constraints', 'initial_constraints', 'boundary_constraints'):
-        setattr(message, key, [_text(each) for each in mapping.get(key) or ()])
-    for key in ('parameters', 'dynamics'):
-        setattr(message, key, build_named_expressions(mapping.get(key) or {}))
-    message.initial_state = build_named_expressions({
-        name: _FREE if value is None else value
-        for name, value in (mapping.get('initial_state') or {}).items()})
-    free = mapping.get('free_parameters') or {}
-    message.free_parameters = build_named_bounds({
-        name: pair or (None, None) for name, pair in free.items()})
-    for key in ('input_bounds', 'state_bounds'):
-        setattr(message, key, build_named_bounds(mapping.get(key) or {}))
-    message.path_constraints = _build_path_constraints(mapping)
     if mapping.get('phases'):
-        message.phases = [_build_phase(each) for each in mapping['phases']]
-        return message
-    message.final_time = _build_final_time(mapping['final_time'])
+        return _build_fields(OptimalControlProblem, mapping, 'final_time', 'initial_guess')
+    message = _build_fields(OptimalControlProblem, mapping, 'initial_guess')
+    free = mapping.get('free_parameters') or {}
     message.initial_guess = InitialGuess(
-        states=[NamedValues(name=name, values=flatten_doubles(x))
-                for name, x in guess.x.items() if name not in free],
-        parameters=[NamedValues(name=name, values=flatten_doubles(x))
-                    for name, x in guess.x.items() if name in free],
-        inputs=[NamedValues(name=name, values=flatten_doubles(u)) for name, u in guess.u.items()],
-        final_time=guess.final_time or 0.0)
+        states=_build_values({name: x for name, x in guess.x.items() if name not in free}),
+        parameters=_build_values({name: x for name, x in guess.x.items() if name in free}),
+        inputs=_build_values(guess.u), final_time=guess.final_time or 0.0)
     return message
 
 
-def _build_phase(phase: Mapping[str, Any]) -> Phase:
-    message = Phase(
-        name=_text(phase.get('name')), duration=_build_final_time(phase['duration']),
-        running_cost=_text(phase.get('running_cost')),
-        terminal_cost=_text(phase.get('terminal_cost')),
-        terminal_constraints=[_text(each) for each in phase.get('terminal_constraints') or ()],
-        link=build_named_expressions({name: _FREE if value is None else value
-                                      for name, value in (phase.get('link') or {}).items()}),
-        dynamics=build_named_expressions(phase.get('dynamics') or {}),
-        path_constraints=_build_path_constraints(phase))
-    for key in ('input_bounds', 'state_bounds'):
-        setattr(message, key, build_named_bounds(phase.get(key) or {}))
-    guess = phase.get('initial_guess') or {}
-    message.initial_guess = InitialGuess(**{
-        key: [NamedValues(name=name, values=flatten_doubles(np.atleast_1d(values)))
-              for name, values in (guess.get(key) or {}).items()]
-        for key in ('states', 'inputs', 'parameters')})
+def _build_fields(kind: type, mapping: Mapping[str, Any], *left_out: str) -> Any:
+    """Return a part of a problem as a message, without the fields that are left out."""
+    message = kind()
+    for name, of in message.get_fields_and_field_types().items():
+        value = mapping.get(name)
+        if value is not None and name not in left_out:
+            setattr(message, name, _build_field(name, value, _kind(of), of.startswith('seq')))
     return message
 
 
-def _build_final_time(entry: Any) -> FinalTime:
-    entry = dict(entry) if isinstance(entry, Mapping) else {'free': False, 'value': entry}
-    return FinalTime(free=entry.pop('free'), **{
-        key: _text(value) for key, value in entry.items()})
+def _build_field(name: str, value: Any, kind: str, is_list: bool) -> Any:
+    match kind:
+        case 'NamedExpression':
+            return build_named_expressions({
+                key: _FREE if each is None and name in _WITH_FREE else each
+                for key, each in value.items()})
+        case 'NamedBounds':
+            if name == 'free_parameters':
+                value = {key: pair or (None, None) for key, pair in value.items()}
+            return build_named_bounds(value)
+        case 'NamedValues':
+            return _build_values(value)
+        case 'PathConstraint':
+            return [PathConstraint(**{key: _text(side) for key, side in each.items()})
+                    for each in value]
+        case 'FinalTime':
+            entry = dict(value) if isinstance(value, Mapping) else {'free': False, 'value': value}
+            return FinalTime(free=entry.pop('free'), **{
+                key: _text(each) for key, each in entry.items()})
+        case 'InitialGuess':
+            return _build_fields(InitialGuess, value, 'final_time')
+        case 'Phase':
+            return [_build_fields(Phase, each) for each in value]
+    return list(map(_text, value)) if is_list else _text(value)
 
 
-def _build_path_constraints(of: Mapping[str, Any]) -> list[PathConstraint]:
-    return [PathConstraint(**{key: _text(value) for key, value in each.items()})
-            for each in of.get('path_constraints') or ()]
+def _build_values(mapping: Mapping[str, Any]) -> list[NamedValues]:
+    return [NamedValues(name=name, values=flatten_doubles(values))
+            for name, values in mapping.items()]
+
+
+def _kind(of: str) -> str:
+    """Return the type of a field, or of the entries of a list, without its package."""
+    return of.removeprefix('sequence<').removesuffix('>').rpartition('/')[2]
 
 
 def read_expressions(where: str, entries: Iterable[NamedExpression]) -> dict[str, str]:
@@ -214,8 +195,6 @@ def read_expressions(where: str, entries: Iterable[NamedExpression]) -> dict[str
     Return expressions by name, in order.
 
     :param where: key of the statement, for errors.
-    :param entries: field of a message.
-    :return: Expressions.
     :raises StatementError: if a name occurs twice.
     """
     return _unique(where, ((each.name, each.expression) for each in entries))
@@ -226,8 +205,7 @@ def read_parameters(where: str, entries: Iterable[NamedExpression]) -> dict[str,
     Return parameters and construction options of a system by name.
 
     :param where: key of the statement, for errors.
-    :param entries: field of a message; lists are written as JSON.
-    :return: expressions, and lists.
+    :param entries: lists are written as JSON.
     :raises StatementError: if a name occurs twice, or a text that begins with a bracket is no
         list.
     """
@@ -237,11 +215,9 @@ def read_parameters(where: str, entries: Iterable[NamedExpression]) -> dict[str,
 
 def read_message_bounds(where: str, entries: Iterable[NamedBounds]) -> dict[str, list[str | None]]:
     """
-    Return bounds by name.
+    Return bounds by name: [lower, upper], as expressions; None: no bound.
 
     :param where: key of the statement, for errors.
-    :param entries: field of a message.
-    :return: [lower, upper], as expressions; None: no bound.
     :raises StatementError: if a name occurs twice.
     """
     return _unique(where, (
@@ -249,22 +225,16 @@ def read_message_bounds(where: str, entries: Iterable[NamedBounds]) -> dict[str,
 
 
 def build_named_expressions(mapping: Mapping[str, Any]) -> list[NamedExpression]:
-    """
-    Return a mapping of names to numbers or expressions as messages.
-
-    :param mapping: from names to numbers, expressions or lists.
-    :return: in the order of the mapping.
-    """
+    """Return a mapping of names to numbers, expressions or lists as messages."""
     return [NamedExpression(name=name, expression=_text(value))
             for name, value in mapping.items()]
 
 
 def build_named_bounds(mapping: Mapping[str, Any]) -> list[NamedBounds]:
     """
-    Return a mapping of names to bounds as messages.
+    Return a mapping of names to bounds as messages, without the names that have None.
 
     :param mapping: from names to [lower, upper], each a number, an expression or None; or to None.
-    :return: in the order of the mapping, without the names that have None.
     """
     return [NamedBounds(name=name, lower=_text(pair[0]), upper=_text(pair[1]))
             for name, pair in mapping.items() if pair is not None]
@@ -272,11 +242,9 @@ def build_named_bounds(mapping: Mapping[str, Any]) -> list[NamedBounds]:
 
 def read_request(kind: str, request: Any) -> Packet:
     """
-    Return a request as plain data.
+    Return a request as plain data, for `requests.answer`.
 
     :param kind: a key of `requests.KINDS`.
-    :param request: of that kind.
-    :return: for `requests.answer`.
     :raises StatementError: if it is too large, or a name occurs twice in a list of names and
         values.
     """
@@ -334,7 +302,6 @@ def fill_answer(response: Any, packet: Packet) -> None:
     """
     Fill a response or a result with the answer to a problem.
 
-    :param response: filled in place.
     :param packet: as `solutions.pack_solution` returns it, or with a status and a message only.
     """
     plain = dict(packet.plain)
@@ -362,7 +329,6 @@ def fill_minimum(response: Any, packet: Packet) -> None:
     """
     Fill the response of ``~/minimize``.
 
-    :param response: filled in place.
     :param packet: as `requests.answer` returns it, or with a status and a message only.
     """
     plain = dict(packet.plain)
@@ -376,9 +342,8 @@ def fill_minimum(response: Any, packet: Packet) -> None:
 
 def fill_design(response: Any, packet: Packet) -> None:
     """
-    Fill the response of ``~/design_lqr``.
+    Fill the response of ``~/design_lqr``; the message of a failure begins with the status.
 
-    :param response: filled in place; the message of a failure begins with the status.
     :param packet: as `requests.answer` returns it, or with a status and a message only.
     """
     status, response.message = packet.plain['status'], packet.plain['message']
@@ -390,12 +355,7 @@ def fill_design(response: Any, packet: Packet) -> None:
 
 
 def build_lqr_design(fields: Mapping[str, Any]) -> LqrDesign:
-    """
-    Return the message of a design.
-
-    :param fields: as `report_fields` returns it; arrays are flattened row by row.
-    :return: the message.
-    """
+    """Return the message of the fields that `report_fields` returns."""
     return LqrDesign(**{name: flatten_doubles(value) if isinstance(value, np.ndarray) else value
                         for name, value in fields.items()})
 
@@ -413,47 +373,36 @@ def build_certificate_message(conditions: Mapping[str, Mapping[str, float]] | No
 
 def read_solution(result: Any) -> solution.Solution:
     """
-    Return the solution that a response or a result contains.
+    Return the solution that a response or a result contains, as `fill_answer` fills it.
 
-    :param result: as `fill_answer` fills it. It has no multipliers of state bounds and path
-        constraints.
-    :return: with the arrays of the trajectory.
+    It has no multipliers of state bounds and path constraints.
     """
     path, certificate, known = result.trajectory, result.certificate, result.optimality
     shape = len(path.t), -1
     arrays = {name: np.array(getattr(path, name)).reshape(shape if getattr(path, name) else (0, 0))
               for name in ('x', 'u', 'lam')}
-    return solution.Solution(
-        status=solution.Status(result.status), message=result.message, remark=result.remark,
-        objective=result.objective,
-        **arrays, t=np.array(path.t), hamiltonian=np.array(path.hamiltonian),
-        nu=np.array(result.nu), interpolation=path.interpolation or 'linear',
-        switching_times=np.array(path.switching_times), method=result.method,
-        iterations=result.iterations, build_time=result.build_time, solve_time=result.solve_time,
-        free_parameters={each.name: each.values[0] for each in result.free_parameters},
-        certificate=solution.Certificate(*(
-            dict(zip(certificate.conditions, values, strict=True))
-            for values in (certificate.residuals, certificate.tolerances)))
-        if certificate.conditions else None,
-        optimality=solution.Optimality(known.kind, known.reason, known.starts,
-                                       tuple(known.minima)) if known.kind else None,
-        attempts=tuple(solution.Attempt(**{
-            name: getattr(each, name) for name in each.get_fields_and_field_types()
-        } | {'verdict': solution.Verdict(each.verdict)}) for each in result.attempts))
+    arrays |= _arrays(path, 't', 'hamiltonian', 'switching_times') | _arrays(result, 'nu')
+    plain = {name: getattr(result, name) for name in (
+        'status', 'message', 'remark', 'objective', 'method', 'iterations', 'build_time',
+        'solve_time')}
+    plain |= {
+        'interpolation': path.interpolation or 'linear',
+        'free_parameters': {each.name: each.values[0] for each in result.free_parameters},
+        'certificate': {
+            name: dict(zip(certificate.conditions, getattr(certificate, name), strict=True))
+            for name in ('residuals', 'tolerances')} if certificate.conditions else None,
+        'optimality': _read_plain(known) if known.kind else None,
+        'attempts': list(map(_read_plain, result.attempts))}
+    return unpack_solution(Packet(plain, arrays))
+
+
+def _read_plain(message: Any) -> dict[str, Any]:
+    return {name: getattr(message, name) for name in message.get_fields_and_field_types()}
 
 
 def flatten_doubles(values: Any) -> 'array[float]':
-    """
-    Return numbers as the value of a float64[] field.
-
-    :param values: of any shape.
-    :return: row by row.
-    """
+    """Return numbers, of any shape, row by row as the value of a float64[] field."""
     return array('d', np.asarray(values, np.float64).tobytes())
-
-
-def _values(where: str, entries: Iterable[NamedValues]) -> dict[str, Any]:
-    return _unique(where, ((each.name, each.values.tolist()) for each in entries))
 
 
 def _unique(where: str, pairs: Iterable[tuple[str, Any]]) -> dict[str, Any]:

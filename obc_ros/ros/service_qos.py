@@ -1,7 +1,7 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Quality of service for services with many clients: no response is lost.
+Quality of service of topics, and of services with many clients: no response is lost.
 
 Every client of a service receives the responses to all clients. With the default depth of 10, a
 burst of requests or responses overflows the queues. A request can also arrive before the reader
@@ -14,9 +14,11 @@ import warnings
 
 from obc_ros.ros.execution.callback_guards import STEADY
 from rclpy.node import Node
-from rclpy.qos import QoSProfile
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.service import Service
 
+BEST_EFFORT = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+LATCHED_QOS = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 BURST = QoSProfile(depth=1000)  # for the service and for its clients
 FIRST, LAST = 0.2, 5.0          # [s] until a dropped response is sent again; doubled each time
 

@@ -1,16 +1,27 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""What surrounds the work of a worker: which one gets a request, and what is answered without."""
+"""
+What surrounds the work of a worker, without CasADi.
+
+That is, which worker gets a request, what is answered without one, and solutions from packets.
+"""
 
 from contextlib import closing
 import json
 import re
 from typing import Any
 
-from obc_ros.core.ocp.solution import Report, Solution
+from obc_ros.core.ocp.solution import (
+    Attempt,
+    Certificate,
+    Optimality,
+    Report,
+    Solution,
+    Status,
+    Verdict,
+)
 from obc_ros.core.text.errors import ObcError
 from obc_ros.workers.pool import Pool, RequestAnswer, RequestOutcome
-from obc_ros.workers.unpacking import unpack_solution
 from obc_ros.workers.wire import Packet
 
 STATUS = {RequestOutcome.REFUSED: 'cancelled', RequestOutcome.TIMED_OUT: 'timed_out',
@@ -32,6 +43,28 @@ def respond(answer: RequestAnswer) -> Packet:
         filter(None, (answer.message, kept.plain.get('message'))))
     return Packet({**kept.plain, 'status': STATUS[answer.outcome], 'message': message},
                   kept.arrays)
+
+
+def unpack_solution(packet: Packet) -> Solution:
+    """
+    Return the solution that a packet contains.
+
+    :param packet: as `solutions.pack_solution` returns it, or with a status and a message only. It
+        has no multipliers of state bounds and path constraints.
+    """
+    plain, certificate = packet.plain, packet.plain.get('certificate')
+    optimality = plain.get('optimality')
+    numbers: dict[str, Any] = {**packet.arrays, **{name: plain[name] for name in (
+        'objective', 'interpolation', 'method', 'iterations', 'build_time', 'solve_time',
+        'free_parameters', 'remark')
+        if name in plain}}
+    return Solution(
+        status=Status(plain['status']), message=plain['message'], **numbers,
+        certificate=Certificate(**certificate) if certificate else None,
+        optimality=Optimality(**{**optimality, 'minima': tuple(optimality['minima'])})
+        if optimality else None,
+        attempts=tuple(Attempt(**{**attempt, 'verdict': Verdict(attempt['verdict'])})
+                       for attempt in plain.get('attempts', ())))
 
 
 def solve_in_process(request: dict[str, Any], time_limit: float, report: Report | None = None

@@ -9,7 +9,7 @@ import numpy as np
 from obc_ros.core.simulation.simulator import Simulator
 from obc_ros.core.systems import registry
 from obc_ros.msg import Command, LqrDesign, State
-from obc_ros.ros.conversions import read_nanoseconds
+from obc_ros.ros.messages import read_nanoseconds
 import pytest
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from support import DEMO

@@ -10,7 +10,7 @@ from typing import Any
 from lqr_bench import LATCHED, nanoseconds
 import numpy as np
 from obc_ros.msg import State, Trajectory
-from obc_ros.ros.conversions import read_nanoseconds, set_stamp
+from obc_ros.ros.messages import read_nanoseconds, set_stamp
 from obc_ros.srv import FollowReference, PlanMotion, PredictState
 import pytest
 from rcl_interfaces.msg import Log

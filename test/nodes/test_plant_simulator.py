@@ -20,7 +20,7 @@ from obc_ros.core.simulation.simulator import Simulator
 from obc_ros.core.systems import registry
 from obc_ros.msg import Command, State
 from obc_ros.nodes.plant_simulator import PlantSimulator
-from obc_ros.ros.conversions import read_nanoseconds
+from obc_ros.ros.messages import read_nanoseconds
 import pytest
 from rclpy.parameter import Parameter
 from rclpy.qos import qos_profile_sensor_data

@@ -8,7 +8,7 @@ import sys
 from typing import Any
 
 from obc_ros.msg import Trajectory
-from obc_ros.nodes.control.controller_node import LATCHED_QOS
+from obc_ros.ros.service_qos import LATCHED_QOS
 from obc_ros.srv import DesignLqr
 import pytest
 from std_srvs.srv import Trigger

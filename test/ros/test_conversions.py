@@ -11,8 +11,8 @@ from numpy.testing import assert_allclose
 from obc_ros.core.simulation.simulator import Simulator
 from obc_ros.core.systems import registry
 from obc_ros.core.text.errors import DynamicsError, StatementError
-from obc_ros.ros import conversions
 from obc_ros.ros.conversions import OdometryMap
+from obc_ros.ros.messages import read_nanoseconds, set_stamp
 from obc_ros.ros.parameters.system_parameters import (
     choose_system,
     list_system_parameters,
@@ -178,8 +178,8 @@ def test_the_noise_is_published_as_covariance():
 @given(st.integers(0, 2**31 * 10**9 - 1))
 def test_stamps_keep_nanoseconds(time):
     stamp = Time()
-    conversions.set_stamp(stamp, time)
-    assert conversions.read_nanoseconds(stamp) == time
+    set_stamp(stamp, time)
+    assert read_nanoseconds(stamp) == time
 
 
 def test_a_system_lists_its_parameters_and_options():

@@ -19,7 +19,7 @@ from obc_ros.api.search_tree import SearchTree
 from obc_ros.core.text.errors import ObcError
 from obc_ros.workers import pool as workers
 from obc_ros.workers.pool import Job, Pool, RequestOutcome
-from obc_ros.workers.unpacking import unpack_solution
+from obc_ros.workers.responses import unpack_solution
 from obc_ros.workers.wire import pack, Packet, unpack
 import problems
 import pytest

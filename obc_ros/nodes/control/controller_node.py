@@ -38,25 +38,23 @@ from obc_ros.nodes.control.design_message import design_message
 from obc_ros.nodes.control.loop_monitor import LoopMonitor, predict_error
 from obc_ros.nodes.control.source_watch import Source, SourceWatch
 from obc_ros.ros import state_sources
-from obc_ros.ros.conversions import make_body_reader, read_nanoseconds
+from obc_ros.ros.conversions import make_body_reader
 from obc_ros.ros.diagnostics import Diagnostics
 from obc_ros.ros.execution.callback_guards import STEADY
 from obc_ros.ros.execution.subscription_thread import Apart, OwnThread
 from obc_ros.ros.execution.worker_thread import WorkerThread
+from obc_ros.ros.messages import make_stamp, read_nanoseconds
 from obc_ros.ros.parameters.node_parameters import Parameters
 from obc_ros.ros.repeated_messages import RepeatedReader
+from obc_ros.ros.service_qos import BEST_EFFORT, LATCHED_QOS
 from obc_ros.ros.throttled_log import ThrottledLog
 from rclpy.duration import Duration
 from rclpy.event_handler import EventHandler, SubscriptionEventCallbacks
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions, QoSPolicyKind
 from std_srvs.srv import Trigger
 
-SOURCE = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
-# On a lossy network a queue of old commands, each sent again, would delay the new one.
-SINK = QoSProfile(depth=1)
-LATCHED_QOS = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+SINK = 1   # message: on a lossy network old commands, each sent again, would delay the new one
 OVERRIDES = (QoSPolicyKind.DEADLINE, QoSPolicyKind.DEPTH, QoSPolicyKind.DURABILITY,
              QoSPolicyKind.HISTORY, QoSPolicyKind.RELIABILITY)
 INFINITE = 2**63 - 1  # [ns] as a QoS duration
@@ -133,7 +131,7 @@ class ControllerNode(LifecycleNode):  # type: ignore[misc] # rclpy's classes are
         self._look_at_clock()
         self._states = self.create_subscription(
             state_sources.SOURCES[settings.state_source], settings.state_source,
-            lambda message: None, SOURCE, callback_group=Apart(),
+            lambda message: None, BEST_EFFORT, callback_group=Apart(),
             qos_overriding_options=overrides)
         self._monitor.topic = self._states.topic_name
         self._commands = self.create_lifecycle_publisher(
@@ -372,8 +370,7 @@ class ControllerNode(LifecycleNode):  # type: ignore[misc] # rclpy's classes are
         now = self.get_clock().now().nanoseconds
         if self._is_simulated:   # /clock is best effort, and may come later than the state
             now = max(now, self._loop.stamp or 0)
-        seconds, nanoseconds = divmod(now, 10**9)
-        return Time(sec=seconds, nanosec=nanoseconds)
+        return make_stamp(now)
 
     def _look_at_clock(self) -> None:
         self._is_simulated = bool(self.get_parameter('use_sim_time').value)

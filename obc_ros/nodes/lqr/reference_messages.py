@@ -6,7 +6,7 @@ from obc_ros.core.lqr.design.reference_tracking import Course, read_course
 from obc_ros.core.systems.system import System
 from obc_ros.core.text.errors import quote, StatementError
 from obc_ros.msg import Trajectory
-from obc_ros.ros.conversions import read_nanoseconds
+from obc_ros.ros.messages import read_nanoseconds
 
 
 def read_courses(message: Trajectory, system: System, frame: str, followed: tuple[Course, ...]

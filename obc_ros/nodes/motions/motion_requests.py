@@ -15,36 +15,74 @@ Without lqr_node a plan begins at the last state, as soon as it is published.
 from collections.abc import Awaitable, Callable, Mapping
 from dataclasses import dataclass
 from time import monotonic
-from typing import Any, Protocol
+from typing import Any
 
 from obc_ros.core.closed_loop.clock import NS
 from obc_ros.core.text.errors import quote
 from obc_ros.msg import Trajectory
-from obc_ros.nodes.motions.lqr_client import LqrClient, make_stamp
-from obc_ros.nodes.motions.plant_files import load_plants
-from obc_ros.nodes.motions.present_state import PlanStart, PresentState
+from obc_ros.nodes.motions.present_state import load_plants, PlanStart, PresentState
 from obc_ros.ros import messages
+from obc_ros.ros.execution.callback_guards import STEADY
+from obc_ros.ros.messages import make_stamp
+from obc_ros.ros.service_qos import BURST, LATCHED_QOS
 from obc_ros.ros.throttled_log import ThrottledLog
+from obc_ros.srv import FollowReference, PredictState
 from obc_ros.workers.pool import SHORTEST
 from obc_ros.workers.wire import Packet
+from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.client import Client
 from rclpy.node import Node
-from rclpy.publisher import Publisher
+from rclpy.task import Future
 
 
-class PlanSettings(Protocol):
-    """The parameters that concern plans; see the settings of trajectory_server."""
+class LqrClient:
+    """The services of the lqr_node in the namespace of a node."""
+
+    def __init__(self, node: Node) -> None:
+        self._node, self._group = node, ReentrantCallbackGroup()   # with the callback that waits
+        self._prediction, self._following = (
+            node.create_client(service, name, qos_profile=BURST, callback_group=self._group)
+            for service, name in ((PredictState, 'lqr_node/predict_state'),
+                                  (FollowReference, 'lqr_node/follow_reference')))
 
     @property
-    def state_timeout(self) -> float:
-        """Return the age [s] at which a state is too old."""
+    def is_there(self) -> bool:
+        """Return whether both services are offered."""
+        return all(each.service_is_ready() for each in (self._prediction, self._following))
 
     @property
-    def plan_lead(self) -> float:
-        """Return the time [s] from a request to the begin of its plan."""
+    def prediction(self) -> str:
+        """Return the name of the service that predicts states."""
+        return str(self._prediction.service_name)
 
     @property
-    def systems(self) -> tuple[str, ...]:
-        """Return the files of systems."""
+    def following(self) -> str:
+        """Return the name of the service that follows references."""
+        return str(self._following.service_name)
+
+    async def predict(self, stamp: int, timeout: float) -> Any:
+        """Return the response for a stamp [ns]; None: there is none within `timeout` [s]."""
+        request = PredictState.Request(stamp=make_stamp(stamp))
+        return await self._call(self._prediction, request, timeout)
+
+    async def follow(self, plan: Trajectory, timeout: float) -> Any:
+        """Return the response to a reference; None: there is none within `timeout` [s]."""
+        return await self._call(self._following, FollowReference.Request(reference=plan), timeout)
+
+    async def _call(self, client: Client, request: Any, timeout: float) -> Any:
+        done: Future = Future()
+
+        def end(answer: Any) -> None:
+            if not done.done():
+                done.set_result(answer)
+
+        asked = client.call_async(request)
+        asked.add_done_callback(lambda _: end(asked.result()))
+        timer = self._node.create_timer(timeout, lambda: end(None), self._group, STEADY)
+        answer = await done
+        self._node.destroy_timer(timer)
+        client.remove_pending_request(asked)
+        return answer
 
 
 @dataclass
@@ -72,25 +110,23 @@ class MotionRequests:
     The requests of a node to plan a motion.
 
     :param node: its clock is used for states without a valid stamp.
-    :param reference: for the plans that are to be followed.
+    :param source: topic of the states, a key of `SOURCES`.
     :param ask: returns the answer of a worker to a request within a time [s]; a mapping has what
         the message does not contain.
     """
 
-    def __init__(self, node: Node, state: PresentState, lqr: LqrClient, reference: Publisher,
-                 log: ThrottledLog, ask: Ask) -> None:
-        self._node, self._state, self._lqr, self._ask = node, state, lqr, ask
-        self._reference, self._log = reference, log
+    def __init__(self, node: Node, source: str, log: ThrottledLog, ask: Ask) -> None:
+        self._node, self._log, self._ask = node, log, ask
+        self._state, self._lqr = PresentState(node, source, log), LqrClient(node)
+        self._reference = node.create_publisher(Trajectory, 'reference', LATCHED_QOS)
         self._took: dict[tuple[str, str], int] = {}   # [ns] by system and objective
 
-    async def answer(self, request: Any, response: Any, settings: PlanSettings, limit: float
-                     ) -> None:
+    async def answer(self, request: Any, response: Any, settings: Any, limit: float) -> None:
         """
         Plan a motion, and have it followed if that is asked for.
 
         :param request: changed in place.
-        :param response: filled in place.
-        :param settings: the parameters in use.
+        :param settings: the parameters of trajectory_server.
         :param limit: time for everything [s].
         :raises ObcError: if there is no state to begin at, or a plant of a file has a wrong
             parameter.
@@ -99,7 +135,7 @@ class MotionRequests:
         has_start = bool(request.start)
         for _ in range(2):
             asked = self._now()
-            begin = asked + self._lead(settings) + self._took.get(key, 0)
+            begin = asked + _lead(settings) + self._took.get(key, 0)
             motion = await self._plan(request, settings, until, None if has_start else begin)
             messages.fill_answer(response, motion.packet)
             if not response.success:
@@ -112,7 +148,7 @@ class MotionRequests:
             if response.success or asked <= now <= motion.begin:
                 return
 
-    async def _plan(self, request: Any, settings: PlanSettings, until: float, begin: int | None
+    async def _plan(self, request: Any, settings: Any, until: float, begin: int | None
                     ) -> PlannedMotion:
         """Return a plan from the start of a request, or from where the plant will be [ns]."""
         more = _name_plant(request, settings.systems)
@@ -125,7 +161,7 @@ class MotionRequests:
                       [note] if note else [])
 
     async def _conclude(self, request: Any, response: Any, motion: PlannedMotion,
-                        settings: PlanSettings, until: float) -> None:
+                        settings: Any, until: float) -> None:
         """Complete the response with a solved plan, and have it followed if that is asked for."""
         header = response.trajectory.header
         header.frame_id = motion.frame
@@ -141,7 +177,7 @@ class MotionRequests:
         if response.success:
             response.message = '; '.join([response.message, *motion.notes])
 
-    async def _predict(self, request: Any, begin: int, settings: PlanSettings
+    async def _predict(self, request: Any, begin: int, settings: Any
                        ) -> tuple[PlanStart, str, bool]:
         """Return the start for a stamp [ns], a note, and whether it holds for that stamp only."""
         self._state.check(settings.state_timeout)
@@ -158,7 +194,7 @@ class MotionRequests:
         start = self._state.read(request, settings.state_timeout, load_plants(settings.systems))
         return start, f'{note}: the plan begins at the last state', False
 
-    async def _execute(self, response: Any, motion: PlannedMotion, settings: PlanSettings,
+    async def _execute(self, response: Any, motion: PlannedMotion, settings: Any,
                        until: float) -> None:
         """Have lqr_node follow a plan; without one, publish it."""
         # Without any state the plan has a start of its own, and the plant may come later.
@@ -168,20 +204,20 @@ class MotionRequests:
             return
         plan: Trajectory = response.trajectory
         if motion.begin is None:
-            plan.header.stamp = make_stamp(self._now() + self._lead(settings))
+            plan.header.stamp = make_stamp(self._now() + _lead(settings))
         if not self._lqr.is_there:
             motion.notes.append(
                 f'nobody offers {self._lqr.following}: the plan is published on '
                 f'{self._reference.topic_name}, and nobody has accepted it')
             self._publish(plan)
             return
-        begun, begin = self._now(), self._now() + self._lead(settings)
+        begun, begin = self._now(), self._now() + _lead(settings)
         answer = await self._lqr.follow(plan, max(until - monotonic(), settings.state_timeout))
         if (motion.begin is None and answer is not None and not answer.success
                 and self._now() > begin):
             # Its gains took longer than `plan_lead`. The plant rests: the plan may begin later.
             took = self._now() - begun
-            plan.header.stamp = make_stamp(self._now() + took + self._lead(settings))
+            plan.header.stamp = make_stamp(self._now() + took + _lead(settings))
             answer = await self._lqr.follow(plan, max(until - monotonic(), settings.state_timeout))
         if answer is not None and answer.success:
             motion.notes.append(f'lqr_node: {quote(answer.message, 500)}')
@@ -210,9 +246,9 @@ class MotionRequests:
         stamp = self._state.stamp()
         return self._node.get_clock().now().nanoseconds if stamp is None else stamp
 
-    @staticmethod
-    def _lead(settings: PlanSettings) -> int:
-        return round(settings.plan_lead / NS)
+
+def _lead(settings: Any) -> int:
+    return round(settings.plan_lead / NS)
 
 
 def state_plan(request: Any, systems: tuple[str, ...]) -> dict[str, Any]:

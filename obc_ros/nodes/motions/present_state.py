@@ -1,22 +1,45 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""The present state of the plant, for a node that needs it on request only."""
+"""Where a plan begins: the plants of files, and the present state, for requests that name them."""
 
 from collections.abc import Sequence
+from functools import lru_cache
 from time import monotonic
 from typing import Any, NamedTuple
 
 from obc_ros.core.text.digits import format_distinct
-from obc_ros.core.text.errors import StatementError
-from obc_ros.nodes.motions.plant_files import Plants
-from obc_ros.ros.messages import check_size, read_parameters
+from obc_ros.core.text.errors import quote, StatementError
+from obc_ros.ros.messages import check_size, read_nanoseconds, read_parameters
+from obc_ros.ros.service_qos import BEST_EFFORT
 from obc_ros.ros.state_sources import Body, FrameError, NamesError, SOURCES
 from obc_ros.ros.throttled_log import ThrottledLog
 from rclpy.node import Node
-from rclpy.qos import QoSProfile, ReliabilityPolicy
 
 LAST = (2**31 - 100_000) * 10**9  # [ns] later stamps plus a lead and a time limit overflow
-SOURCE = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+Plants = dict[str, dict[str, Any]]
+
+
+@lru_cache(maxsize=2)   # judged and used
+def load_plants(paths: Sequence[str]) -> Plants:
+    """
+    Return the plants of YAML files by name: what a worker builds each one of.
+
+    :raises StatementError: if a file is malformed, or its plant has the name of another one.
+    """
+    if not paths:
+        return {}
+    from obc_ros.core.systems.file import load_plant  # CasADi: 0.3 s
+    from obc_ros.core.systems.registry import list_systems
+    owners = dict.fromkeys(list_systems(), 'a registered system')
+    found: Plants = {}
+    for path in paths:
+        plant = load_plant(path)
+        name = plant['name']
+        if name in owners:
+            raise StatementError(f"systems: {quote(path, 200)}: '{quote(name)}' is the name of "
+                                 f'{owners[name]}; write another one in the key name')
+        owners[name], found[name] = f'the plant of {quote(path, 200)}', plant
+    return found
 
 
 class PlanStart(NamedTuple):
@@ -41,7 +64,8 @@ class PresentState:
         self._message: Any = None
         self._came = 0.0
         self._subscription = node.create_subscription(
-            SOURCES[topic], topic, self._take if topic == 'state' else self._take_odometry, SOURCE)
+            SOURCES[topic], topic, self._take if topic == 'state' else self._take_odometry,
+            BEST_EFFORT)
 
     def read(self, request: Any, timeout: float, plants: Plants) -> PlanStart:
         """
@@ -98,8 +122,7 @@ class PresentState:
         """Return the stamp of the last state [ns]; None: none has arrived, or it has no time."""
         if self._message is None:
             return None
-        stamp = self._message.header.stamp
-        time = int(stamp.sec) * 10**9 + int(stamp.nanosec)
+        time = read_nanoseconds(self._message.header.stamp)
         return time if 0 <= time <= LAST else None
 
     def _take(self, message: Any) -> None:

@@ -26,7 +26,8 @@ from obc_ros.nodes.views.bodies import (
 )
 from obc_ros.nodes.views.obstacles import find_boundaries, find_box
 from obc_ros.nodes.views.plane import PlaneMap
-from obc_ros.ros.conversions import ODOM, read_nanoseconds, set_stamp
+from obc_ros.ros.conversions import ODOM
+from obc_ros.ros.messages import read_nanoseconds, set_stamp
 from visualization_msgs.msg import Marker
 
 MOST_POSES = 200   # of a path

@@ -15,10 +15,9 @@ from nav_msgs.msg import Path
 from obc_ros.msg import Trajectory
 from obc_ros.nodes.views.scene import Scene
 from obc_ros.ros.execution.callback_guards import guard_callbacks, STEADY
+from obc_ros.ros.service_qos import LATCHED_QOS
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, QoSProfile
 
-PLAN_VIEW_QOS = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 LOOK_PERIOD = 0.5  # [s] between two looks for subscribers
 StateProblem = Callable[[], Mapping[str, Any]]
 PLACES = {'px', 'py'}   # states without which there is nothing to draw
@@ -33,8 +32,8 @@ class PlanView:
 
     def __init__(self, node: Node) -> None:
         self.is_shown = True
-        self._path = node.create_publisher(Path, 'plan', PLAN_VIEW_QOS)
-        self._scene = Scene(node, 'plan_markers', PLAN_VIEW_QOS)
+        self._path = node.create_publisher(Path, 'plan', LATCHED_QOS)
+        self._scene = Scene(node, 'plan_markers', LATCHED_QOS)
         self._plan: tuple[Trajectory, StateProblem | None] | None = None
         self._todo: set[str] = set()
         timer = node.create_timer(LOOK_PERIOD, self._publish,

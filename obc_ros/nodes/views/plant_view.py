@@ -25,18 +25,17 @@ from obc_ros.nodes.views.frames import check_frames, FrameBroadcaster
 from obc_ros.nodes.views.plane import PlaneMap
 from obc_ros.nodes.views.scene import Scene
 from obc_ros.nodes.views.set_point import SetPointMarkers
-from obc_ros.ros.conversions import ODOM, set_stamp
+from obc_ros.ros.conversions import ODOM
 from obc_ros.ros.execution.callback_guards import guard_callbacks, STEADY
+from obc_ros.ros.messages import make_stamp
+from obc_ros.ros.service_qos import LATCHED_QOS
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, QoSProfile
 
 FASTEST = 30.0      # [Hz] largest rate of the markers
 LONGEST_TRAIL = 500   # poses
 IDLE_PERIOD = 0.5          # [s] between two looks for subscribers
 TRAIL_PERIOD = 0.2  # [s] between two poses of the trail: a path of 100 poses takes 1 ms to publish
 STEP = 1e-3         # [m] least distance between two poses of the trail
-LATEST = QoSProfile(depth=1)
-DESIGN_QOS = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
 @dataclass(frozen=True)
@@ -91,11 +90,11 @@ class PlantView:
         self._design: LqrDesign | None = None
         if not self._plane.has_places:
             return
-        self._scene = Scene(node, 'markers', LATEST)
-        self._path = node.create_publisher(Path, 'trail', LATEST)
+        self._scene = Scene(node, 'markers', 1)
+        self._path = node.create_publisher(Path, 'trail', 1)
         self._frames = FrameBroadcaster(node) if settings.publish_tf else None
         self.adopt(system, settings)
-        node.create_subscription(LqrDesign, 'lqr_node/design', self._take, DESIGN_QOS)
+        node.create_subscription(LqrDesign, 'lqr_node/design', self._take, LATCHED_QOS)
         self._timer = node.create_timer(
             IDLE_PERIOD, self._publish, clock=STEADY)
         guard_callbacks(node, self._timer, 'view of the plant')
@@ -136,8 +135,7 @@ class PlantView:
         place = self._plane.locate(moment.x)
         if not all(map(math.isfinite, (*place, *moment.u))):
             return
-        stamp = Time()
-        set_stamp(stamp, moment.stamp)
+        stamp = make_stamp(moment.stamp)
         if markers:
             self._scene.show([
                 *self._body.fill(place, moment.u, stamp),

@@ -18,7 +18,7 @@ class Scene:
     :param qos: its quality of service.
     """
 
-    def __init__(self, node: Node, topic: str, qos: QoSProfile) -> None:
+    def __init__(self, node: Node, topic: str, qos: QoSProfile | int) -> None:
         self._publisher = node.create_publisher(MarkerArray, topic, qos)
         self._shown: set[tuple[str, int]] = set()
 

@@ -12,8 +12,7 @@ from obc_ros.msg import Trajectory
 from obc_ros.nodes.views.obstacles import find_boundaries, find_box
 from obc_ros.nodes.views.plan_messages import make_markers, make_path, MOST_POSES
 from obc_ros.nodes.views.plan_view import PlanView
-from obc_ros.ros.conversions import read_nanoseconds
-from obc_ros.ros.messages import build_problem_message
+from obc_ros.ros.messages import build_problem_message, read_nanoseconds
 from obc_ros.srv import PlanMotion, SolveOptimalControl
 import pytest
 from rclpy.qos import DurabilityPolicy, QoSProfile

@@ -15,7 +15,7 @@ from obc_ros.msg import State
 from obc_ros.nodes.plant_simulator import PlantSimulator
 from obc_ros.nodes.views import frames
 from obc_ros.nodes.views.plant_view import check_view, FASTEST, ViewSettings
-from obc_ros.ros.conversions import read_nanoseconds
+from obc_ros.ros.messages import read_nanoseconds
 import pytest
 from std_srvs.srv import Trigger
 from visualization_msgs.msg import Marker, MarkerArray
