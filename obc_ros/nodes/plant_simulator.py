@@ -56,7 +56,6 @@ from obc_ros.nodes.views.plant_view import (
     LONGEST_TRAIL,
     Moment,
     PlantView,
-    ViewSettings,
 )
 from obc_ros.ros.conversions import ODOM, OdometryMap
 from obc_ros.ros.diagnostics import Diagnostics, HARDWARE, make_status
@@ -205,21 +204,16 @@ class Settings:
         """Return whether stamps are simulated time."""
         return self.lockstep or self.publish_clock or self.speed != 1.0
 
-    @property
-    def view(self) -> ViewSettings:
-        """Return what is shown of the plant."""
-        return ViewSettings(self.markers, self.marker_rate, self.trail_length, self.publish_tf)
-
 
 @dataclass(frozen=True)
 class PlantCandidate:
     """The system, conditions and pacing of valid settings."""
 
+    settings: Settings
     system: System
     x0: tuple[float, ...]
     conditions: Conditions
     pacing: Pacing
-    view: ViewSettings
     sensors: Sensors
 
 
@@ -242,19 +236,17 @@ def judge_plant_settings(settings: Settings) -> PlantCandidate:
         seed=settings.seed)
     x0 = settings.x0 or system.setpoint
     Simulator(system, x0, conditions)
-    check_view(system, settings.view)
-    return PlantCandidate(system, x0, conditions, Pacing(
+    check_view(system, settings)
+    pacing = Pacing(
         steps, settings.speed, settings.lockstep, settings.simulated_stamps,
         settings.command_timeout, settings.pause_at,
-        settings.hold_until_command and not settings.lockstep), settings.view,
-        _sensors(settings, system))
-
-
-def _sensors(settings: Settings, system: System) -> Sensors:
-    given = settings.measurement
-    return Sensors(system, {name: OutputConditions(**{
-        each: given[f'{name}.{each}'] for each in ('rate', 'noise', 'bias', 'dropout', 'delay')})
-        for name in system.output_names}, settings.publish_rate, settings.seed)
+        settings.hold_until_command and not settings.lockstep)
+    measured = {name: OutputConditions(**{
+        each: settings.measurement[f'{name}.{each}']
+        for each in ('rate', 'noise', 'bias', 'dropout', 'delay')})
+        for name in system.output_names}
+    return PlantCandidate(settings, system, x0, conditions, pacing, Sensors(
+        system, measured, settings.publish_rate, settings.seed))
 
 
 class PlantSimulator(Node):  # type: ignore[misc] # rclpy's classes are untyped
@@ -276,14 +268,13 @@ class PlantSimulator(Node):  # type: ignore[misc] # rclpy's classes are untyped
         self._map = OdometryMap(candidate.system)
         self._message = State(names=list(candidate.system.state_names))
         self._message.header.frame_id = ODOM
-        self._message.names = list(candidate.system.state_names)
         self._odometry = self._map.message(candidate.conditions.noise)
         self._warned: set[str] = set()
         self._looked, self._contested = (time.monotonic(), 0.0), 0
         self._counted = 0, Counter[str]()   # commands taken and dropped at the last diagnostics
         self._lock = Lock()
         self._offer(settings)
-        self._view = PlantView(self, candidate.system, candidate.view, self._observe)
+        self._view = PlantView(self, candidate.system, settings, self._observe)
         self._log_start()
         self._publish()
         self._thread = OwnThread(self, self._commands, self._on_command, self._go_on,
@@ -453,7 +444,7 @@ class PlantSimulator(Node):  # type: ignore[misc] # rclpy's classes are untyped
             if candidate.sensors.settings != self._sensors.settings:
                 self._sensors = candidate.sensors
                 self._offer_measurements()
-        self._view.adopt(candidate.system, candidate.view)
+        self._view.adopt(candidate.system, candidate.settings)
         self._thread.wake()
 
     def _log_start(self) -> None:
@@ -502,11 +493,10 @@ class PlantSimulator(Node):  # type: ignore[misc] # rclpy's classes are untyped
         contested, self._contested = self._contested, plant.contested
         publishers = self.count_publishers('command')  # killed ones are counted for a while
         if publishers > 1 and plant.contested > contested:
-            sentence = f'{publishers} nodes publish commands; the latest one is followed'
-            return DiagnosticStatus.WARN, sentence
+            return DiagnosticStatus.WARN, (
+                f'{publishers} nodes publish commands; the latest one is followed')
         if self._clock_out and self.count_publishers('/clock') > 1:
-            sentence = 'another node also publishes /clock'
-            return DiagnosticStatus.WARN, sentence
+            return DiagnosticStatus.WARN, 'another node also publishes /clock'
         if fault := judge_commands(taken - before[0], dropped - before[1]):
             return fault
         if plant.paused:

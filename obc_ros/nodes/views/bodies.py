@@ -1,7 +1,9 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-The bodies of plants as markers: aircraft, vehicle, two-wheeled robot, and a sphere with axes.
+Plants as markers: the body, the input and the set point.
+
+The bodies are an aircraft, a vehicle, a two-wheeled robot, and a sphere with axes.
 
 The vehicles are drawn at their true wheelbase. The aircraft has the exhaust of its thrust, which
 points away from the force on it.
@@ -10,21 +12,26 @@ points away from the force on it.
 from collections.abc import Sequence
 from dataclasses import dataclass
 import math
+from typing import Any
 
 from builtin_interfaces.msg import Time
+import numpy as np
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.systems.system import System
-from obc_ros.nodes.views.plane import PlaneMap
+from obc_ros.nodes.views.scene import PlaneMap
 from obc_ros.ros.conversions import ODOM
 from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker
 
 Colour = tuple[float, float, float]
+Place = tuple[float, float, float]   # px, py [m], theta [rad]
 SKIN, INK, GLASS, FIRE = (0.86, 0.89, 0.92), (0.11, 0.12, 0.14), (0.56, 0.71, 0.82), (0.9, 0.62, 0)
 BLUE, RED, GREEN = (0.0, 0.45, 0.7), (0.84, 0.37, 0.0), (0.0, 0.62, 0.45)
 EXHAUST_LENGTH = 0.012    # [m/N] length of the exhaust
 LEAST = 1e-3     # [m] length of an arrow below which it is not drawn
 GHOST = 0.3      # opacity of a body at the set point or at a goal
+AT_REST = 1e-6          # [m/s] of the set point
+BEHIND, AHEAD = 10.0, 40.0   # [m] of the line, from the place of the plant
 
 
 @dataclass(frozen=True)
@@ -93,21 +100,14 @@ def _find_parameter(system: System, name: str) -> float:
 
 
 class BodyMarkers:
-    """
-    Markers of the body of one plant, which are filled again and again.
-
-    :param system: the plant.
-    :param plane: of its states.
-    :param name: namespace of the markers.
-    :param opacity: from 0 to 1.
-    """
+    """Markers of the body of one plant; `name` is their namespace, `opacity` from 0 to 1."""
 
     def __init__(self, system: System, plane: PlaneMap, name: str, opacity: float = 1.0) -> None:
         self._system, self._plane = system, plane
         self._markers = [make_marker(name, number, part.kind, part.colour, opacity)
                          for number, part in enumerate(list_parts(system, (0.0,) * system.m))]
 
-    def fill(self, place: tuple[float, float, float], u: Sequence[float] | Array, stamp: Time
+    def fill(self, place: Place, u: Sequence[float] | Array, stamp: Time
              ) -> list[Marker]:
         """Return the markers at (px, py, theta) with input u (m,); the next call reuses them."""
         px, py, theta = place
@@ -115,27 +115,16 @@ class BodyMarkers:
         for marker, part in zip(self._markers, list_parts(self._system, u), strict=True):
             (along, across), marker.header.stamp = part.at, stamp
             marker.pose = self._plane.pose(
-                px + c * along - s * across, py + s * along + c * across, theta + part.turn)
-            self._move_aside(marker, part.aside)
+                px + c * along - s * across, py + s * along + c * across, theta + part.turn,
+                part.aside)
             marker.scale.x, second, third = part.size
             marker.scale.y, marker.scale.z = (
                 (third, second) if self._plane.is_vertical else (second, third))
         return self._markers
 
-    def _move_aside(self, marker: Marker, aside: float) -> None:
-        if self._plane.is_vertical:
-            marker.pose.position.y -= aside
-        else:
-            marker.pose.position.z += aside
-
 
 class InputMarkers:
-    """
-    Markers of the input of a plant: the exhaust of the aircraft, the limits of the steering angle.
-
-    :param system: the plant.
-    :param plane: of its states.
-    """
+    """Markers of the input: the exhaust of the aircraft, the limits of the steering angle."""
 
     def __init__(self, system: System, plane: PlaneMap) -> None:
         self._plane, self._exhaust, self._limits = plane, None, None
@@ -145,7 +134,7 @@ class InputMarkers:
         elif system.name in ('vehicle', 'vehicle_lateral'):
             self._limits = self._draw_limits(system)
 
-    def fill(self, place: tuple[float, float, float], u: Sequence[float] | Array, stamp: Time
+    def fill(self, place: Place, u: Sequence[float] | Array, stamp: Time
              ) -> list[Marker]:
         """Return the markers at (px, py, theta) with input u (m,); the next call reuses them."""
         markers = []
@@ -176,6 +165,54 @@ class InputMarkers:
                 marker.points += [self._plane.point(length, 0.0), self._plane.point(
                     length * (1 + math.cos(limit)), length * math.sin(limit))]
         return marker
+
+
+class SetPointMarkers:
+    """
+    Markers of the set point of a design.
+
+    A set point at rest is a transparent body. One that moves, such as that of the vehicle, is the
+    line along which it moves: where it is now only the regulator knows.
+    """
+
+    def __init__(self, system: System, plane: PlaneMap) -> None:
+        self._system, self._plane = system, plane
+        self._body = BodyMarkers(system, plane, 'set_point', GHOST)
+        self._line = make_marker('set_point_course', 0, Marker.LINE_STRIP, GREEN, 0.6)
+        self._line.scale.x = 0.04
+        self._input: Sequence[float] | Array = ()
+        self._place: Place | None = None
+        self._velocity = 0.0, 0.0
+
+    def take(self, design: Any) -> None:
+        """Take the equilibrium of an `LqrDesign`; one of another system is no set point here."""
+        system = self._system
+        xe, ue = np.array(design.xe), np.array(design.ue)
+        self._place = None
+        if design.system != system.name or (len(xe), len(ue)) != (system.n, system.m) or not (
+                np.isfinite(xe).all() and np.isfinite(ue).all()):
+            return
+        velocity = self._plane.locate(system.f(xe, ue))[:2]
+        if np.isfinite(velocity).all():
+            self._place, self._input, self._velocity = self._plane.locate(xe), ue, velocity
+
+    def fill(self, place: Place, stamp: Time) -> list[Marker]:
+        """Return the markers, for a plant at (px, py, theta); the next call fills them."""
+        if self._place is None:
+            return []
+        speed = math.hypot(*self._velocity)
+        if speed <= AT_REST:
+            return self._body.fill(self._place, self._input, stamp)
+        self._line.header.stamp = stamp
+        self._line.points = [self._point(place, speed, ahead) for ahead in (-BEHIND, AHEAD)]
+        return [self._line]
+
+    def _point(self, place: Place, speed: float, ahead: float) -> Any:
+        """Return the point of the line that is `ahead` [m] of the plant."""
+        along, across = (each / speed for each in self._velocity)
+        px, py, _ = self._place or place
+        passed = along * (place[0] - px) + across * (place[1] - py) + ahead
+        return self._plane.point(px + along * passed, py + across * passed)
 
 
 def make_marker(name: str, number: int, kind: int, colour: Colour, opacity: float = 1.0) -> Marker:

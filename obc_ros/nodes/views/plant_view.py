@@ -10,29 +10,30 @@ a second. This is done in the thread of the executor; another one publishes the 
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
+from importlib import import_module, util
 import math
 from time import monotonic
+from typing import Any
 
 from builtin_interfaces.msg import Time
-from geometry_msgs.msg import PoseStamped
+from geometry_msgs.msg import Pose, PoseStamped, TransformStamped
 from nav_msgs.msg import Path
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.systems.system import System
 from obc_ros.core.text.errors import StatementError
 from obc_ros.msg import LqrDesign
-from obc_ros.nodes.views.bodies import BodyMarkers, InputMarkers
-from obc_ros.nodes.views.frames import check_frames, FrameBroadcaster
-from obc_ros.nodes.views.plane import PlaneMap
-from obc_ros.nodes.views.scene import Scene
-from obc_ros.nodes.views.set_point import SetPointMarkers
-from obc_ros.ros.conversions import ODOM
+from obc_ros.nodes.views.bodies import BodyMarkers, InputMarkers, Place, SetPointMarkers
+from obc_ros.nodes.views.scene import PlaneMap, Scene
+from obc_ros.ros.conversions import BASE, ODOM
 from obc_ros.ros.execution.callback_guards import guard_callbacks, STEADY
 from obc_ros.ros.messages import make_stamp
 from obc_ros.ros.service_qos import LATCHED_QOS
 from rclpy.node import Node
+from rclpy.publisher import Publisher
 
 FASTEST = 30.0      # [Hz] largest rate of the markers
 LONGEST_TRAIL = 500   # poses
+TF_MESSAGES = 'tf2_msgs'   # not among the wheels of ROS 2
 IDLE_PERIOD = 0.5          # [s] between two looks for subscribers
 TRAIL_PERIOD = 0.2  # [s] between two poses of the trail: a path of 100 poses takes 1 ms to publish
 STEP = 1e-3         # [m] least distance between two poses of the trail
@@ -48,20 +49,11 @@ class Moment:
     u: Array
 
 
-@dataclass(frozen=True)
-class ViewSettings:
-    """What a view shows: see the parameters of plant_simulator."""
-
-    markers: bool
-    rate: float
-    trail_length: int
-    publish_tf: bool
-
-
-def check_view(system: System, settings: ViewSettings) -> None:
+def check_view(system: System, settings: Any) -> None:
     """
     Check that a view can show what is wanted.
 
+    :param settings: the parameters of plant_simulator.
     :raises StatementError: if the frame of the plant is wanted, and it has none or there is no
         message for it.
     """
@@ -70,20 +62,29 @@ def check_view(system: System, settings: ViewSettings) -> None:
     if not (system.plane and {'px', 'py', 'theta'} <= set(system.state_names)):
         raise StatementError(f'publish_tf: the states of {system.name} '
                              f'({", ".join(system.state_names)}) are not a pose in a plane')
-    check_frames()
+    if util.find_spec(TF_MESSAGES) is None:
+        raise StatementError('publish_tf: the package tf2_msgs is missing; install it '
+                             '(ros-$ROS_DISTRO-tf2-msgs), or leave publish_tf out')
+
+
+def make_transform(pose: Pose, stamp: Time) -> Any:
+    """Return the transform from the body at a pose to odom."""
+    message = TransformStamped(child_frame_id=BASE)
+    message.header.frame_id, message.header.stamp = ODOM, stamp
+    position, translation = pose.position, message.transform.translation
+    translation.x, translation.y, translation.z = position.x, position.y, position.z
+    message.transform.rotation = pose.orientation
+    return message
 
 
 class PlantView:
     """
     The view of the plant of a node.
 
-    :param node: the node that publishes.
-    :param system: the plant.
-    :param settings: what is shown.
     :param observe: returns the last published state.
     """
 
-    def __init__(self, node: Node, system: System, settings: ViewSettings,
+    def __init__(self, node: Node, system: System, settings: Any,
                  observe: Callable[[], Moment]) -> None:
         self._observe = observe
         self._plane = PlaneMap(system.state_names, system.plane)
@@ -92,14 +93,17 @@ class PlantView:
             return
         self._scene = Scene(node, 'markers', 1)
         self._path = node.create_publisher(Path, 'trail', 1)
-        self._frames = FrameBroadcaster(node) if settings.publish_tf else None
+        self._frames: Publisher | None = None
+        if settings.publish_tf:
+            kind = import_module(TF_MESSAGES + '.msg').TFMessage
+            self._frames = node.create_publisher(kind, 'tf', 100)   # as tf2_ros does
         self.adopt(system, settings)
         node.create_subscription(LqrDesign, 'lqr_node/design', self._take, LATCHED_QOS)
         self._timer = node.create_timer(
             IDLE_PERIOD, self._publish, clock=STEADY)
         guard_callbacks(node, self._timer, 'view of the plant')
 
-    def adopt(self, system: System, settings: ViewSettings) -> None:
+    def adopt(self, system: System, settings: Any) -> None:
         """Show a plant with other parameters, or something else of it."""
         if not self._plane.has_places:
             return
@@ -121,9 +125,9 @@ class PlantView:
         wanted = self._settings.markers
         markers = wanted and self._scene.is_watched
         trail = wanted and bool(self._trail.maxlen) and self._path.get_subscription_count() > 0
-        frame = self._frames is not None and self._frames.is_watched
+        frame = self._frames is not None and self._frames.get_subscription_count() > 0
         idle = TRAIL_PERIOD if trail else IDLE_PERIOD
-        period = 1.0 / self._settings.rate if markers or frame else idle
+        period = 1.0 / self._settings.marker_rate if markers or frame else idle
         self._timer.timer_period_ns = round(period * 1e9)
         if not wanted:
             self._scene.clear()
@@ -141,12 +145,13 @@ class PlantView:
                 *self._body.fill(place, moment.u, stamp),
                 *self._input.fill(place, moment.u, stamp), *self._set_point.fill(place, stamp)])
         if frame and self._frames is not None:
-            self._frames.publish(self._plane.pose(*place), stamp)
+            self._frames.publish(self._frames.msg_type(
+                transforms=[make_transform(self._plane.pose(*place), stamp)]))
         if trail and (now := monotonic()) >= self._due:
             self._due = now + TRAIL_PERIOD
             self._extend(place, moment.time, stamp)
 
-    def _extend(self, place: tuple[float, float, float], time: float, stamp: Time) -> None:
+    def _extend(self, place: Place, time: float, stamp: Time) -> None:
         """Add a pose to the trail, which begins anew after a reset, and publish it."""
         if time < self._since:
             self._trail.clear()

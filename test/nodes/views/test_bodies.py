@@ -14,10 +14,14 @@ from numpy.testing import assert_allclose
 from obc_ros.core.systems import registry
 from obc_ros.core.systems.system import define, Signal
 from obc_ros.msg import LqrDesign
-from obc_ros.nodes.views.bodies import BodyMarkers, EXHAUST_LENGTH, InputMarkers
-from obc_ros.nodes.views.frames import make_transform
-from obc_ros.nodes.views.plane import PlaneMap
-from obc_ros.nodes.views.set_point import SetPointMarkers
+from obc_ros.nodes.views.bodies import (
+    BodyMarkers,
+    EXHAUST_LENGTH,
+    InputMarkers,
+    SetPointMarkers,
+)
+from obc_ros.nodes.views.plant_view import make_transform
+from obc_ros.nodes.views.scene import PlaneMap
 from obc_ros.ros.conversions import OdometryMap
 import pytest
 from visualization_msgs.msg import Marker

@@ -9,8 +9,13 @@ import numpy as np
 from numpy.testing import assert_allclose
 from obc_ros.core.ocp.statement import build_problem
 from obc_ros.msg import Trajectory
-from obc_ros.nodes.views.obstacles import find_boundaries, find_box
-from obc_ros.nodes.views.plan_messages import make_markers, make_path, MOST_POSES
+from obc_ros.nodes.views.plan_messages import (
+    find_boundaries,
+    find_box,
+    make_markers,
+    make_path,
+    MOST_POSES,
+)
 from obc_ros.nodes.views.plan_view import PlanView
 from obc_ros.ros.messages import build_problem_message, read_nanoseconds
 from obc_ros.srv import PlanMotion, SolveOptimalControl

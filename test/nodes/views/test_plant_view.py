@@ -12,9 +12,9 @@ from numpy.testing import assert_allclose
 from obc_ros.core.systems import registry
 from obc_ros.core.text.errors import StatementError
 from obc_ros.msg import State
-from obc_ros.nodes.plant_simulator import PlantSimulator
-from obc_ros.nodes.views import frames
-from obc_ros.nodes.views.plant_view import check_view, FASTEST, ViewSettings
+from obc_ros.nodes.plant_simulator import PlantSimulator, Settings
+from obc_ros.nodes.views import plant_view
+from obc_ros.nodes.views.plant_view import check_view, FASTEST
 from obc_ros.ros.messages import read_nanoseconds
 import pytest
 from std_srvs.srv import Trigger
@@ -178,10 +178,10 @@ def test_a_plant_without_positions_has_no_view(spawn, probe):
 
 
 def test_a_frame_is_refused_in_words_where_it_cannot_be_published(monkeypatch):
-    settings = ViewSettings(markers=True, rate=30.0, trail_length=100, publish_tf=True)
+    settings = Settings(publish_tf=True)
     with pytest.raises(StatementError, match='py, theta.* are not a pose in a plane'):
         check_view(registry.get_system('vehicle_lateral'), settings)
-    monkeypatch.setattr(frames.util, 'find_spec', lambda name: None)
+    monkeypatch.setattr(plant_view.util, 'find_spec', lambda name: None)
     with pytest.raises(StatementError, match='tf2_msgs is missing; install it'):
         check_view(registry.get_system('vehicle'), settings)
 
