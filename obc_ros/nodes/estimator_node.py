@@ -29,6 +29,8 @@ from obc_ros.msg import Command, Estimate, LqrDesign, Measurement, State
 from obc_ros.nodes.estimator_messages import (
     EstimateMessages,
     estimator_status,
+    fill_noise,
+    suggest_noise,
     Traffic,
     UNUSABLE,
 )
@@ -37,7 +39,6 @@ from obc_ros.nodes.estimator_settings import (
     judge_estimator_settings,
     Settings,
 )
-from obc_ros.nodes.noise_suggestions import fill_noise, suggest_noise
 from obc_ros.ros.conversions import OdometryMap
 from obc_ros.ros.diagnostics import Diagnostics
 from obc_ros.ros.execution.callback_guards import guard_callbacks, STEADY

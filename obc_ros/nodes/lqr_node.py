@@ -17,14 +17,14 @@ from time import time_ns
 from typing import Any
 
 from obc_ros.core.lqr.design.reference_checks import check
-from obc_ros.core.lqr.design.reference_tracking import Course
+from obc_ros.core.lqr.design.reference_tracking import Course, read_course
 from obc_ros.core.lqr.design.report import change
-from obc_ros.core.text.errors import ObcError, RefusedReferenceError, StatementError
+from obc_ros.core.lqr.weight_search import StepSpecifications, suggest
+from obc_ros.core.systems.system import System
+from obc_ros.core.text.errors import ObcError, quote, RefusedReferenceError, StatementError
 from obc_ros.msg import LqrDesign, Trajectory
-from obc_ros.nodes.control.controller_node import ControllerNode, OVERRIDES
-from obc_ros.nodes.control.design_message import design_message
+from obc_ros.nodes.control.controller_node import ControllerNode, design_message, OVERRIDES
 from obc_ros.nodes.lqr.prediction import explain_idleness, Oracle
-from obc_ros.nodes.lqr.reference_messages import is_same_reference, read_courses
 from obc_ros.nodes.lqr.settings import (
     apply_request,
     describe_ending,
@@ -32,9 +32,8 @@ from obc_ros.nodes.lqr.settings import (
     LqrCandidate,
     Settings,
 )
-from obc_ros.nodes.lqr.weight_suggestions import fill_suggestion, suggest_weights
 from obc_ros.ros.execution.executor import run
-from obc_ros.ros.messages import read_nanoseconds, set_stamp
+from obc_ros.ros.messages import flatten_doubles, read_nanoseconds, set_stamp
 from obc_ros.ros.service_qos import LATCHED_QOS
 from obc_ros.srv import FollowReference, PredictState, SuggestWeights, TryDesign
 from rclpy.qos_overriding_options import QoSOverridingOptions
@@ -74,8 +73,7 @@ class LqrNode(ControllerNode):
 
     def _judge(self, settings: Settings) -> LqrCandidate:
         candidate = judge_lqr_settings(settings, self._courses_of(settings))
-        if self._adopted and candidate.control.names != self._adopted.control.names:
-            raise StatementError('the states of a running node cannot change: start another node')
+        self._check_states(candidate)
         return candidate
 
     def _courses_of(self, settings: Settings) -> tuple[Course, ...]:
@@ -93,19 +91,17 @@ class LqrNode(ControllerNode):
     def _forget(self) -> None:
         self._courses, self._accepted = (), None
 
-    def _note_refused(self, reason: str) -> None:
-        self._refuse_reference(reason)
-
     async def _on_reference(self, message: Trajectory, info: Any) -> None:
         """Follow a reference; one without samples ends the one that is followed."""
         accepted, self._accepted = self._accepted, None
-        if accepted is not None and is_same_reference(message, accepted):
+        if accepted is not None and all(getattr(message, name) == getattr(accepted, name)
+                                        for name in ('header', 'system', 't', 'x', 'u')):
             return   # trajectory_server publishes what was accepted
         try:
             self._check_age(message, info)
             await self._follow(message, is_judged_ahead=False)
         except ObcError as error:
-            self._refuse_reference(str(error))
+            self._note_refused(str(error))
 
     async def _on_follow_reference(self, request: FollowReference.Request,
                                    response: FollowReference.Response
@@ -116,7 +112,7 @@ class LqrNode(ControllerNode):
             response.message = await self._follow(request.reference, is_judged_ahead=True)
         except ObcError as error:
             response.message = str(error)
-            self._refuse_reference(response.message)
+            self._note_refused(response.message)
         else:
             response.success, self._accepted = True, request.reference
         return response
@@ -172,7 +168,7 @@ class LqrNode(ControllerNode):
                 raise RefusedReferenceError(f'predicted for its beginning: {reason}')
         return courses, candidate
 
-    def _refuse_reference(self, reason: str) -> None:
+    def _note_refused(self, reason: str) -> None:
         self._monitor.refused(f'reference: {reason}')
         self._log.warning('reference', f'a reference was rejected: {reason}')
 
@@ -197,7 +193,18 @@ class LqrNode(ControllerNode):
 
     def _suggest(self, request: SuggestWeights.Request, response: SuggestWeights.Response) -> None:
         """Fill a response with weights and their design; at the desk."""
-        fill_suggestion(response, suggest_weights(request, self._adopted.design.plant))
+        plant = self._adopted.design.plant
+        found = suggest(
+            plant.A, plant.B,
+            StepSpecifications(request.rise_time, request.overshoot, tuple(request.peak_input)),
+            x_max=tuple(request.x_max), u_max=tuple(request.u_max),
+            inputs=plant.system.input_names)
+        response.success, response.message = found.success, found.message
+        response.qx = flatten_doubles(found.best.weights.Qx)
+        response.qu = flatten_doubles(found.best.weights.Qu)
+        for name in ('scale', 'rise_time', 'overshoot', 'peak_input'):
+            setattr(response, f'table_{name}', flatten_doubles(
+                [getattr(each, name) for each in found.table]))
         response.design = self._tried({
             'weights': 'matrices', 'cross': (),
             'stability': 0.0, 'Qx': tuple(response.qx), 'Qu': tuple(response.qu)})
@@ -208,6 +215,30 @@ class LqrNode(ControllerNode):
         made = change(self._adopted.design, candidate.design,
                       self._loop.preview(candidate.control))
         return design_message(candidate.design, made, self._loop.error, candidate.note)
+
+
+def read_courses(message: Trajectory, system: System, frame: str, followed: tuple[Course, ...]
+                 ) -> tuple[Course, ...]:
+    """
+    Return the references to follow after a message, in the order of their beginnings.
+
+    :param message: the new reference; without samples: no reference.
+    :param frame: frame of its states; empty: not known.
+    :param followed: the one that is followed, if any: it goes on until the new one begins.
+    :raises StatementError: if the message is not a reference for the system.
+    """
+    if not message.t and not message.x and not message.u:
+        return ()
+    if message.system not in ('', system.name):
+        raise StatementError(f"system = '{quote(message.system)}': wanted {system.name}")
+    given = message.header.frame_id
+    if given and frame and given != frame:
+        raise StatementError(f"frame_id = '{quote(given)}': wanted the frame of the states, "
+                             f"'{quote(frame)}'")
+    stamp = read_nanoseconds(message.header.stamp)
+    new = read_course(system, (message.state_names, message.input_names), message.t, message.x,
+                      message.u, message.interpolation, stamp or None)
+    return (*followed, new)
 
 
 def main() -> int:

@@ -35,9 +35,7 @@ from obc_ros.core.closed_loop.laws import free_drift
 from obc_ros.core.text.errors import ObcError, StatementError
 from obc_ros.msg import Trajectory
 from obc_ros.nodes.control.controller_node import CHECK_PERIOD, ControllerNode
-from obc_ros.nodes.mpc.plan_laws import make_plan
-from obc_ros.nodes.mpc.plan_messages import make_plan_message
-from obc_ros.nodes.mpc.plan_monitor import PlanMonitor
+from obc_ros.nodes.mpc.plans import make_plan, make_plan_message, PlanMonitor
 from obc_ros.nodes.mpc.settings import (
     find_solver_priority,
     judge_mpc_settings,
@@ -126,8 +124,7 @@ class MpcNode(ControllerNode):
 
     def _judge(self, settings: Settings) -> MpcCandidate:
         candidate, now = judge_mpc_settings(settings), self._adopted
-        if now and candidate.control.names != now.control.names:
-            raise StatementError('the states of a running node cannot change: start another node')
+        self._check_states(candidate)
         if now and pack(candidate.problem) == pack(now.problem):
             same = replace(candidate, link=now.link)
             return same if now.ready is None else same.with_terminal_set(now.ready)

@@ -12,7 +12,7 @@ from obc_ros.core.lqr.design.design import design, linearize_plant, Sampling
 from obc_ros.core.lqr.design.report import Change
 from obc_ros.core.systems import registry
 from obc_ros.msg import LqrWeights
-from obc_ros.nodes.control.design_message import design_message
+from obc_ros.nodes.control.controller_node import design_message
 from obc_ros.srv import DesignLqr
 import pytest
 from scipy.linalg import expm

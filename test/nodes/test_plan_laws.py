@@ -4,7 +4,7 @@
 
 import numpy as np
 from obc_ros.core.closed_loop.laws import select_plan
-from obc_ros.nodes.mpc.plan_laws import make_plan
+from obc_ros.nodes.mpc.plans import make_plan
 from obc_ros.nodes.mpc.settings import judge_mpc_settings, Settings
 from obc_ros.workers.wire import Packet
 

@@ -3,7 +3,7 @@
 """Which of several publishers of states is used, from the numbers of their messages."""
 
 from hypothesis import given, strategies
-from obc_ros.nodes.control.source_watch import FAR, Source, SourceWatch
+from obc_ros.nodes.control.topic_peers import FAR, Source, SourceWatch
 
 
 @given(strategies.integers(0, 10**6), strategies.lists(strategies.integers(1, FAR), max_size=50))

@@ -14,19 +14,19 @@ assignment.
 The module is long because a node is one class.
 """
 
+from collections.abc import Sequence
 from time import monotonic, time_ns
 from typing import Any
 
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticStatus
 from lifecycle_msgs.srv import ChangeState
-from obc_ros.core.closed_loop.control import Control
 from obc_ros.core.closed_loop.loop import ControlLoop
 from obc_ros.core.closed_loop.modes import Mode
-from obc_ros.core.lqr.design.report import Change, change
+from obc_ros.core.lqr.design.design import Design
+from obc_ros.core.lqr.design.report import Change, change, report_fields
 from obc_ros.core.text.errors import quote, StatementError
 from obc_ros.msg import LqrDesign, State
-from obc_ros.nodes.control import topic_peers
 from obc_ros.nodes.control.command_sinks import Sink
 from obc_ros.nodes.control.controller_settings import (
     ControllerCandidate,
@@ -34,16 +34,15 @@ from obc_ros.nodes.control.controller_settings import (
     describe_opening,
     explain_former_limits,
 )
-from obc_ros.nodes.control.design_message import design_message
 from obc_ros.nodes.control.loop_monitor import LoopMonitor, predict_error
-from obc_ros.nodes.control.source_watch import Source, SourceWatch
+from obc_ros.nodes.control.topic_peers import find_faults, Source, SourceWatch
 from obc_ros.ros import state_sources
 from obc_ros.ros.conversions import make_body_reader
 from obc_ros.ros.diagnostics import Diagnostics
 from obc_ros.ros.execution.callback_guards import STEADY
 from obc_ros.ros.execution.subscription_thread import Apart, OwnThread
 from obc_ros.ros.execution.worker_thread import WorkerThread
-from obc_ros.ros.messages import make_stamp, read_nanoseconds
+from obc_ros.ros.messages import build_lqr_design, make_stamp, read_nanoseconds
 from obc_ros.ros.parameters.node_parameters import Parameters
 from obc_ros.ros.repeated_messages import RepeatedReader
 from obc_ros.ros.service_qos import BEST_EFFORT, LATCHED_QOS
@@ -64,12 +63,7 @@ _KINDS = {state_sources.FrameError: 'frame', state_sources.NamesError: 'names'} 
 
 
 class ControllerNode(LifecycleNode):  # type: ignore[misc] # rclpy's classes are untyped
-    """
-    A controller; see the module's text.
-
-    :param name: name of the node.
-    :param table: dataclass of its parameters.
-    """
+    """A controller; see the module's text."""
 
     def __init__(self, name: str, table: type[ControllerSettings], **options: Any) -> None:
         super().__init__(name, allow_undeclared_parameters=True, **options)
@@ -98,6 +92,10 @@ class ControllerNode(LifecycleNode):  # type: ignore[misc] # rclpy's classes are
     def _judge(self, settings: Any) -> ControllerCandidate:
         """Return the candidate of parameters, or raise ObcError."""
         raise NotImplementedError
+
+    def _check_states(self, candidate: ControllerCandidate) -> None:
+        if self._adopted and candidate.control.names != self._adopted.control.names:
+            raise StatementError('the states of a running node cannot change: start another node')
 
     def _shared_topics(self) -> list[str]:
         """Return the topics that may have several publishers."""
@@ -258,11 +256,7 @@ class ControllerNode(LifecycleNode):  # type: ignore[misc] # rclpy's classes are
             self._change = change(
                 before.design, candidate.design, self._loop.preview(candidate.control))
             self._designed.trigger()   # margins take time
-        self._use(candidate.control)
-
-    def _use(self, control: Control) -> None:
-        """Let the loop use a control from the next state on."""
-        self._loop.adopt(control)
+        self._loop.adopt(candidate.control)   # it uses the control from the next state on
 
     async def _publish_design(self) -> None:
         self._send_design(await self._desk.run(self._make_design))
@@ -387,7 +381,7 @@ class ControllerNode(LifecycleNode):  # type: ignore[misc] # rclpy's classes are
     def _diagnose(self) -> None:
         self._log_news()
         self._look_at_clock()
-        for sentence in self._monitor.found(topic_peers.find_faults(
+        for sentence in self._monitor.found(find_faults(
                 self, [self._states.topic_name, self._commands.topic_name],
                 self._shared_topics())):
             self.get_logger().warning(sentence)
@@ -399,3 +393,18 @@ class ControllerNode(LifecycleNode):  # type: ignore[misc] # rclpy's classes are
         self._diagnostics.publish(
             [*statuses, *self._statuses()], self._time(), self._table.settings.hardware_id,
             self._adopted.design.plant.system.name, self._monitor.told)
+
+
+def design_message(design: Design, made: Change, error: Sequence[float] | None, note: str = ''
+                   ) -> LqrDesign:
+    """
+    Return the message of a design, without stamp and revision.
+
+    :param made: the change from the previous design.
+    :param error: current x - xe (n,).
+    :param note: text to append to the sentence.
+    """
+    message = build_lqr_design(report_fields(design, made, error))
+    if note:
+        message.sentence += f'; {note}'
+    return message

@@ -8,14 +8,20 @@ starts from rest (`transition_time`). Without `system`, the plant is the aircraf
 plant_simulator, which needs neither. Parameter files of simulated plants decline both.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 import functools
-from typing import Any, Protocol
+from typing import Any
 
 from obc_ros.core.closed_loop.control import Control, ENVELOPE, Rules, STALE
 from obc_ros.core.closed_loop.feedback import InputLimits, Vector
-from obc_ros.core.lqr.design.design import Design, linearize_plant, LinearizedPlant
+from obc_ros.core.lqr.design.design import (
+    Design,
+    design,
+    linearize_plant,
+    LinearizedPlant,
+    Sampling,
+)
 from obc_ros.core.lqr.design.set_point import (
     check_all_limited,
     describe_set_point,
@@ -119,64 +125,70 @@ class ControllerSettings:
         'services', read_only=True)
 
 
-class ControllerCandidate(Protocol):
-    """What the judgement of a controller's parameters returns; replaced as a whole."""
+@dataclass(frozen=True, eq=False)
+class ControllerCandidate:
+    """The regulator at the set point and the control of valid parameters, replaced as a whole."""
 
-    @property
-    def settings(self) -> Any:
-        """Return the parameters, a `ControllerSettings`."""
-
-    @property
-    def design(self) -> Design:
-        """Return the regulator at the set point."""
-
-    @property
-    def control(self) -> Control:
-        """Return what determines the commands."""
+    settings: Any
+    design: Design
+    control: Control
 
     @property
     def gains(self) -> tuple[Any, ...]:
         """Return the objects that determine the gain; they are identical if it is unchanged."""
+        raise NotImplementedError
 
     @property
     def note(self) -> str:
         """Return text for the sentence of the design; empty: none."""
+        raise NotImplementedError
 
 
-def make_key(value: Any) -> Any:
-    """Return a parameter as a key of a cache."""
-    return tuple(sorted(value.items())) if isinstance(value, Mapping) else value
+def design_regulator_of(settings: ControllerSettings, more: tuple[str, ...],
+                        find_sampling: Callable[[dict[str, Any]], Sampling]) -> Design:
+    """
+    Return the regulator of a controller; one in use is not computed again.
+
+    :param more: names of further parameters that determine it.
+    :param find_sampling: gets these parameters by name.
+    :raises ObcError: if a parameter is rejected.
+    """
+    names = (*_PLANT, *_WEIGHTS, *more)
+    values = (getattr(settings, name) for name in names)
+    return _design(names, tuple(
+        tuple(sorted(each.items())) if isinstance(each, Mapping) else each for each in values),
+        find_sampling)
+
+
+_PLANT = ('system', 'system_parameters', 'setpoint', 'setpoint_input')
+_WEIGHTS = ('weights', 'Qx', 'Qu', 'cross', 'x_max', 'u_max', 'H', 'rho')
 
 
 @functools.lru_cache(maxsize=4)
-def linearize_system(system: str, parameters: tuple[tuple[str, Value], ...], setpoint: Vector,
-                     setpoint_input: Vector) -> LinearizedPlant:
-    """Return the plant at its set point; the parameters of the system as `make_key` returns."""
-    return linearize_plant(choose_system(system, dict(parameters)), setpoint, setpoint_input)
-
-
-def fill_weights(given: dict[str, Any], held: LinearizedPlant) -> None:
-    """
-    Set what is missing for a kind of weights, so that `weights` can be set before it.
-
-    :param given: parameters by name; changed are x_max (n,) and u_max (m,) of Bryson's rule to 1
-        each, in their units, and H (n*n,) to the identity.
-    :param held: the plant.
-    """
+def _design(names: tuple[str, ...], values: tuple[Any, ...],
+            find_sampling: Callable[[dict[str, Any]], Sampling]) -> Design:
+    given = dict(zip(names, values, strict=True))
+    held = _linearize(*(given[name] for name in _PLANT))
+    n, m = held.system.n, held.system.m
+    # What is missing for a kind of weights is set, so that `weights` can be set before it.
     if given['weights'] == 'bryson':
-        given['x_max'] = given['x_max'] or (1.0,) * held.system.n
-        given['u_max'] = given['u_max'] or (1.0,) * held.system.m
+        given['x_max'], given['u_max'] = given['x_max'] or (1.0,) * n, given['u_max'] or (1.0,) * m
     elif given['weights'] == 'output':
-        n = held.system.n
         given['H'] = given['H'] or tuple(float(i == j) for i in range(n) for j in range(n))
+    return design(held, {name: given[name] for name in (*_WEIGHTS, 'stability') if name in given},
+                  given.get('integral', ()), given.get('Qi', ()), find_sampling(given))
+
+
+@functools.lru_cache(maxsize=4)
+def _linearize(system: str, parameters: tuple[tuple[str, Value], ...], setpoint: Vector,
+               setpoint_input: Vector) -> LinearizedPlant:
+    return linearize_plant(choose_system(system, dict(parameters)), setpoint, setpoint_input)
 
 
 def make_input_limits(settings: ControllerSettings, held: LinearizedPlant) -> InputLimits:
     """
-    Return the limits of the inputs of a plant.
+    Return the limits of the inputs of a plant at its set point.
 
-    :param settings: the parameters.
-    :param held: the plant at its set point.
     :raises StatementError: if the limits are of wrong size, or missing without `unlimited`.
     """
     angles = tuple(i for i, is_angle in enumerate(held.system.angles) if is_angle)
@@ -190,8 +202,6 @@ def check_messages(settings: ControllerSettings, held: LinearizedPlant) -> None:
     """
     Check that the messages of states and commands are those of a plant, by converting some.
 
-    :param settings: the parameters.
-    :param held: the plant at its set point.
     :raises StatementError: if a message does not determine the state, does not carry an input, or
         is not finite at the set point or at rest.
     """
@@ -205,7 +215,6 @@ def make_rules(settings: ControllerSettings, rate: float, names: tuple[str, ...]
     """
     Return the rules of a control loop.
 
-    :param settings: the parameters.
     :param rate: maximum rate of the commands [Hz]; 0: a command for every state.
     :param names: (n,) names of the states.
     :raises StatementError: if x_limits are of wrong size or sign, or state_timeout is too short.
@@ -228,8 +237,7 @@ def make_rules(settings: ControllerSettings, rate: float, names: tuple[str, ...]
         period=round(min(1e9 / rate, 1e18)) if rate else 0,
         state_timeout=settings.state_timeout, on_stale=settings.on_stale, x_limits=bounds,
         on_envelope=settings.on_envelope, transition_time=settings.transition_time,
-        from_rest=True,
-        stamp_timeout=settings.stamp_timeout)
+        from_rest=True, stamp_timeout=settings.stamp_timeout)
 
 
 def explain_former_limits(given: Mapping[str, Any], values: Mapping[str, Value]) -> str:
@@ -249,11 +257,7 @@ def explain_former_limits(given: Mapping[str, Any], values: Mapping[str, Value])
 
 
 def describe_opening(candidate: ControllerCandidate) -> str:
-    """
-    Describe what a node is about to do: plant, set point, limits, topics and frame.
-
-    :param candidate: the adopted settings.
-    """
+    """Describe what a node is about to do: plant, set point, limits, topics and frame."""
     settings, held = candidate.settings, candidate.design.plant
     limits = candidate.control.limits
     bounds = zip(held.system.inputs, limits.lower, limits.upper, strict=True)

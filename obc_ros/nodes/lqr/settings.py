@@ -1,19 +1,26 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Parameters of lqr_node, and the control that they specify.
+Parameters of lqr_node, and the control that they specify, with its gain schedule.
 
 The rows that mpc_node has too are in `controller_settings`.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 import functools
 import math
 from typing import Any
 
-from obc_ros.core.closed_loop.control import Control, Horizon, Leg, Rules
-from obc_ros.core.closed_loop.feedback import convert_rows, Vector
-from obc_ros.core.lqr.design.design import Design, design, Sampling
+from obc_ros.core.closed_loop.control import Control, Horizon, Leg, Rules, Schedule
+from obc_ros.core.closed_loop.feedback import convert_rows, convert_vector, Gains, Vector
+from obc_ros.core.lqr.design.design import (
+    Design,
+    linearize_plant,
+    LinearizedPlant,
+    Sampling,
+    schedule_gains,
+)
 from obc_ros.core.lqr.design.reference_checks import compute_allowed_error
 from obc_ros.core.lqr.design.reference_tracking import (
     compute_horizon_law,
@@ -23,18 +30,17 @@ from obc_ros.core.lqr.design.reference_tracking import (
 from obc_ros.core.lqr.design.set_point import check_set_point
 from obc_ros.core.lqr.weights import count, square
 from obc_ros.core.riccati.checks import check_semidefinite
-from obc_ros.core.text.errors import StatementError
+from obc_ros.core.systems.system import System
+from obc_ros.core.text.errors import quote, StatementError
 from obc_ros.msg import LqrWeights
 from obc_ros.nodes.control.controller_settings import (
     check_messages,
+    ControllerCandidate,
     ControllerSettings,
-    fill_weights,
-    linearize_system,
+    design_regulator_of,
     make_input_limits,
-    make_key,
     make_rules,
 )
-from obc_ros.nodes.lqr.gain_schedule import make_schedule
 from obc_ros.ros.parameters.node_parameters import declare_field
 from obc_ros.ros.parameters.table import is_used
 
@@ -85,16 +91,12 @@ class Settings(ControllerSettings):
 
 
 @dataclass(frozen=True, eq=False)
-class LqrCandidate:
+class LqrCandidate(ControllerCandidate):
     """The design and control of a valid set of parameters."""
-
-    settings: Settings
-    design: Design
-    control: Control
 
     @property
     def gains(self) -> tuple[Any, ...]:
-        """Return the objects that determine the gain; they are identical if it is unchanged."""
+        """Return the objects that determine the gain."""
         return self.design, self.control.horizon, self.control.schedule
 
     @property
@@ -112,11 +114,10 @@ def judge_lqr_settings(settings: Settings, courses: tuple[Course, ...] = ()) -> 
     """
     Return the design and the control for a set of parameters.
 
-    :param settings: the parameters.
     :param courses: the references to follow, in the order of their beginnings.
     :raises ObcError: if a parameter or a reference is rejected; the message names the parameter.
     """
-    found = _design(*(make_key(getattr(settings, name)) for name in _DESIGN))
+    found = design_regulator_of(settings, _DESIGN, _find_sampling)
     check_messages(settings, found.plant)
     check_set_point(found.plant, settings.setpoint, settings.setpoint_input)
     if settings.P1:
@@ -126,7 +127,9 @@ def judge_lqr_settings(settings: Settings, courses: tuple[Course, ...] = ()) -> 
         raise StatementError('horizon and schedule: wanted one or the other')
     names = found.plant.system.state_names
     rules = make_rules(settings, settings.rate, names)
-    _check_size('start_tolerance', settings.start_tolerance, names)
+    if len(settings.start_tolerance) not in (0, len(names)):
+        raise StatementError(f'start_tolerance has {count(len(settings.start_tolerance))}; wanted '
+                             f'{len(names)} ({", ".join(names)})')
     return LqrCandidate(settings, found, Control(
         regulator=found.regulator,
         limits=make_input_limits(settings, found.plant),
@@ -142,23 +145,14 @@ def judge_lqr_settings(settings: Settings, courses: tuple[Course, ...] = ()) -> 
 
 
 def describe_ending(course: Course, candidate: LqrCandidate) -> str:
-    """
-    Describe what happens at the end of a reference.
-
-    :param course: the reference.
-    :param candidate: the settings that follow it.
-    :return: a clause.
-    """
+    """Return a clause on what happens at the end of a reference."""
     return _leg(course, candidate.design, candidate.settings.P1)[1]
 
 
 def apply_request(weights: LqrWeights, now: Settings) -> dict[str, Any]:
     """
-    Return the settings that a message specifies; its empty fields change nothing.
+    Return by name the settings that a message changes; its empty fields change nothing.
 
-    :param weights: the message.
-    :param now: the present settings.
-    :return: changed settings by name.
     :raises StatementError: if a given field is not used with the kind of the weights.
     """
     given: dict[str, Any] = {
@@ -173,23 +167,12 @@ def apply_request(weights: LqrWeights, now: Settings) -> dict[str, Any]:
     return found
 
 
-_PLANT = ('system', 'system_parameters', 'setpoint', 'setpoint_input')
-_WEIGHTS = ('weights', 'Qx', 'Qu', 'cross', 'x_max', 'u_max', 'H', 'rho', 'stability')
-_DESIGN = (*_PLANT, *_WEIGHTS, 'integral', 'Qi', 'design', 'rate', 'sample_time', 'delay')
+_DESIGN = ('stability', 'integral', 'Qi', 'design', 'rate', 'sample_time', 'delay')
 
 
-@functools.lru_cache(maxsize=4)  # a design in use is not computed again
-def _design(*values: Any) -> Design:
-    given = dict(zip(_DESIGN, values, strict=True))
-    held = linearize_system(*(given[name] for name in _PLANT))
-    fill_weights(given, held)
-    return design(held, {name: given[name] for name in _WEIGHTS}, given['integral'], given['Qi'],
-                  _sampling(given['design'] == 'sampled', given['rate'], given['sample_time'],
-                            given['delay']))
-
-
-def _sampling(exact: bool, rate: float, sample_time: float, delay: float) -> Sampling:
-    period = 1.0 / rate if rate else 0.0
+def _find_sampling(given: dict[str, Any]) -> Sampling:
+    rate, sample_time, delay = given['rate'], given['sample_time'], given['delay']
+    exact, period = given['design'] == 'sampled', 1.0 / rate if rate else 0.0
     if sample_time < period * (1.0 - 1e-9) and sample_time:
         raise StatementError(f'sample_time = {sample_time:g}: with rate = {rate:g} commands are '
                              f'{period:g} s apart or more')
@@ -208,8 +191,8 @@ def _judged(course: Course, found: Design, settings: Settings, rules: Rules) -> 
 
 @functools.lru_cache(maxsize=4)
 def _leg(course: Course, found: Design, P1: Vector) -> tuple[Leg, str]:
-    return compute_tracking_law(course, found,
-                                square('P1', P1, found.plant.system.n) if P1 else None)
+    return compute_tracking_law(
+        course, found, square('P1', P1, found.plant.system.n) if P1 else None)
 
 
 @functools.lru_cache(maxsize=4)
@@ -217,7 +200,72 @@ def _horizon(found: Design, time: float, P1: Vector) -> Horizon:
     return compute_horizon_law(found, time, square('P1', P1, found.plant.system.n) if P1 else None)
 
 
-def _check_size(name: str, given: Vector, names: tuple[str, ...]) -> None:
-    if len(given) not in (0, len(names)):
-        raise StatementError(
-            f'{name} has {count(len(given))}; wanted {len(names)} ({", ".join(names)})')
+def make_schedule(found: Design, settings: Settings) -> tuple[Schedule | None, str]:
+    """
+    Return the schedule of a design, and the verified properties as a clause.
+
+    :param found: the design at the set point.
+    :return: schedule: the gains; None: the gain is constant, for want of a variable or its range;
+        clause: for the sentence of the design; empty without a variable.
+    :raises ObcError: if there is no such schedule.
+    """
+    if not settings.schedule:
+        return None, ''
+    is_measured = settings.state_source == 'odom'
+    index = _find_variable(found.plant.system, settings.schedule, is_measured)
+    if not settings.schedule_range:
+        return None, f'the gain does not follow {settings.schedule} without schedule_range'
+    if len(settings.schedule_range) != 2:
+        raise StatementError(f'schedule_range has {count(len(settings.schedule_range))}; wanted '
+                             'the lowest and the highest value')
+    return _scheduled(found, settings.schedule, index, settings.schedule_range, settings.setpoint,
+                      settings.setpoint_input)
+
+
+def _find_variable(system: System, name: str, is_measured: bool) -> int:
+    """Return the index of the input that is the scheduling variable; -1: a parameter is."""
+    units = {each.name: each.unit for each in system.inputs}
+    units |= {each.name: each.unit for each in system.parameters}
+    if name not in units:
+        raise StatementError(f"schedule: {system.name} has no input or parameter '{quote(name)}'; "
+                             f'it has {", ".join(units)}')
+    index = system.input_names.index(name) if name in system.input_names else -1
+    if is_measured and units[name] != 'm/s':
+        raise StatementError(f'schedule = {name}: odometry measures a speed in m/s only')
+    if index < 0 and not is_measured:
+        raise StatementError(f'schedule = {name}: a State does not contain this parameter; set '
+                             'state_source = odom')
+    return index
+
+
+@functools.lru_cache(maxsize=4)
+def _scheduled(found: Design, name: str, index: int, between: Vector, setpoint: Vector,
+               setpoint_input: Vector) -> tuple[Schedule, str]:
+    made = schedule_gains(found, _plant_at(found, name, index, setpoint, setpoint_input), *between)
+    changes = ('for any rate of change' if made.rate == math.inf else
+               f'for rates of change up to {made.rate:.3g} per second')
+    n = found.plant.system.n
+    gains = Gains(convert_vector(made.values),
+                  tuple(convert_rows(K[:, :n]) for K in made.K),
+                  tuple(convert_rows(K[:, n:]) if len(found.C) else () for K in made.K))
+    low, high = between
+    return Schedule(gains, index), (
+        f'the gain follows {name} from {low:g} to {high:g}: {len(made.values)} gains, stability '
+        f'verified on this range {changes}')
+
+
+def _plant_at(found: Design, name: str, index: int, setpoint: Vector, setpoint_input: Vector
+              ) -> Callable[[float], LinearizedPlant]:
+    """Return the plant as a function of the value of an input or, below 0, a parameter."""
+    system, ue = found.plant.system, found.plant.equilibrium.u
+
+    def at(value: float) -> LinearizedPlant:
+        if index < 0:
+            return linearize_plant(system.with_parameters({name: value}), setpoint, setpoint_input)
+        wanted = (*ue[:index], value, *ue[index + 1:])
+        there = linearize_plant(system, setpoint, wanted)
+        if there.equilibrium.u[index] != value:
+            raise StatementError(f'schedule = {name}: the set point determines this input')
+        return there
+
+    return at

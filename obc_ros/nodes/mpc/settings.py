@@ -7,25 +7,23 @@ The rows that lqr_node has too are in `controller_settings`.
 """
 
 from dataclasses import asdict, dataclass, replace
-import functools
 import math
 from typing import Any
 
 import numpy as np
 from obc_ros.core.closed_loop.control import Control, UNPLANNED
 from obc_ros.core.closed_loop.feedback import convert_rows, InputLimits, Region, Vector
-from obc_ros.core.lqr.design.design import Design, design, Sampling
+from obc_ros.core.lqr.design.design import Design, Sampling
 from obc_ros.core.lqr.design.set_point import check_set_point
 from obc_ros.core.lqr.weights import count
 from obc_ros.core.receding.formulation import add_limits
 from obc_ros.core.text.errors import StatementError
 from obc_ros.nodes.control.controller_settings import (
     check_messages,
+    ControllerCandidate,
     ControllerSettings,
-    fill_weights,
-    linearize_system,
+    design_regulator_of,
     make_input_limits,
-    make_key,
     make_rules,
 )
 from obc_ros.ros.parameters.node_parameters import declare_field, StartValues
@@ -82,7 +80,7 @@ class Settings(ControllerSettings):
 
 
 @dataclass(frozen=True, eq=False)
-class MpcCandidate:
+class MpcCandidate(ControllerCandidate):
     """
     The problem and the control of a valid set of parameters.
 
@@ -94,16 +92,13 @@ class MpcCandidate:
         known.
     """
 
-    settings: Settings
-    design: Design
-    control: Control
     problem: Packet
     link: StepLink | None = None
     ready: Packet | None = None
 
     @property
     def gains(self) -> tuple[Any, ...]:
-        """Return the objects that determine the gain; they are identical if it is unchanged."""
+        """Return the objects that determine the gain."""
         return self.design, self.control.regulator.region
 
     @property
@@ -129,13 +124,12 @@ def judge_mpc_settings(settings: Settings) -> MpcCandidate:
     """
     Return the regulator, the control and the problem for a set of parameters.
 
-    :param settings: the parameters.
     :return: without a process and a terminal set: its feedback acts nowhere.
     :raises ObcError: if a parameter is rejected; the message names it.
     """
     if not settings.rate:
         raise StatementError('rate = 0: wanted the rate of the plans')
-    found = _design(*(make_key(getattr(settings, name)) for name in _DESIGN))
+    found = design_regulator_of(settings, ('rate',), _find_sampling)
     system = found.plant.system
     check_messages(settings, found.plant)
     check_set_point(found.plant, settings.setpoint, settings.setpoint_input)
@@ -149,6 +143,10 @@ def judge_mpc_settings(settings: Settings) -> MpcCandidate:
                       on_unplanned=settings.on_unplanned),
         longest_period=found.longest_period),
         _state_problem(settings, found, limits))
+
+
+def _find_sampling(given: dict[str, Any]) -> Sampling:
+    return Sampling(1.0 / given['rate'], 0.0, True)
 
 
 def _state_problem(settings: Settings, found: Design, limits: InputLimits) -> Packet:
@@ -194,16 +192,3 @@ def _bounds(given: Vector, names: tuple[str, ...]) -> tuple[Vector, Vector]:
                                  'below the upper one')
     return given[::2], given[1::2]
 
-
-_PLANT = ('system', 'system_parameters', 'setpoint', 'setpoint_input')
-_WEIGHTS = ('weights', 'Qx', 'Qu', 'cross', 'x_max', 'u_max', 'H', 'rho')
-_DESIGN = (*_PLANT, *_WEIGHTS, 'rate')
-
-
-@functools.lru_cache(maxsize=4)   # a design in use is not computed again
-def _design(*values: Any) -> Design:
-    given = dict(zip(_DESIGN, values, strict=True))
-    held = linearize_system(*(given[name] for name in _PLANT))
-    fill_weights(given, held)
-    return design(held, {name: given[name] for name in _WEIGHTS}, (), (),
-                  Sampling(1.0 / given['rate'], 0.0, True))

@@ -13,8 +13,8 @@ from obc_ros.core.closed_loop.loop import ControlLoop
 from obc_ros.core.systems import registry
 from obc_ros.core.text.errors import ObcError
 from obc_ros.msg import Trajectory
-from obc_ros.nodes.lqr.reference_messages import read_courses
 from obc_ros.nodes.lqr.settings import judge_lqr_settings, Settings
+from obc_ros.nodes.lqr_node import read_courses
 import pytest
 
 X = [0.3, -0.2, 0.1, 0.05, -0.04, 0.02]

@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""Diagnostics of plans: the last one, the deadlines, and the solver process."""
+"""Plans of the solver process: as laws of the loop, as messages, and their diagnostics."""
 
 from collections import Counter, deque
 from collections.abc import Mapping
@@ -10,11 +10,44 @@ from time import monotonic
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
+import numpy as np
+from obc_ros.core.closed_loop.control import Control
+from obc_ros.core.closed_loop.laws import PlanLaw
 from obc_ros.core.closed_loop.loop import ControlLoop
+from obc_ros.core.closed_loop.sampled_plan import make_sampled_plan
+from obc_ros.core.systems.system import System
+from obc_ros.msg import Trajectory
 from obc_ros.ros.diagnostics import make_status
+from obc_ros.ros.messages import flatten_doubles, set_stamp
 from obc_ros.workers.wire import Packet
 
 KEPT = 1e-6   # slack below which a bound is kept
+
+
+def make_plan(reply: Packet, period: int, control: Control) -> PlanLaw:
+    """
+    Return a plan as a law, with the feedback of the set point along it.
+
+    :param reply: a plan: ``stamp`` of its first sample [ns], arrays x (N + 1, n) and u (N, m).
+    :param period: time between two samples [ns].
+    :param control: the control that follows it.
+    """
+    along = make_sampled_plan(period, reply.arrays['x'], reply.arrays['u'], control.regulator.K)
+    # It begins half a period before its first sample, see `SampledPlan`.
+    return PlanLaw(along, int(reply.plain['stamp']) - period // 2)
+
+
+def make_plan_message(reply: Packet, period: int, system: System, frame: str) -> Trajectory:
+    """Return the message of a plan: N + 1 samples in a frame; the last input is repeated."""
+    x, u = reply.arrays['x'], reply.arrays['u']
+    message = Trajectory(
+        system=system.name, state_names=list(system.state_names),
+        input_names=list(system.input_names), interpolation='zoh',
+        t=flatten_doubles(1e-9 * period * np.arange(len(x))), x=flatten_doubles(x),
+        u=flatten_doubles(np.vstack([u, u[-1:]])))
+    message.header.frame_id = frame
+    set_stamp(message.header.stamp, int(reply.plain['stamp']))
+    return message
 
 
 @dataclass
@@ -43,10 +76,6 @@ class PlanMonitor:
     def add(self, reply: Packet) -> None:
         """Store a plan."""
         self.last, self._taken = reply, monotonic()
-        self.add_time(reply)
-
-    def add_time(self, reply: Packet) -> None:
-        """Store the time of a solve."""
         seconds = float(reply.plain.get('seconds', 0.0))
         self._times.append(seconds)
         self._longest = max(self._longest, seconds)
