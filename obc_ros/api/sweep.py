@@ -27,13 +27,12 @@ from obc_ros.core.ocp.statement import load_file
 from obc_ros.core.solver.options import read_options
 from obc_ros.core.text.errors import StatementError
 from obc_ros.sweep.axes import check_count, make_axes, make_draws, RandomNumber, SweepAxis
-from obc_ros.sweep.chunk_solver import Chunk, Row
+from obc_ros.sweep.chunk_solver import Chunk, Row, solve_locally
 from obc_ros.sweep.chunks import divide_grid, Indices, order_samples
 from obc_ros.sweep.cluster.chunks_on_cluster import solve_on_cluster
 from obc_ros.sweep.cluster.connection import check_address, has_dask
 from obc_ros.sweep.dataset import import_xarray, make_dataset, write_dataset
 from obc_ros.sweep.journal import check_folder, Journal
-from obc_ros.sweep.local_workers import solve_locally
 from obc_ros.sweep.problem_numbers import ProblemNumbers
 from obc_ros.sweep.regulator_numbers import RegulatorNumbers
 from obc_ros.workers.pool import LONGEST_LIMIT, SHORTEST

@@ -45,8 +45,7 @@ from obc_ros.nodes.mpc.settings import (
 from obc_ros.ros.execution.callback_guards import STEADY
 from obc_ros.ros.execution.executor import run
 from obc_ros.ros.messages import read_nanoseconds
-from obc_ros.workers.steps.step_link import StepLink
-from obc_ros.workers.steps.step_supervisor import STEP_PATIENCE, StepSupervisor
+from obc_ros.workers.steps.step_supervisor import STEP_PATIENCE, StepLink, StepSupervisor
 from obc_ros.workers.wire import pack, Packet
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn

@@ -302,7 +302,7 @@ def fill_answer(response: Any, packet: Packet) -> None:
     """
     Fill a response or a result with the answer to a problem.
 
-    :param packet: as `solutions.pack_solution` returns it, or with a status and a message only.
+    :param packet: as `solving.pack_solution` returns it, or with a status and a message only.
     """
     plain = dict(packet.plain)
     response.certificate = build_certificate_message(plain.pop('certificate', None))

@@ -8,9 +8,11 @@ costs this point only.
 """
 
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Generator, Mapping, Sequence
 from dataclasses import dataclass
 import math
+from queue import SimpleQueue
+from threading import Event, Thread
 from typing import Any
 
 from obc_ros.workers.pool import Pool, RequestOutcome
@@ -23,6 +25,7 @@ STATUS_OF = {RequestOutcome.REFUSED: 'died', RequestOutcome.TIMED_OUT: 'timed_ou
              RequestOutcome.CANCELLED: 'cancelled'}
 
 Row = dict[str, Any]   # the answer at one point
+Finished = tuple[int, list[Row]]   # a chunk and its answers
 
 
 class ChunkStoppedError(Exception):
@@ -53,7 +56,6 @@ def solve_chunk(pool: Pool, chunk: Chunk,
     begun again; a point at which it has ended `TRIES` times has the status ``died``.
 
     :param pool: of one process, from `start_solver`.
-    :param chunk: the points.
     :param is_stopped: called several times a second.
     :raises ChunkStoppedError: if `is_stopped` returned True.
     """
@@ -94,3 +96,44 @@ def _try_chunk(pool: Pool, chunk: Chunk, is_stopped: Callable[[], bool],
             'status': STATUS_OF[answer.outcome], 'message': answer.message,
             'time': chunk.time_limit})
     return rows, ''
+
+
+def solve_locally(chunks: Sequence[Chunk], workers: int) -> Generator[Finished]:
+    """
+    Yield the answers of chunks as they are finished, by processes of this machine.
+
+    :yield: number of a chunk, and the answers at its points.
+    """
+    waiting: SimpleQueue[Chunk] = SimpleQueue()
+    finished: SimpleQueue[Finished | BaseException] = SimpleQueue()
+    stop = Event()
+    for chunk in chunks:
+        waiting.put(chunk)
+
+    def work() -> None:
+        pool = start_solver()
+        try:
+            while not stop.is_set() and not waiting.empty():
+                chunk = waiting.get_nowait()
+                finished.put((chunk.number, solve_chunk(pool, chunk, stop.is_set)))
+        except ChunkStoppedError:
+            return
+        except BaseException as error:
+            finished.put(error)
+        finally:
+            pool.close()
+
+    threads = [Thread(target=work, name='chunks', daemon=True)
+               for _ in range(min(workers, len(chunks)))]
+    for thread in threads:
+        thread.start()
+    try:
+        for _ in chunks:
+            found = finished.get()
+            if isinstance(found, BaseException):
+                raise found
+            yield found
+    finally:
+        stop.set()
+        for thread in threads:
+            thread.join()

@@ -16,7 +16,7 @@ from obc_ros.core.solver.motion_planning import find_registered
 from obc_ros.core.systems.equilibrium import Equilibrium
 from obc_ros.core.systems.system import Signal, System
 from obc_ros.core.text.errors import RefusedDesignError, StatementError
-from obc_ros.workers.kinds import answer_by, Keep
+from obc_ros.workers.solving import answer_by, Keep
 from obc_ros.workers.wire import Packet
 
 

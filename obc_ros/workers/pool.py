@@ -10,7 +10,7 @@ is first asked to stop, then ended with its process. No worker outlives the proc
 The module is long because all methods change the state of one pool.
 """
 
-from collections import Counter, deque, OrderedDict
+from collections import deque, OrderedDict
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from enum import StrEnum
@@ -63,10 +63,6 @@ class RequestAnswer:
     packet: Packet = field(default_factory=lambda: Packet({}))
 
 
-def _ignore(phase: str, iteration: int, cost: float, infeasibility: float) -> None:
-    """Ignore progress."""
-
-
 @dataclass(eq=False)
 class Job:
     """
@@ -84,7 +80,7 @@ class Job:
     request: Packet
     time_limit: float
     done: Callable[[RequestAnswer], None]
-    progress: Callable[[str, int, float, float], None] = _ignore
+    progress: Callable[[str, int, float, float], None] = lambda *_: None
     affinity: str = ''
     deadline: float = 0.0
     cancelled: bool = False
@@ -114,7 +110,6 @@ class Pool:
     :param module: imported by each worker; its ``answer(kind, request, time_limit, report, keep)
         -> Packet`` handles a request. If a worker is ended, what it has passed to `keep` is in the
         answer: the last value of each key, and the last arrays.
-    :param size: number of workers.
     :param queue_length: number of requests that may wait; further ones are rejected.
     :param memory: memory limit of a worker [bytes].
     :param affinities: number of affinities whose data a worker is expected to keep.
@@ -127,12 +122,8 @@ class Pool:
     def __init__(self, module: str, size: int, *, queue_length: int = 128,
                  memory: int = 2 << 30, affinities: int = 32, niceness: int = 3) -> None:
         check_system()
-        self.module = module
-        self.queue_length = queue_length
-        self.memory = memory
-        self.affinities = affinities
-        self.niceness = niceness
-        self.outcomes: Counter[RequestOutcome] = Counter()
+        self.module, self.memory, self.niceness = module, memory, niceness
+        self.queue_length, self.affinities = queue_length, affinities
         self.replaced = 0
         self.fault = ''
         self._closed = self.has_started = False
@@ -194,7 +185,7 @@ class Pool:
                     self._queue.append(job)
                 self._changed.notify_all()
         if refusal:
-            self.finish(job, refusal)
+            job.done(refusal)
 
     def ask(self, kind: str, request: Packet, time_limit: float,
             is_cancelled: Callable[[], bool] = lambda: False,
@@ -240,11 +231,6 @@ class Pool:
         for worker in workers:
             worker.join()
 
-    def finish(self, job: Job, answer: RequestAnswer) -> None:
-        """Count the answer and pass it to the job."""
-        self.outcomes[answer.outcome] += 1
-        job.done(answer)
-
     def has_room(self) -> bool:
         """Return whether a request need not wait."""
         return self._idle('') is not None
@@ -257,7 +243,7 @@ class Pool:
             if answers:
                 self._queue = deque(job for job in self._queue if job not in answers)
         for job, answer in answers.items():
-            self.finish(job, answer)
+            job.done(answer)
 
     def note_start(self, worker: '_Worker', why: str = '') -> None:
         """Record that `worker` has started, or why it has not."""
@@ -334,8 +320,7 @@ class _Worker(Thread):
     def __init__(self, pool: Pool) -> None:
         super().__init__(name='worker', daemon=True)
         self._pool = pool
-        self.wanted = True
-        self.ready = False
+        self.wanted, self.ready = True, False
         self.failures = 0  # consecutive failed starts
         self.job: Job | None = None
         self._kept = Packet({})
@@ -349,19 +334,23 @@ class _Worker(Thread):
 
     def run(self) -> None:
         """Keep a process running until the worker is not wanted any more."""
+        pool = self._pool
         while self.wanted:
             try:
-                self._start_process()
+                self._process = SupervisedProcess(
+                    'obc_ros.workers.process', pool.module, str(pool.memory), str(pool.niceness),
+                    has_session=True)
             except OSError as error:  # no more processes, memory or files
                 self._failed(f'{error.strerror}')
                 continue
+            self.seen.clear()
             why = self._wait_until_ready()
             if self.ready:
                 self._serve()
             self.ready = False
             self._process.close()
             if not why:
-                self._pool.replaced += self.wanted
+                pool.replaced += self.wanted
             elif self.wanted:
                 self._failed(why)
 
@@ -369,13 +358,6 @@ class _Worker(Thread):
         """Record why no process starts, and wait before the next start, longer each time."""
         self._pool.note_start(self, why)
         self._pool.pause(self, find_pause(self.failures, START_PAUSE, LONGEST_PAUSE))
-
-    def _start_process(self) -> None:
-        pool = self._pool
-        self._process = SupervisedProcess(
-            'obc_ros.workers.process', pool.module, str(pool.memory), str(pool.niceness),
-            has_session=True)
-        self.seen.clear()
 
     def _wait_until_ready(self) -> str:
         """Return why the process did not start; empty if it did."""
@@ -404,10 +386,13 @@ class _Worker(Thread):
                 if answer.outcome is not RequestOutcome.ANSWERED:
                     self._process.kill()
                 self._pool.release(self, ready=answer.outcome is RequestOutcome.ANSWERED)
-                self._pool.finish(job, answer)
+                job.done(answer)
 
     def _work(self, job: Job) -> RequestAnswer:
-        self._remember(job.affinity)
+        self.seen[job.affinity] = None
+        self.seen.move_to_end(job.affinity)
+        while len(self.seen) > self._pool.affinities:
+            self.seen.popitem(last=False)
         self._kept = Packet({})
         left = max(job.deadline - time.monotonic(), 0.001)
         try:
@@ -452,9 +437,3 @@ class _Worker(Thread):
     @staticmethod
     def _obituary(cause: str) -> str:
         return f'the worker process that was solving this has died: {cause}'
-
-    def _remember(self, affinity: str) -> None:
-        self.seen[affinity] = None
-        self.seen.move_to_end(affinity)
-        while len(self.seen) > self._pool.affinities:
-            self.seen.popitem(last=False)

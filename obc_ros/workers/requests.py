@@ -7,10 +7,16 @@ from obc_ros.core.ocp.solution import MAX_INTERVALS, Report
 from obc_ros.core.solver.motion_planning import solve_motion
 from obc_ros.core.solver.nlp.minimize import minimize
 from obc_ros.workers.designing import design_regulator
-from obc_ros.workers.kinds import answer_by, Handler, Keep
-from obc_ros.workers.motions import read_motion
-from obc_ros.workers.solutions import pack_certificate, pack_solution
-from obc_ros.workers.solving import get_cache, solve_statement
+from obc_ros.workers.solving import (
+    answer_by,
+    get_cache,
+    Handler,
+    Keep,
+    pack_certificate,
+    pack_solution,
+    read_motion,
+    solve_statement,
+)
 from obc_ros.workers.wire import Packet
 
 

@@ -49,7 +49,7 @@ def unpack_solution(packet: Packet) -> Solution:
     """
     Return the solution that a packet contains.
 
-    :param packet: as `solutions.pack_solution` returns it, or with a status and a message only. It
+    :param packet: as `solving.pack_solution` returns it, or with a status and a message only. It
         has no multipliers of state bounds and path constraints.
     """
     plain, certificate = packet.plain, packet.plain.get('certificate')

@@ -22,7 +22,7 @@ from obc_ros.core.text.errors import StatementError
 from obc_ros.msg import NamedBounds, NamedExpression, NamedValues, OptimalControlProblem
 from obc_ros.ros import messages
 from obc_ros.srv import DesignLqr, Minimize, PlanMotion, SolveOptimalControl
-from obc_ros.workers import solutions
+from obc_ros.workers.solving import pack_solution
 from obc_ros.workers.wire import pack, Packet, unpack
 import problems
 import pytest
@@ -154,7 +154,7 @@ def fill_response(response, **changes):
     """Return the made-up solution, and the response that carries it after serialisation."""
     problem = build_problem(EVERYTHING)
     solution = made_up_solution(problem, **changes)
-    packet = unpack(pack(solutions.pack_solution(problem, solution, 'aircraft')))
+    packet = unpack(pack(pack_solution(problem, solution, 'aircraft')))
     messages.fill_answer(response, packet)
     return solution, serialized_and_back(response)
 
@@ -212,7 +212,7 @@ def test_a_response_has_the_states_of_the_statement_and_the_free_parameters():
     problem = build_problem(BEYOND)
     solution = made_up_solution(problem)
     response = SolveOptimalControl.Response()
-    messages.fill_answer(response, unpack(pack(solutions.pack_solution(problem, solution, ''))))
+    messages.fill_answer(response, unpack(pack(pack_solution(problem, solution, ''))))
     answer = messages.read_solution(serialized_and_back(response))
     assert response.trajectory.state_names == ['x', 'v', 'w']
     assert problem.states[3:6] == ('t', 'm', 'k')
@@ -226,7 +226,7 @@ def test_a_response_has_its_phases_in_order_of_time():
     problem = build_problem(IN_PHASES)
     solution = made_up_solution(problem, t=np.linspace(0, 1, 5))
     response = SolveOptimalControl.Response()
-    messages.fill_answer(response, unpack(pack(solutions.pack_solution(problem, solution, ''))))
+    messages.fill_answer(response, unpack(pack(pack_solution(problem, solution, ''))))
     path, length = response.trajectory, solution.x[0, problem.states.index('duration__2')]
     assert (path.state_names, path.input_names) == (['x', 'v'], ['u'])
     assert path.t == pytest.approx([*np.linspace(0, 1, 5), *(1 + length * np.linspace(0, 1, 5))])
@@ -284,7 +284,7 @@ def test_a_response_contains_an_uncertified_path_but_no_success():
     problem = problems.build('vanderpol_bounded')
     found = solve(problem, max_intervals=10)
     for response in (SolveOptimalControl.Response(), PlanMotion.Response()):
-        messages.fill_answer(response, solutions.pack_solution(problem, found, ''))
+        messages.fill_answer(response, pack_solution(problem, found, ''))
         assert not response.success
         assert not response.certificate.holds
         assert response.status == 'not_converged'

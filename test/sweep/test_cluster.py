@@ -7,8 +7,13 @@ from contextlib import contextmanager
 from dask_cluster import Cluster, free_port
 from obc_ros.api.sweep import sweep
 from obc_ros.core.text.errors import ObcError, StatementError
-from obc_ros.sweep.cluster.connection import check_address, connect, explain_exposure
-from obc_ros.sweep.cluster.versions import check_versions, tell_version
+from obc_ros.sweep.cluster.connection import (
+    check_address,
+    check_versions,
+    connect,
+    explain_exposure,
+    tell_version,
+)
 from obc_ros.sweep.dataset import write_dataset
 import problems
 import pytest

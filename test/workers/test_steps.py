@@ -12,8 +12,7 @@ import time
 import numpy as np
 from obc_ros.core.text.errors import ObcError
 from obc_ros.workers.processes.real_time import find_priority_refusal
-from obc_ros.workers.steps.step_link import StepLink
-from obc_ros.workers.steps.step_supervisor import StepSupervisor
+from obc_ros.workers.steps.step_supervisor import StepLink, StepSupervisor
 from obc_ros.workers.wire import Packet
 import pytest
 from support import alive, wait_for

@@ -248,7 +248,7 @@ class MotionRequests:
 
 
 def _lead(settings: Any) -> int:
-    return round(settings.plan_lead / NS)
+    return int(round(settings.plan_lead / NS))
 
 
 def state_plan(request: Any, systems: tuple[str, ...]) -> dict[str, Any]:
@@ -259,7 +259,7 @@ def state_plan(request: Any, systems: tuple[str, ...]) -> dict[str, Any]:
     :param systems: the parameter of the server.
     """
     from obc_ros.core.solver.motion_planning import state_motion  # CasADi: 0.3 s
-    from obc_ros.workers.motions import read_motion
+    from obc_ros.workers.solving import read_motion
     packet = messages.read_request('plan', request)
     packet.plain.update(_name_plant(request, systems))
     return state_motion(read_motion(packet))

@@ -28,7 +28,7 @@ from obc_ros.nodes.control.controller_settings import (
 )
 from obc_ros.ros.parameters.node_parameters import declare_field, StartValues
 from obc_ros.ros.parameters.system_parameters import choose_node_system, list_system_parameters
-from obc_ros.workers.steps.step_link import StepLink
+from obc_ros.workers.steps.step_supervisor import StepLink
 from obc_ros.workers.wire import Packet
 
 FEWEST_STEPS, MOST_STEPS = 2, 1000

@@ -10,10 +10,9 @@ from typing import Any
 import uuid
 
 from obc_ros.core.text.errors import ObcError
-from obc_ros.sweep.chunk_solver import Chunk
+from obc_ros.sweep.chunk_solver import Chunk, Finished
 from obc_ros.sweep.cluster.connection import connect, count_threads, start_local
 from obc_ros.sweep.cluster.tasks import end_solvers, solve_chunk_here, stop_sweep
-from obc_ros.sweep.local_workers import Finished
 
 AHEAD = 3          # chunks that wait at each thread of a worker
 LOOK_PERIOD = 0.5         # [s] between two looks at the cluster
@@ -29,10 +28,8 @@ def solve_on_cluster(chunks: Sequence[Chunk], address: str, workers: int
 
     A chunk whose worker is gone is sent to another one.
 
-    :param chunks: in any order.
     :param address: of the scheduler; empty: a cluster in this process.
     :param workers: number of workers of a cluster in this process.
-    :yield: number: of the chunk; rows: the answers at its points.
     :raises ObcError: if there is no scheduler, it is gone, it has no workers, or a chunk cannot be
         solved.
     """

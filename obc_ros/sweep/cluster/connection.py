@@ -9,13 +9,13 @@ operator's alone; ``tls://`` takes the certificates of Dask's own configuration.
 can be reached from this process only; its workers are threads, each with a solver process.
 """
 
+from collections.abc import Mapping
 from importlib import metadata
 from ipaddress import ip_address
 import logging
 from typing import Any
 
 from obc_ros.core.text.errors import ObcError, quote, StatementError
-from obc_ros.sweep.cluster.versions import check_versions, tell_version
 
 CONNECT_TIMEOUT = 10.0   # [s]
 LOOPBACK = '127.0.0.1:0'   # for Dask's pages about its state, which cannot be switched off
@@ -33,12 +33,7 @@ def has_dask() -> bool:
 
 
 def check_address(address: str) -> None:
-    """
-    Check the form of the address of a scheduler.
-
-    :param address: such as ``tcp://host:8786``.
-    :raises StatementError: if it has another form.
-    """
+    """Raise StatementError unless an address has a form such as ``tcp://host:8786``."""
     scheme = next((each for each in SCHEMES if address.startswith(each)), '')
     port = address.rpartition(':')[2]
     if not scheme or not port.isdigit() or not 0 < int(port) < 2**16:
@@ -48,9 +43,8 @@ def check_address(address: str) -> None:
 
 def explain_exposure(address: str) -> str:
     """
-    Return who could run programs here through a scheduler.
+    Return who could run programs here through a scheduler at a checked address.
 
-    :param address: as accepted by `check_address`.
     :return: empty: the connection is encrypted, or does not leave this machine.
     """
     host = address.partition('://')[2].rpartition(':')[0].strip('[]')
@@ -68,7 +62,6 @@ def connect(address: str, patience: float = CONNECT_TIMEOUT) -> Any:
     """
     Return a client of a running cluster.
 
-    :param address: of the scheduler.
     :param patience: time in which it must answer [s].
     :raises StatementError: if the address has another form.
     :raises ObcError: if Dask is not installed, there is no scheduler, or its workers have another
@@ -94,7 +87,6 @@ def start_local(workers: int) -> Any:
     """
     Return a client of a cluster in this process; closing it ends the cluster.
 
-    :param workers: number of solver processes.
     :raises ObcError: if Dask is not installed.
     """
     distributed = _import_distributed()
@@ -122,3 +114,22 @@ def _import_distributed() -> Any:
     except ImportError as error:
         raise ObcError(f'a cluster needs Dask: pip install distributed ({error})') from None
     return distributed
+
+
+def tell_version() -> str:
+    """Return the version of obc_ros, which answers depend on."""
+    return metadata.version('obc-ros')
+
+
+def check_versions(told: Mapping[str, object]) -> None:
+    """
+    Check that all workers have this version of obc_ros.
+
+    :param told: address of each worker, and its version, or the exception that it raised.
+    :raises ObcError: if one has another version, or none.
+    """
+    here = tell_version()
+    for worker, version in told.items():
+        if version != here:
+            raise ObcError(f'the worker {worker} has obc_ros {quote(str(version), 200)}; '
+                           f'wanted {here}, as here')

@@ -208,7 +208,7 @@ class ClusterPool(Pool):
             if self._sent.pop(sent.job, None) is None:
                 return
         sent.future.release()
-        self.finish(sent.job, answer)
+        sent.job.done(answer)
 
     def _report(self, event: Any) -> None:
         """Pass on the progress of a request."""

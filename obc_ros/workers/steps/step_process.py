@@ -3,10 +3,11 @@
 """
 A process that solves one step of a receding horizon after another.
 
-Started by `step_link.StepLink`:
+Started by `step_supervisor.StepLink`:
 ``python -P -m obc_ros.workers.steps.step_process FD PARENT MODULE PRIORITY``. MODULE offers
-``prepare(problem: Packet) -> StepAnswerer``. The first packet is the problem; its reply has
-`ready` or `refused`. Of the requests that wait, the newest is answered.
+``prepare(problem: Packet)``, which returns an object like `receding_steps.RecedingSteps`. The
+first packet is the problem; its reply has `ready` or `refused`. Of the requests that wait, the
+newest is answered.
 
 The process has its real-time priority once it is prepared: building and compiling must not delay
 others.
@@ -18,7 +19,6 @@ from importlib import import_module
 import os
 import signal
 import sys
-from typing import Protocol
 
 from obc_ros.core.text.errors import ObcError
 from obc_ros.workers.processes.child_start import connect_to_parent
@@ -26,29 +26,17 @@ from obc_ros.workers.processes.real_time import drop_priority, raise_priority
 from obc_ros.workers.wire import Channel, Packet
 
 
-class StepAnswerer(Protocol):
-    """What solves the steps of one problem."""
-
-    @property
-    def ready(self) -> Packet:
-        """Return what the node must know of the prepared problem."""
-
-    def answer(self, request: Packet) -> Packet:
-        """Return the reply to a request; ObcError: it is refused."""
-
-
 def serve_steps(channel: Channel, module: str, priority: int) -> None:
     """
     Prepare the first packet, and answer the newest request until the channel is closed.
 
-    :param channel: to the node.
     :param module: name of the module that prepares the problem.
     :param priority: real-time priority of the prepared process; 0: none.
     """
     problem = channel.receive()
     assert problem is not None   # it waits for ever
     try:
-        answerer: StepAnswerer = import_module(module).prepare(problem)
+        answerer = import_module(module).prepare(problem)
     except (ObcError, ArithmeticError) as error:
         channel.send({'refused': str(error)})
         return
