@@ -41,12 +41,12 @@ from obc_ros.nodes.estimator_settings import (
 )
 from obc_ros.ros.conversions import OdometryMap
 from obc_ros.ros.diagnostics import Diagnostics
-from obc_ros.ros.execution.callback_guards import guard_callbacks, STEADY
+from obc_ros.ros.execution.callback_guards import guard_callbacks
 from obc_ros.ros.execution.executor import run
 from obc_ros.ros.execution.subscription_thread import Apart
 from obc_ros.ros.messages import read_nanoseconds
 from obc_ros.ros.parameters.node_parameters import Parameters
-from obc_ros.ros.service_qos import LATCHED_QOS
+from obc_ros.ros.service_qos import LATCHED_QOS, STEADY
 from obc_ros.ros.throttled_log import ThrottledLog
 from obc_ros.srv import SuggestNoise
 from rclpy.node import Node

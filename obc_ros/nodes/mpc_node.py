@@ -42,9 +42,9 @@ from obc_ros.nodes.mpc.settings import (
     MpcCandidate,
     Settings,
 )
-from obc_ros.ros.execution.callback_guards import STEADY
 from obc_ros.ros.execution.executor import run
 from obc_ros.ros.messages import read_nanoseconds
+from obc_ros.ros.service_qos import STEADY
 from obc_ros.workers.steps.step_supervisor import STEP_PATIENCE, StepLink, StepSupervisor
 from obc_ros.workers.wire import pack, Packet
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup

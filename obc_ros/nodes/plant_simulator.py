@@ -59,7 +59,6 @@ from obc_ros.nodes.views.plant_view import (
 )
 from obc_ros.ros.conversions import ODOM, OdometryMap
 from obc_ros.ros.diagnostics import Diagnostics, HARDWARE, make_status
-from obc_ros.ros.execution.callback_guards import STEADY
 from obc_ros.ros.execution.executor import run
 from obc_ros.ros.execution.subscription_thread import Apart, OwnThread, PRIORITY
 from obc_ros.ros.messages import flatten_doubles, read_nanoseconds, set_stamp
@@ -75,7 +74,7 @@ from obc_ros.ros.parameters.system_parameters import (
     choose_system,
     list_system_parameters,
 )
-from obc_ros.ros.service_qos import BEST_EFFORT
+from obc_ros.ros.service_qos import BEST_EFFORT, STEADY
 from obc_ros.ros.state_sources import Components, NamesError
 from obc_ros.ros.throttled_log import ThrottledLog
 from rclpy.node import Node

@@ -34,10 +34,10 @@ from obc_ros.nodes.motions.present_state import load_plants
 from obc_ros.nodes.views.plan_view import PlanView
 from obc_ros.ros import messages
 from obc_ros.ros.diagnostics import Diagnostics, make_status
-from obc_ros.ros.execution.callback_guards import guard_callbacks, STEADY
+from obc_ros.ros.execution.callback_guards import guard_callbacks
 from obc_ros.ros.execution.executor import run
 from obc_ros.ros.parameters.node_parameters import declare_field, Parameters
-from obc_ros.ros.service_qos import be_patient, BURST
+from obc_ros.ros.service_qos import be_patient, BURST, STEADY
 from obc_ros.ros.state_sources import SOURCES, STATE_SOURCE
 from obc_ros.ros.throttled_log import ThrottledLog
 from obc_ros.srv import DesignLqr, Minimize, PlanMotion, SolveOptimalControl

@@ -12,11 +12,12 @@ warns.
 from typing import Any
 import warnings
 
-from obc_ros.ros.execution.callback_guards import STEADY
+from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.service import Service
 
+STEADY = Clock(clock_type=ClockType.STEADY_TIME)   # for timers: simulated time may stand still
 BEST_EFFORT = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 LATCHED_QOS = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 BURST = QoSProfile(depth=1000)  # for the service and for its clients

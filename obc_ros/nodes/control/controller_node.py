@@ -39,13 +39,12 @@ from obc_ros.nodes.control.topic_peers import find_faults, Source, SourceWatch
 from obc_ros.ros import state_sources
 from obc_ros.ros.conversions import make_body_reader
 from obc_ros.ros.diagnostics import Diagnostics
-from obc_ros.ros.execution.callback_guards import STEADY
 from obc_ros.ros.execution.subscription_thread import Apart, OwnThread
 from obc_ros.ros.execution.worker_thread import WorkerThread
 from obc_ros.ros.messages import build_lqr_design, make_stamp, read_nanoseconds
 from obc_ros.ros.parameters.node_parameters import Parameters
 from obc_ros.ros.repeated_messages import RepeatedReader
-from obc_ros.ros.service_qos import BEST_EFFORT, LATCHED_QOS
+from obc_ros.ros.service_qos import BEST_EFFORT, LATCHED_QOS, STEADY
 from obc_ros.ros.throttled_log import ThrottledLog
 from rclpy.duration import Duration
 from rclpy.event_handler import EventHandler, SubscriptionEventCallbacks

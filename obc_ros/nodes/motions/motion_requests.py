@@ -22,9 +22,8 @@ from obc_ros.core.text.errors import quote
 from obc_ros.msg import Trajectory
 from obc_ros.nodes.motions.present_state import load_plants, PlanStart, PresentState
 from obc_ros.ros import messages
-from obc_ros.ros.execution.callback_guards import STEADY
 from obc_ros.ros.messages import make_stamp
-from obc_ros.ros.service_qos import BURST, LATCHED_QOS
+from obc_ros.ros.service_qos import BURST, LATCHED_QOS, STEADY
 from obc_ros.ros.throttled_log import ThrottledLog
 from obc_ros.srv import FollowReference, PredictState
 from obc_ros.workers.pool import SHORTEST

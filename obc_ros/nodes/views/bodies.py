@@ -24,7 +24,7 @@ from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker
 
 Colour = tuple[float, float, float]
-Place = tuple[float, float, float]   # px, py [m], theta [rad]
+PlanarPose = tuple[float, float, float]   # px, py [m], theta [rad]
 SKIN, INK, GLASS, FIRE = (0.86, 0.89, 0.92), (0.11, 0.12, 0.14), (0.56, 0.71, 0.82), (0.9, 0.62, 0)
 BLUE, RED, GREEN = (0.0, 0.45, 0.7), (0.84, 0.37, 0.0), (0.0, 0.62, 0.45)
 EXHAUST_LENGTH = 0.012    # [m/N] length of the exhaust
@@ -107,7 +107,7 @@ class BodyMarkers:
         self._markers = [make_marker(name, number, part.kind, part.colour, opacity)
                          for number, part in enumerate(list_parts(system, (0.0,) * system.m))]
 
-    def fill(self, place: Place, u: Sequence[float] | Array, stamp: Time
+    def fill(self, place: PlanarPose, u: Sequence[float] | Array, stamp: Time
              ) -> list[Marker]:
         """Return the markers at (px, py, theta) with input u (m,); the next call reuses them."""
         px, py, theta = place
@@ -134,7 +134,7 @@ class InputMarkers:
         elif system.name in ('vehicle', 'vehicle_lateral'):
             self._limits = self._draw_limits(system)
 
-    def fill(self, place: Place, u: Sequence[float] | Array, stamp: Time
+    def fill(self, place: PlanarPose, u: Sequence[float] | Array, stamp: Time
              ) -> list[Marker]:
         """Return the markers at (px, py, theta) with input u (m,); the next call reuses them."""
         markers = []
@@ -181,7 +181,7 @@ class SetPointMarkers:
         self._line = make_marker('set_point_course', 0, Marker.LINE_STRIP, GREEN, 0.6)
         self._line.scale.x = 0.04
         self._input: Sequence[float] | Array = ()
-        self._place: Place | None = None
+        self._place: PlanarPose | None = None
         self._velocity = 0.0, 0.0
 
     def take(self, design: Any) -> None:
@@ -196,7 +196,7 @@ class SetPointMarkers:
         if np.isfinite(velocity).all():
             self._place, self._input, self._velocity = self._plane.locate(xe), ue, velocity
 
-    def fill(self, place: Place, stamp: Time) -> list[Marker]:
+    def fill(self, place: PlanarPose, stamp: Time) -> list[Marker]:
         """Return the markers, for a plant at (px, py, theta); the next call fills them."""
         if self._place is None:
             return []
@@ -207,7 +207,7 @@ class SetPointMarkers:
         self._line.points = [self._point(place, speed, ahead) for ahead in (-BEHIND, AHEAD)]
         return [self._line]
 
-    def _point(self, place: Place, speed: float, ahead: float) -> Any:
+    def _point(self, place: PlanarPose, speed: float, ahead: float) -> Any:
         """Return the point of the line that is `ahead` [m] of the plant."""
         along, across = (each / speed for each in self._velocity)
         px, py, _ = self._place or place

@@ -14,8 +14,8 @@ from typing import Any
 from nav_msgs.msg import Path
 from obc_ros.msg import Trajectory
 from obc_ros.nodes.views.scene import Scene
-from obc_ros.ros.execution.callback_guards import guard_callbacks, STEADY
-from obc_ros.ros.service_qos import LATCHED_QOS
+from obc_ros.ros.execution.callback_guards import guard_callbacks
+from obc_ros.ros.service_qos import LATCHED_QOS, STEADY
 from rclpy.node import Node
 
 LOOK_PERIOD = 0.5  # [s] between two looks for subscribers

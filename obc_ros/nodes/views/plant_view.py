@@ -22,12 +22,12 @@ from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.systems.system import System
 from obc_ros.core.text.errors import StatementError
 from obc_ros.msg import LqrDesign
-from obc_ros.nodes.views.bodies import BodyMarkers, InputMarkers, Place, SetPointMarkers
+from obc_ros.nodes.views.bodies import BodyMarkers, InputMarkers, PlanarPose, SetPointMarkers
 from obc_ros.nodes.views.scene import PlaneMap, Scene
 from obc_ros.ros.conversions import BASE, ODOM
-from obc_ros.ros.execution.callback_guards import guard_callbacks, STEADY
+from obc_ros.ros.execution.callback_guards import guard_callbacks
 from obc_ros.ros.messages import make_stamp
-from obc_ros.ros.service_qos import LATCHED_QOS
+from obc_ros.ros.service_qos import LATCHED_QOS, STEADY
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 
@@ -151,7 +151,7 @@ class PlantView:
             self._due = now + TRAIL_PERIOD
             self._extend(place, moment.time, stamp)
 
-    def _extend(self, place: Place, time: float, stamp: Time) -> None:
+    def _extend(self, place: PlanarPose, time: float, stamp: Time) -> None:
         """Add a pose to the trail, which begins anew after a reset, and publish it."""
         if time < self._since:
             self._trail.clear()

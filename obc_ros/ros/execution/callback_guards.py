@@ -14,12 +14,9 @@ from traceback import format_exc
 from typing import Any
 
 from rcl_interfaces.srv import GetParameterTypes
-from rclpy.clock import Clock, ClockType
 from rclpy.executors import await_or_execute, ExternalShutdownException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
-
-STEADY = Clock(clock_type=ClockType.STEADY_TIME)   # for timers: simulated time may stand still
 
 
 def guard(node: Node) -> None:
