@@ -112,7 +112,6 @@ def judge_estimator_settings(settings: Settings) -> EstimatorCandidate:
     """
     Return the filter for a set of parameters.
 
-    :param settings: the parameters.
     :raises ObcError: if a parameter is rejected: sizes, definiteness, or a mode that cannot be
         seen.
     """

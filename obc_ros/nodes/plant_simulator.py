@@ -217,11 +217,7 @@ class PlantCandidate:
 
 
 def judge_plant_settings(settings: Settings) -> PlantCandidate:
-    """
-    Return the system, conditions and pacing for the settings.
-
-    :raises ObcError: if a setting is rejected.
-    """
+    """Return the system, conditions and pacing for the settings."""
     system = choose_system(settings.system, settings.system_parameters)
     dt, steps = choose_step(settings.dt, settings.publish_rate)
     disturbance = settings.disturbance

@@ -75,7 +75,6 @@ class OdometryMap:
         Set pose and twist of a message.
 
         :param message: changed in place; other fields are kept.
-        :param x: (n,), State.
         :param slope: (n,), or None, its derivative; None: the body is held, and only velocities
             that are states count.
         """
@@ -147,7 +146,6 @@ def make_state_reader(topic: str, system: System) -> Read:
     Return the function that converts a message to a state, whatever messages came before.
 
     :param topic: a key of `state_sources.SOURCES`.
-    :param system: whose state is read.
     :return: returns the state (n,) of a message; raises StatementError if the message has none, or
         that of another system.
     :raises StatementError: if messages of the topic do not determine the state of the system.
@@ -169,7 +167,6 @@ def make_body_reader(topic: str, system: System) -> Read:
     Return the function that converts the messages of a topic, all of one body, to states.
 
     :param topic: a key of `state_sources.SOURCES`.
-    :param system: whose state is read.
     :return: as that of `make_state_reader`; it also raises FrameError for odometry of another
         body.
     :raises StatementError: if messages of the topic do not determine the state of the system.

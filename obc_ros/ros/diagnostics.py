@@ -28,7 +28,6 @@ class Diagnostics:
     A node with ``use_sim_time`` whose /clock nobody publishes answers services and looks alive,
     but its timers do not run and its stamps are 0: its first status becomes an error.
 
-    :param node: whose log is used.
     :param needs_clock: whether the node needs the time of /clock.
     """
 

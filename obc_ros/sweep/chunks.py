@@ -23,7 +23,6 @@ def divide_grid(shape: Sequence[int], size: int) -> list[Indices]:
     """
     Return the chunks of a grid.
 
-    :param shape: numbers of values along each dimension.
     :param size: largest number of points of a chunk.
     :return: flat indices of the points (the last dimension counts fastest), in the order of
         solution.
@@ -40,7 +39,6 @@ def order_samples(values: Array) -> Indices:
     """
     Return an order of random samples in which successive ones are near each other.
 
-    :param values: (count, keys), one sample in each row.
     :return: (count,), indices of the rows. The samples are halved again and again, each time
         across the widest dimension in units of its standard deviation.
     """

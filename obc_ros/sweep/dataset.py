@@ -95,15 +95,11 @@ def make_dataset(coordinates: Mapping[str, Sequence[float]], units: Mapping[str,
     """
     Return the dataset of a sweep.
 
-    :param coordinates: the axes of the grid: key and values.
     :param units: unit of each key; empty if it is unknown.
     :param other_keys: another name of each key, if a quantity has its name.
-    :param samples: the random numbers: key and values.
     :param count: number of samples; 0 without random numbers.
     :param names: coordinates of further dimensions: names of states and inputs.
-    :param quantities: data variables.
     :param rows: the answers by flat index of the point; points may be missing.
-    :param about: attributes of the dataset.
     :return: points without an answer have the status -1, and nan.
     :raises ObcError: if xarray is not installed.
     """
@@ -138,8 +134,6 @@ def write_dataset(dataset: Any, path: Path) -> None:
     """
     Write a dataset completely or not at all.
 
-    :param dataset: from `make_dataset`.
-    :param path: replaced if it exists.
     :raises OSError: if it cannot be written.
     """
     part = path.with_suffix('.part')
@@ -153,7 +147,6 @@ def read_dataset(path: Path) -> Any:
     """
     Return the dataset of a file, completely in memory.
 
-    :param path: written by `write_dataset`.
     :raises ObcError: if xarray is not installed.
     """
     return import_xarray().load_dataset(path, engine='scipy')

@@ -29,7 +29,6 @@ class Journal:
     The folder of a sweep, opened by one process.
 
     :param folder: created if it is missing.
-    :param question: all that the answers depend on.
     :param resume: whether to go on with a sweep that the folder holds.
     :ivar chunks: the rows of each finished chunk, by its number.
     :raises StatementError: if the folder holds a sweep and `resume` is not set, or a sweep with
@@ -96,8 +95,6 @@ def check_folder(folder: Path, question: Mapping[str, Any], resume: bool) -> Non
     """
     Check whether a sweep can be written to a folder; nothing is changed.
 
-    :param folder: it need not exist.
-    :param question: all that the answers depend on.
     :param resume: whether to go on with a sweep that the folder holds.
     :raises StatementError: as for `Journal`.
     """

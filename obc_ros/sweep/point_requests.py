@@ -33,7 +33,6 @@ def answer(kind: str, request: Packet, time_limit: float, report: Report,
     :param kind: key of `POINT_KINDS`.
     :param request: with `fresh`: whether to forget all earlier points, so that the answers of a
         chunk do not depend on what the process has solved before.
-    :param time_limit: [s].
     :param report, keep: as for `workers.requests`; the best path so far is not kept.
     :return: its status is ``malformed`` if the point has no valid problem.
     """

@@ -34,8 +34,6 @@ class ProblemNumbers:
     A problem whose numbers vary.
 
     :param statement: see docs/problems.md.
-    :ivar kind: of the requests to a solver process.
-    :ivar quantities: of the answers.
     :ivar dimensions: names of the states and of the inputs.
     :raises StatementError: if the statement is malformed.
     """
@@ -124,7 +122,6 @@ def check_number_key(key: str, places: Mapping[str, Place], hint: str) -> None:
     """
     Check that a key is known.
 
-    :param key: of an axis or a random number.
     :param places: its keys are those that are known.
     :param hint: how keys are written.
     :raises StatementError: if it is not.
@@ -141,7 +138,6 @@ def replace_number(value: Any, place: Place, number: float,
 
     :param value: nested mappings and lists; None for a mapping that is missing.
     :param place: keys and positions that lead to the number.
-    :param number: the new value.
     :param bounds: list to put in place of one that is missing.
     """
     if not place:

@@ -39,8 +39,6 @@ class RegulatorNumbers:
     A case of `obc lqr` whose numbers vary, and whose closed loop is simulated.
 
     :param case: as in a file of `obc lqr`, without sampling and delay.
-    :ivar kind: of the requests to a solver process.
-    :ivar quantities: of the answers.
     :ivar dimensions: names of the states and of the inputs.
     :raises ObcError: if the case is malformed.
     """

@@ -28,7 +28,6 @@ def design_regulator(request: Packet, time_limit: float, report: Report, keep: K
         ``delay`` and the weights as in the message LqrWeights.
     :param time_limit, report, keep: not used: a design takes milliseconds.
     :return: status and message; of a design also ``design`` and arrays: the fields of LqrDesign.
-    :raises ObcError: if the request is invalid.
     """
     plain, arrays = request.plain, request.arrays
     for name in ('sample_time', 'delay'):

@@ -116,7 +116,6 @@ class Pool:
     :param niceness: niceness of the workers: the node and control loops have priority.
     :ivar fault: why the workers do not start; empty if the last one to start did.
     :ivar has_started: whether a worker has been ready, or has failed to start.
-    :raises ObcError: on Windows.
     """
 
     def __init__(self, module: str, size: int, *, queue_length: int = 128,

@@ -95,7 +95,6 @@ def compute_affinity(request: Packet) -> str:
     """
     Return a text that is equal for statements which differ in numbers only.
 
-    :param request: of any kind; it may be invalid.
     :return: for `pool.Job.affinity`.
     """
     given = request.plain.get('statement', {})

@@ -62,7 +62,6 @@ def solve_statement(request: Packet, time_limit: float, report: Report, keep: Ke
     :param request: ``statement``, ``method`` (empty: that of the statement) and ``cache_size``;
         optional are ``options`` and ``max_intervals``.
     :param time_limit, report, keep: see `answer_by`.
-    :raises ObcError: if the request is invalid.
     """
     plain = request.plain
     problem, options = build_problem(plain['statement']), read_options(plain.get('options', ()))

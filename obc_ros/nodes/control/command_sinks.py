@@ -40,8 +40,6 @@ class Sink:
     Converter from inputs to messages.
 
     :param topic: a key of `SINKS`.
-    :param system: the system of the inputs.
-    :param is_stamped: whether cmd_vel has a header.
     :ivar type: type of the messages.
     :raises StatementError: if the system does not say how the message carries all of its inputs.
     """

@@ -216,7 +216,6 @@ def make_rules(settings: ControllerSettings, rate: float, names: tuple[str, ...]
     Return the rules of a control loop.
 
     :param rate: maximum rate of the commands [Hz]; 0: a command for every state.
-    :param names: (n,) names of the states.
     :raises StatementError: if x_limits are of wrong size or sign, or state_timeout is too short.
     """
     if 0.0 < settings.state_timeout < LEAST_TIMEOUT:
@@ -244,8 +243,6 @@ def explain_former_limits(given: Mapping[str, Any], values: Mapping[str, Value])
     """
     Return an error message if u_min or u_max is given as a limit, as in former versions.
 
-    :param given: given values by name, of any type.
-    :param values: all parameters by name.
     :return: empty: neither is given as a limit.
     """
     names = [name for name in ('u_min', 'u_max') if name in given

@@ -85,10 +85,7 @@ class LoopMonitor:
         """
         Return the statuses of states, commands and design.
 
-        :param name: name of the node.
         :param loop: the loop; it may run at the same time.
-        :param revision: revision of the design in use.
-        :param is_active: whether the node is active.
         :param cost: cost-to-go at the last error; None: there was no error.
         :param idle: why the node is not active although it should be; empty: it need not be.
         :param missed: by how much the model has missed the last state, by name.

@@ -25,7 +25,6 @@ class Foresight:
 
     :ivar stamp: [ns].
     :ivar x, u: the state (n,), and the command (m,) that acts then.
-    :ivar at_rest: whether the plant stays there.
     :ivar sentence: what is followed then.
     """
 
@@ -47,7 +46,6 @@ class Oracle:
         Return the state at a stamp, by the loop and the model.
 
         :param loop: it is not changed.
-        :param candidate: the design and the control in use.
         :param stamp: [ns]; not after the last state: that one.
         :raises ObcError: if there is no recent state, or the model diverges.
         """

@@ -89,7 +89,6 @@ class PlannedMotion:
     """
     A plan that has been asked for.
 
-    :ivar packet: the answer of a worker.
     :ivar begin: stamp of its t = 0 [ns]; None: any.
     :ivar frame: frame of its positions; empty: not known.
     :ivar notes: clauses that the message of the answer ends with.
@@ -109,7 +108,6 @@ class MotionRequests:
     The requests of a node to plan a motion.
 
     :param node: its clock is used for states without a valid stamp.
-    :param source: topic of the states, a key of `SOURCES`.
     :param ask: returns the answer of a worker to a request within a time [s]; a mapping has what
         the message does not contain.
     """
@@ -255,7 +253,6 @@ def state_plan(request: Any, systems: tuple[str, ...]) -> dict[str, Any]:
     Return the problem of a request that was answered, as in a file.
 
     :param request: with its start.
-    :param systems: the parameter of the server.
     """
     from obc_ros.core.solver.motion_planning import state_motion  # CasADi: 0.3 s
     from obc_ros.workers.solving import read_motion

@@ -54,9 +54,7 @@ class PresentState:
     """
     The last state that a node has received; it is converted on request.
 
-    :param node: the node that subscribes.
     :param topic: a key of `SOURCES`.
-    :param log: log for dropped states.
     """
 
     def __init__(self, node: Node, topic: str, log: ThrottledLog) -> None:
@@ -72,8 +70,6 @@ class PresentState:
         Return the state.
 
         :param request: its system is the one whose state is wanted.
-        :param timeout: maximum age [s].
-        :param plants: the plants of files.
         :raises ObcError: if no state has arrived within `timeout`, it is not that of the system,
             or there is no such system.
         """

@@ -30,7 +30,6 @@ def make_plan(reply: Packet, period: int, control: Control) -> PlanLaw:
 
     :param reply: a plan: ``stamp`` of its first sample [ns], arrays x (N + 1, n) and u (N, m).
     :param period: time between two samples [ns].
-    :param control: the control that follows it.
     """
     along = make_sampled_plan(period, reply.arrays['x'], reply.arrays['u'], control.regulator.K)
     # It begins half a period before its first sample, see `SampledPlan`.
@@ -57,8 +56,6 @@ class PlanMonitor:
 
     :ivar counts: wanted: states at which a new plan was due; missed: those at which it had not
         arrived; failed: replies without a plan.
-    :ivar last: the last plan.
-    :ivar reason: why the last step has failed.
     :ivar first: what was checked of the plan with which the node became active.
     :ivar period: time between two plans [s].
     """
@@ -90,7 +87,6 @@ class PlanMonitor:
         """
         Return the status of the plans since the last call.
 
-        :param name: name of the node.
         :param loop: the loop; it may run at the same time.
         :param processes: numbers of lost solver processes by cause.
         :param why: why the node cannot plan at all; empty: it can.

@@ -42,7 +42,6 @@ class Part:
     :ivar kind: `Marker.CUBE`, `SPHERE` or `CYLINDER` (its axis is normal to a horizontal plane).
     :ivar at: centre along and across the body in the plane [m].
     :ivar size: along, across, and normal to the plane [m].
-    :ivar colour: red, green, blue.
     :ivar aside: distance of the centre from the plane [m].
     :ivar turn: angle in the plane [rad].
     """

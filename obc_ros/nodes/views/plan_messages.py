@@ -152,7 +152,6 @@ def find_boundaries(statement: Mapping[str, Any], box: Rectangle) -> list[Array]
     """
     Return the curves that bound where px and py may be.
 
-    :param statement: a valid problem, as in a file.
     :param box: (px, px, py, py) [m]: what is outside is not drawn.
     :return: (K, 2), points (px, py) [m], joined by lines. At most `MOST_POINTS`; further curves
         are left out.

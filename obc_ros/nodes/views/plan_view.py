@@ -24,11 +24,7 @@ PLACES = {'px', 'py'}   # states without which there is nothing to draw
 
 
 class PlanView:
-    """
-    The view of the plans of a node.
-
-    :param node: the node that publishes.
-    """
+    """The view of the plans of a node."""
 
     def __init__(self, node: Node) -> None:
         self.is_shown = True

@@ -20,11 +20,7 @@ from rclpy.parameter import Parameter
 
 
 def guard(node: Node) -> None:
-    """
-    Guard the clock and the parameter services of a node.
-
-    :param node: before it spins.
-    """
+    """Guard the clock and the parameter services of a node."""
     for service in node.services:
         if service.srv_type is GetParameterTypes:
             service.callback = lambda request, response: _types(node, request, response)
@@ -37,7 +33,6 @@ def guard_callbacks(node: Node, entity: Any, name: str) -> None:
 
     The message of a response, if there is one, has the exception.
 
-    :param node: whose log is used.
     :param entity: its attribute `callback` is replaced.
     :param name: of the service or topic, or what a timer does, for the log.
     """

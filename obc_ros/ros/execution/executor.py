@@ -66,7 +66,6 @@ def run(build: Callable[[], Node]) -> int:
     """
     Build a node, spin it until SIGINT or SIGTERM, and end the process.
 
-    :param build: returns the node; usually its class.
     :return: 1 if the node cannot start; otherwise the process ends with status 0.
     """
     with _stopped_by_signals() as stop:

@@ -48,7 +48,6 @@ class OwnThread:
     """
     Takes the messages of one subscription, whose callback group must be an `Apart`.
 
-    :param node: the node of the subscription.
     :param on_message: called in the thread with each message and its information
         (`rmw_message_info_t`).
     :param on_time: called in the thread after each wait; returns how long [s] to wait at most.

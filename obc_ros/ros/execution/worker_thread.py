@@ -40,7 +40,6 @@ class WorkerThread:
     """
     One thread that computes in the order of the requests.
 
-    :param node: whose executor awaits the results.
     :ivar group: for callbacks that await a result.
     :ivar changes: for those of which one is to end before the next begins.
     """

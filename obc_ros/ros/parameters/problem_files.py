@@ -31,7 +31,6 @@ def read_problem_file(name: str) -> ProblemFile:
     """
     Return the one problem of a file.
 
-    :param name: path of the file, or the name of an example.
     :raises StatementError: if there is no such file, or it is not one valid problem.
     """
     path = choose_file(Path(name))
@@ -48,7 +47,6 @@ def list_plant_values(found: ProblemFile) -> dict[str, Value]:
     """
     Return the parameters of a node by which it has the plant of a problem.
 
-    :param found: the problem.
     :return: ``system``: a registered system, or else the file itself; ``system_parameters.*``:
         values that the problem gives a registered system.
     """

@@ -47,9 +47,6 @@ def choose_system(name: str, values: Mapping[str, Any]) -> System:
     Only values that differ from the declared ones are passed on: a default that a system file
     gives as an expression of other parameters follows these.
 
-    :param name: of a registered system.
-    :param values: parameters and construction options by name.
-    :return: the system.
     :raises ObcError: if there is no such system, or a value is invalid.
     """
     declared = {entry.name: entry.default for entry in list_system_parameters({'system': name})}

@@ -218,7 +218,6 @@ def group(members: Callable[[Mapping[str, Value]], Iterable[ParameterRow]]) -> A
 
     :param members: gets the values declared so far by name, and yields a row for each member,
         named without the prefix. Each row is declared before the next one is requested.
-    :return: with `members` in its metadata.
     """
     return field(default_factory=dict, metadata={'group': members})
 

@@ -43,8 +43,6 @@ class ClusterPool(Pool):
     """
     Requests on a cluster; processes of this machine take over if it is gone.
 
-    :param address: of the scheduler.
-    :param module, size: as for `Pool`.
     :param say: called by a thread with a sentence, and whether it is good, when the cluster is
         found or lost.
     :ivar absence: why there is no connection; empty while there is one.

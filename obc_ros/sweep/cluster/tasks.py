@@ -25,7 +25,6 @@ def solve_chunk_here(chunk: Chunk, sweep: str) -> list[Row] | None:
     """
     Return the answers at the points of a chunk.
 
-    :param chunk: the points.
     :param sweep: identifies the sweep, for `stop_sweep`.
     :return: None if the sweep was stopped.
     """

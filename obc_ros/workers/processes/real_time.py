@@ -38,8 +38,6 @@ def find_priority_refusal(priority: int) -> str:
     Return why the system does not allow a real-time priority; empty: it allows it.
 
     A thread that ends at once tries it: the process keeps its own priority.
-
-    :param priority: the priority, 1 to 99.
     """
     if not hasattr(os, 'sched_setscheduler'):
         return _explain_absence(priority)

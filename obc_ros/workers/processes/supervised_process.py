@@ -28,11 +28,8 @@ class SupervisedProcess:
 
     :param program: module that runs in the process; it begins with
         `child_start.connect_to_parent`.
-    :param arguments: of the program.
     :param has_session: whether the process has a session of its own: signals of the terminal do
         not reach it.
-    :ivar channel: to the process.
-    :raises ObcError: on Windows.
     :raises OSError: if the system starts no process.
     """
 

@@ -30,7 +30,6 @@ def serve_steps(channel: Channel, module: str, priority: int) -> None:
     """
     Prepare the first packet, and answer the newest request until the channel is closed.
 
-    :param module: name of the module that prepares the problem.
     :param priority: real-time priority of the prepared process; 0: none.
     """
     problem = channel.receive()

@@ -37,13 +37,11 @@ class StepLink(SupervisedProcess):
 
     One thread sends and one receives. Both use finite times, because the socket has one mode.
 
-    :param module: module of the process that prepares the problem.
     :param priority: real-time priority of the process once it is prepared; 0: none.
     :ivar ready: reply of the process when it is prepared.
     :ivar priority_refusal: why the system does not allow the priority; empty before `ready`, and
         if it does.
     :ivar is_broken: whether a request was sent in part: the process cannot read another one.
-    :raises ObcError: on Windows.
     :raises OSError: if the system starts no process, or it ends at once.
     """
 
@@ -131,7 +129,6 @@ class StepSupervisor:
     :param on_news: called in the thread with a sentence when a process is lost, when it has been
         replaced, and if the system does not allow its priority.
     :ivar counts: numbers of requests: sent, unsent, answered; and of processes: ended, silent.
-    :ivar link: the process in use.
     :ivar refusal: why the problem cannot be solved at all; empty: it can, or is not prepared yet.
     """
 
