@@ -103,7 +103,6 @@ def estimator_status(name: str, candidate: EstimatorCandidate, delayed: DelayedF
 
 def _explain_silence(candidate: EstimatorCandidate, now: Traffic, before: Traffic
                      ) -> tuple[bytes, str] | None:
-    """Return why no estimate is published; None: estimates are."""
     settings = candidate.settings
     if not now.received:
         return DiagnosticStatus.WARN, 'no measurement yet'
@@ -174,7 +173,6 @@ def fill_noise(response: SuggestNoise.Response, found: Recovery) -> None:
 
 
 def _describe(found: Recovery) -> str:
-    """Return the margins before and after in words."""
     before, period = found.before.words, found.loop.estimator.period
     if not found.q:
         words = f'the present Qw is the best that was found: {before}'

@@ -99,7 +99,6 @@ class EstimatorNode(Node):  # type: ignore[misc] # rclpy's classes are untyped
         self.create_timer(1.0, self._diagnose, clock=STEADY)
 
     def _on_time(self) -> None:
-        """Publish the estimate from all messages that have arrived."""
         for source, take in self._sources:
             with (handle := source.handle):
                 waiting = iter(partial(handle.take_message, source.msg_type, False), None)
@@ -212,7 +211,6 @@ class EstimatorNode(Node):  # type: ignore[misc] # rclpy's classes are untyped
             self._log.warning(kind, f'{sentence}; further cases are counted in diagnostics')
 
     def _warn_of_best_effort(self) -> None:
-        """Log the publishers whose messages do not arrive."""
         for source, _ in self._sources:
             for each in self.get_publishers_info_by_topic(source.topic_name):
                 if each.qos_profile.reliability == ReliabilityPolicy.BEST_EFFORT:

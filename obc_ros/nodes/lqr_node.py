@@ -24,7 +24,7 @@ from obc_ros.core.systems.system import System
 from obc_ros.core.text.errors import ObcError, quote, RefusedReferenceError, StatementError
 from obc_ros.msg import LqrDesign, Trajectory
 from obc_ros.nodes.control.controller_node import ControllerNode, design_message, OVERRIDES
-from obc_ros.nodes.lqr.prediction import explain_idleness, Oracle
+from obc_ros.nodes.lqr.prediction import explain_idleness, explain_miss, foresee
 from obc_ros.nodes.lqr.settings import (
     apply_request,
     describe_ending,
@@ -47,7 +47,6 @@ class LqrNode(ControllerNode):
 
     def _prepare(self) -> None:
         self._courses: tuple[Course, ...] = ()
-        self._oracle = Oracle()
         self._accepted: Trajectory | None = None   # by the service, and not yet on the topic
 
     def _create_topics(self, settings: Settings) -> None:
@@ -118,7 +117,6 @@ class LqrNode(ControllerNode):
         return response
 
     async def _follow(self, message: Trajectory, is_judged_ahead: bool) -> str:
-        """Follow a reference and return what is said of it; raise ObcError if it is rejected."""
         courses, candidate = await self._desk.run(
             lambda: self._judge_reference(message, is_judged_ahead), is_change=True)
         if reason := self._loop.offer(candidate.control):
@@ -135,7 +133,7 @@ class LqrNode(ControllerNode):
         stamp = read_nanoseconds(request.stamp)
         try:
             found = await self._desk.run(
-                lambda: self._oracle.foresee(self._loop, self._adopted, stamp))
+                lambda: foresee(self._loop, self._adopted, stamp))
         except ObcError as error:
             response.message = str(error)
             return response
@@ -164,7 +162,7 @@ class LqrNode(ControllerNode):
         if courses:
             control = candidate.control
             check(courses[-1], candidate.design, control.limits, control.legs[-1].allowed)
-            if is_judged_ahead and (reason := self._oracle.explain_miss(self._loop, candidate)):
+            if is_judged_ahead and (reason := explain_miss(self._loop, candidate)):
                 raise RefusedReferenceError(f'predicted for its beginning: {reason}')
         return courses, candidate
 

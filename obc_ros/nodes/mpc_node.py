@@ -159,7 +159,6 @@ class MpcNode(ControllerNode):
             self._steps.use(candidate.link)
 
     async def _take_terminal_set(self) -> None:
-        """Use the terminal set of a prepared problem."""
         link = self._steps.link
         if link is None or link.ready is None or self._adopted.ready is not None:
             return
@@ -245,7 +244,6 @@ class MpcNode(ControllerNode):
             self._show(reply)
 
     def _show(self, reply: Packet) -> None:
-        """Publish a plan, at most at `plan_rate`."""
         rate, now = self._table.settings.plan_rate, monotonic()
         if rate and now - self._published >= 1.0 / rate:
             self._published = now

@@ -128,7 +128,6 @@ def _of_outputs(values: Mapping[str, Any]) -> Iterator[ParameterRow]:
 
 
 def _read_problem(name: str) -> StartValues:
-    """Return the plant of a problem file and its initial state, if that is given."""
     from obc_ros.ros.parameters.problem_files import list_plant_values, read_problem_file
     found = read_problem_file(name)
     values, problem = list_plant_values(found), found.problem
@@ -277,7 +276,6 @@ class PlantSimulator(Node):  # type: ignore[misc] # rclpy's classes are untyped
         self._thread.start()
 
     def _offer(self, settings: Settings) -> None:
-        """Create the publishers, subscriptions and services."""
         self._states = self.create_publisher(State, 'state', BACKLOG)
         self._odom = self._clock_out = None
         self._measurements: Any = None   # a publisher, once an output is measured
@@ -297,7 +295,6 @@ class PlantSimulator(Node):  # type: ignore[misc] # rclpy's classes are untyped
             self.create_timer(0.5 / settings.publish_rate, lambda: self._thread.wake())
 
     def _offer_measurements(self) -> None:
-        """Create the publisher of measurements once an output is measured."""
         if len(self._sensors) and self._measurements is None:
             self._measurements = self.create_publisher(Measurement, 'measurement', BACKLOG)
 
@@ -351,7 +348,6 @@ class PlantSimulator(Node):  # type: ignore[misc] # rclpy's classes are untyped
             self._measurements.publish(message)
 
     def _observe(self) -> Moment:
-        """Return the last published state, for the view."""
         with self._lock:
             plant = self._plant
             return Moment(plant.stamp, plant.simulator.time, plant.sample.copy(),

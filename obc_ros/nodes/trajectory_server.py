@@ -262,14 +262,12 @@ class TrajectoryServer(Node):  # type: ignore[misc] # rclpy's classes are untype
         return response
 
     def _limit(self, time_limit: float) -> float:
-        """Return the time limit of a request, at most that of the server [s]."""
         if not time_limit >= 0.0:
             raise StatementError(f'time_limit = {time_limit:g}: wanted seconds, or 0 for the '
                                  "server's own limit")
         return min(time_limit or math.inf, self._settings.settings.time_limit)
 
     def _deliver(self, future: Future, answer: RequestAnswer) -> None:
-        """Pass a response from a thread of a pool to the executor."""
         self._arrived.append((future, answer))
         self._arrival.trigger()
 
@@ -293,7 +291,6 @@ class TrajectoryServer(Node):  # type: ignore[misc] # rclpy's classes are untype
         self._solvers.resize(settings.workers)
 
     def _find_solvers(self, scheduler: str) -> Pool:
-        """Return the pool of the solvers, with a cluster if there is one."""
         if not scheduler:
             return Pool(ANSWERS, 0)
         if exposure := explain_exposure(scheduler):
@@ -301,14 +298,12 @@ class TrajectoryServer(Node):  # type: ignore[misc] # rclpy's classes are untype
         return ClusterPool(scheduler, ANSWERS, 0, self._tell)
 
     def _tell(self, sentence: str, good: bool) -> None:
-        """Log that a cluster is found or lost."""
         if good:
             self.get_logger().info(quote(sentence, 500))
         else:   # rclpy wants a severity of its own at each place
             self.get_logger().warning(quote(sentence, 500))
 
     def _diagnose(self) -> None:
-        """Publish the state of the workers and the numbers of requests by status."""
         pool = self._solvers
         replaced = pool.replaced + self._designers.replaced
         status = make_status(

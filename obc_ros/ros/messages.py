@@ -52,7 +52,6 @@ def check_size(message: Any) -> None:
 
 
 def _size(value: Any) -> int:
-    """Return the size [bytes] of the texts and numbers of a message, including lists."""
     if isinstance(value, str):
         return len(value) + 4
     if isinstance(value, array):

@@ -32,7 +32,6 @@ class ThrottledLog:
             self._node.get_logger().warning(words)
 
     def _due(self, kind: str, sentence: str) -> str:
-        """Return the line to log, or an empty text."""
         now = monotonic()
         left, looked, omitted = self._kinds.get(kind, (LOG_BURST, now, 0))
         left = min(left + (now - looked) / PERIOD, LOG_BURST)

@@ -50,39 +50,33 @@ class RandomNumber:
         return drawn
 
 
-def parse_axes(texts: Sequence[str]) -> dict[str, Any]:
+def parse_axes(texts: Sequence[str]) -> dict[str, str]:
     """
-    Return keys and values of axes as the command line writes them.
+    Return keys and values of axes, such as ``x0.p=-2:2:101`` and ``mass=1,2,4``, for `make_axes`.
 
-    :param texts: such as ``x0.p=-2:2:101`` and ``mass=1,2,4``.
-    :return: for `make_axes`.
     :raises StatementError: if a text has another form, or a key occurs twice.
     """
-    found: dict[str, Any] = {}
-    for text in texts:
-        key, equals, values = text.partition('=')
-        if not equals or not key.strip() or not values.strip():
-            raise StatementError(f"--over: wanted KEY=LOWER:UPPER:NUMBER or KEY=A,B,C, found "
-                                 f"'{quote(text)}'")
-        _add(found, key.strip(), values.strip(), '--over')
-    return found
+    return _parse(texts, '--over', '=', 'KEY=LOWER:UPPER:NUMBER or KEY=A,B,C')
 
 
 def parse_draws(texts: Sequence[str]) -> dict[str, str]:
     """
-    Return keys and distributions of random numbers as the command line writes them.
+    Return keys and distributions, such as ``x0.v~normal(0,1)``, for `make_draws`.
 
-    :param texts: such as ``x0.v~normal(0,1)``.
-    :return: for `make_draws`.
     :raises StatementError: if a text has another form, or a key occurs twice.
     """
+    return _parse(texts, '--sample', '~', 'KEY~normal(MEAN,DEVIATION)')
+
+
+def _parse(texts: Sequence[str], where: str, mark: str, wanted: str) -> dict[str, str]:
     found: dict[str, str] = {}
     for text in texts:
-        key, tilde, distribution = text.partition('~')
-        if not tilde or not key.strip() or not distribution.strip():
-            raise StatementError(f"--sample: wanted KEY~normal(MEAN,DEVIATION), found "
-                                 f"'{quote(text)}'")
-        _add(found, key.strip(), distribution.strip(), '--sample')
+        key, _, value = map(str.strip, text.partition(mark))
+        if not key or not value:
+            raise StatementError(f"{where}: wanted {wanted}, found '{quote(text)}'")
+        if key in found:
+            raise StatementError(f"{where}: '{quote(key)}' is given twice")
+        found[key] = value
     return found
 
 
@@ -133,14 +127,7 @@ def check_count(axes: Sequence[SweepAxis], draws: Sequence[RandomNumber], count:
     return points
 
 
-def _add(found: dict[str, Any], key: str, value: str, where: str) -> None:
-    if key in found:
-        raise StatementError(f"{where}: '{quote(key)}' is given twice")
-    found[key] = value
-
-
 def _values(values: Any, key: str) -> tuple[float, ...]:
-    """Return the values of an axis, checked."""
     where = f"axis '{quote(key)}'"
     if isinstance(values, str):
         entries: list[Any] = _range(values, where) if ':' in values else values.split(',')

@@ -107,7 +107,6 @@ def linearize_plant_of(case: Mapping[str, Any], system: System) -> LinearizedPla
 
 
 def _system(case: Mapping[str, Any], numbers: Mapping[str, Any]) -> System:
-    """Return the system of a case with the parameters, or the matrices, of `numbers`."""
     if case.get('system') is not None:
         return find_registered(case['system'], numbers.get('parameters') or {})
     A, B = (np.array(read_numbers(numbers[key], key)) for key in ('A', 'B'))
@@ -120,7 +119,6 @@ def _system(case: Mapping[str, Any], numbers: Mapping[str, Any]) -> System:
 
 
 def _weights(case: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the arguments of `design`."""
     found: dict[str, Any] = {key: np.ravel(read_numbers(case[key], key)).tolist()
                              for key in WEIGHTS if case.get(key) is not None}
     found |= {key: read_numbers(case[key], key) for key in ('rho', 'stability')
@@ -142,7 +140,6 @@ def _slowest(loop: ClosedLoop, case: Mapping[str, Any]) -> float:
 
 
 def _simulate(loop: ClosedLoop, e0: Array, duration: float) -> dict[str, Any]:
-    """Return cost, overshoot and peaks of a loop from a deviation."""
     first = float(np.linalg.norm(e0)) or 1.0
     rest = loop.design.plant.equilibrium.x
 

@@ -168,7 +168,6 @@ def _fill(quantity: Quantity, rows: Mapping[int, Mapping[str, Any]], size: int) 
 
 def _fill_lists(name: str, rows: Mapping[int, Mapping[str, Any]], size: int,
                 width: int) -> NDArray[Any]:
-    """Return one list for each point, padded with nan."""
     numbers = np.full((size, width), np.nan)
     for index, row in rows.items():
         values = row.get(name, ())

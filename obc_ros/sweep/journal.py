@@ -124,7 +124,6 @@ def check_folder(folder: Path, question: Mapping[str, Any], resume: bool) -> Non
 
 
 def _write_whole(path: Path, text: str) -> None:
-    """Write a file completely or not at all."""
     part = path.with_suffix('.part')
     with open(part, 'w', encoding='utf-8') as file:
         file.write(text)

@@ -95,7 +95,6 @@ class ProblemNumbers:
 
     @cached_property
     def _bounds(self) -> dict[str | int, tuple[float | None, float | None]]:
-        """Return the bounds of the states and of the inputs, which a system may have given."""
         problem = self.problem
         lower = np.concatenate([problem.x_lower, problem.u_lower]).tolist()
         upper = np.concatenate([problem.x_upper, problem.u_upper]).tolist()
@@ -104,7 +103,6 @@ class ProblemNumbers:
 
     @cached_property
     def _units(self) -> dict[str, str]:
-        """Return the units of states, inputs and parameters by name."""
         name = self.statement.get('system')
         if not name:
             given = self.statement.get('units')
@@ -153,5 +151,4 @@ def replace_number(value: Any, place: Place, number: float,
 
 
 def _known(bound: float) -> float | None:
-    """Return a bound as a statement has it."""
     return bound if math.isfinite(bound) else None

@@ -119,7 +119,6 @@ class RegulatorNumbers:
             'case.')
 
     def _find_system(self) -> System | None:
-        """Return the named system; None if the case gives A and B."""
         case = self.statement
         if case.get('system') is None:
             return None
@@ -169,7 +168,6 @@ def read_numbers(value: Any, where: str) -> Any:
 
 
 def _positions(value: Any) -> Iterator[tuple[int, ...]]:
-    """Yield the positions of the numbers in a list, or in a list of lists."""
     for index, each in enumerate(value if isinstance(value, (list, tuple)) else ()):
         if isinstance(each, (list, tuple)):
             yield from ((index, *rest) for rest in _positions(each))

@@ -56,7 +56,6 @@ def design_regulator(request: Packet, time_limit: float, report: Report, keep: K
 
 @lru_cache(32)
 def _system(name: str, parameters: str) -> System:
-    """Return a registered system; cached, since building it takes longer than a design."""
     return find_registered(name, json.loads(parameters))
 
 

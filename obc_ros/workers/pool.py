@@ -359,7 +359,6 @@ class _Worker(Thread):
         self._pool.pause(self, find_pause(self.failures, START_PAUSE, LONGEST_PAUSE))
 
     def _wait_until_ready(self) -> str:
-        """Return why the process did not start; empty if it did."""
         end = time.monotonic() + START_TIME
         while self.wanted and time.monotonic() < end:
             try:
@@ -375,7 +374,6 @@ class _Worker(Thread):
         return f'the start takes more than {START_TIME:g} s'
 
     def _serve(self) -> None:
-        """Handle jobs until the process has ended or the worker is not wanted any more."""
         while self.ready and (self.wanted or self.job):
             job = self._pool.next_job(self)
             if self._process.has_ended:
@@ -428,7 +426,6 @@ class _Worker(Thread):
         return job.give_up(self._kept)
 
     def _cause(self) -> str:
-        """Return how the process has ended."""
         end = self._process.describe_end()
         return f'it {end}' if 'SIGKILL' not in end else (
             'it was killed (SIGKILL), by a user or for lack of memory')

@@ -98,10 +98,10 @@ def compute_affinity(request: Packet) -> str:
     :return: for `pool.Job.affinity`.
     """
     given = request.plain.get('statement', {})
-    shape = [given.get(key) for key in ('system', 'states', 'inputs', 'dynamics', 'running_cost',
-                                        'terminal_cost', 'terminal_constraints')]
-    shape += [given.get(key) for key in (
-        'initial_cost', 'initial_constraints', 'boundary_constraints', 'periodic', 'phases')]
+    shape = [given.get(key) for key in (
+        'system', 'states', 'inputs', 'dynamics', 'running_cost', 'terminal_cost',
+        'terminal_constraints', 'initial_cost', 'initial_constraints', 'boundary_constraints',
+        'periodic', 'phases')]
     start = given.get('initial_state')
     shape.append(sorted(name for name, value in start.items() if value is None or isinstance(
         value, list)) if isinstance(start, dict) else None)

@@ -97,7 +97,6 @@ class Channel:
         self._socket.close()
 
     def _take(self) -> Packet | None:
-        """Return the next packet if it has arrived completely, else None."""
         if len(self._received) < _LENGTH.size:
             return None
         end = _LENGTH.size + _LENGTH.unpack_from(self._received)[0]

@@ -103,7 +103,6 @@ class Sink:
 
 
 def _find_fields(topic: str, system: System) -> dict[str, ca.SX]:
-    """Return the expressions of the fields of a message by name."""
     fields = dict(system.robot.commands.get(topic, {}))
     inputs = [(each.name, each.unit) for each in system.inputs]
     if not fields:

@@ -97,11 +97,9 @@ class ControllerNode(LifecycleNode):  # type: ignore[misc] # rclpy's classes are
             raise StatementError('the states of a running node cannot change: start another node')
 
     def _shared_topics(self) -> list[str]:
-        """Return the topics that may have several publishers."""
         return []
 
     def _start_itself(self) -> None:
-        """Configure and activate the node."""
         self.trigger_configure()
         self.trigger_activate()
 
@@ -116,7 +114,6 @@ class ControllerNode(LifecycleNode):  # type: ignore[misc] # rclpy's classes are
         raise NotImplementedError
 
     def _statuses(self) -> list[DiagnosticStatus]:
-        """Return the diagnostics of the controller's own."""
         return []
 
     def _create_topics(self, settings: Any) -> None:
@@ -147,7 +144,6 @@ class ControllerNode(LifecycleNode):  # type: ignore[misc] # rclpy's classes are
         self.create_timer(1.0, self._diagnose, clock=STEADY)
 
     def _deadline_events(self) -> list[EventHandler]:
-        """Return the handlers of a missed deadline, if a QoS override sets a deadline."""
         deadline = self._states.qos_profile.deadline.nanoseconds
         if not 0 < deadline < INFINITE:
             return []

@@ -4,6 +4,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from obc_ros.core.closed_loop.clock import NS
@@ -12,8 +13,6 @@ from obc_ros.core.closed_loop.modes import FOLLOWING, Mode
 from obc_ros.core.closed_loop.references import explain_distance, is_within
 from obc_ros.core.closed_loop.state_prediction import make_model, predict_state
 from obc_ros.core.lqr.design.reference_checks import compute_allowed_distance
-from obc_ros.core.simulation.flow import PlantFlow
-from obc_ros.core.systems.system import System
 from obc_ros.core.text.errors import StatementError
 from obc_ros.nodes.lqr.settings import LqrCandidate
 
@@ -35,53 +34,46 @@ class Foresight:
     sentence: str
 
 
-class Oracle:
-    """The model of the plant of a node; one thread at a time may use it."""
+_find_model = lru_cache(maxsize=1)(make_model)
 
-    def __init__(self) -> None:
-        self._known: tuple[System, PlantFlow] | None = None
 
-    def foresee(self, loop: ControlLoop, candidate: LqrCandidate, stamp: int) -> Foresight:
-        """
-        Return the state at a stamp, by the loop and the model.
+def foresee(loop: ControlLoop, candidate: LqrCandidate, stamp: int) -> Foresight:
+    """
+    Return the state at a stamp, by the loop and the model; one thread at a time may ask.
 
-        :param loop: it is not changed.
-        :param stamp: [ns]; not after the last state: that one.
-        :raises ObcError: if there is no recent state, or the model diverges.
-        """
-        if reason := explain_absence(loop):
-            raise StatementError(reason)
-        twin, system = loop.fork(), candidate.design.plant.system
-        last, x, interval = twin.stamp, twin.x, twin.interval
-        if last is None or x is None or interval is None:
-            raise StatementError('fewer than four states have arrived')
-        stamp, prediction = max(stamp, last), candidate.control.prediction
-        command = twin.command or list(candidate.control.rest)
-        sent = [*twin.list_earlier(), (last, command)]
+    :param loop: it is not changed.
+    :param stamp: [ns]; not after the last state: that one.
+    :raises ObcError: if there is no recent state, or the model diverges.
+    """
+    if reason := explain_absence(loop):
+        raise StatementError(reason)
+    twin, system = loop.fork(), candidate.design.plant.system
+    last, x, interval = twin.stamp, twin.x, twin.interval
+    if last is None or x is None or interval is None:
+        raise StatementError('fewer than four states have arrived')
+    stamp, prediction = max(stamp, last), candidate.control.prediction
+    command = twin.command or list(candidate.control.rest)
+    sent = [*twin.list_earlier(), (last, command)]
 
-        def answer(at: int, x: Sequence[float]) -> list[float]:
-            nonlocal command
-            command = twin.imagine(at, x) or command   # without an answer the last one acts on
-            return command
+    def answer(at: int, x: Sequence[float]) -> list[float]:
+        nonlocal command
+        command = twin.imagine(at, x) or command   # without an answer the last one acts on
+        return command
 
-        found = predict_state(self._model(system), x, sent, stamp, answer, round(interval / NS),
-                              0 if prediction is None else prediction.delay)
-        return Foresight(stamp, *found, _rests(twin, candidate, found.x, found.u, stamp - last),
-                         _describe(twin))
+    found = predict_state(_find_model(system), x, sent, stamp, answer, round(interval / NS),
+                          0 if prediction is None else prediction.delay)
+    return Foresight(stamp, *found, _rests(twin, candidate, found.x, found.u, stamp - last),
+                     _describe(twin))
 
-    def explain_miss(self, loop: ControlLoop, candidate: LqrCandidate) -> str:
-        """Return why the last reference of a new control begins too far from the plant, or ''."""
-        leg, last = candidate.control.legs[-1], loop.stamp
-        begin = leg.reference.begin
-        if begin is None or last is None or begin <= last:
-            return ''   # the loop judges it at the present state
-        x = self.foresee(loop, candidate, begin).x
-        return explain_distance(candidate.control, leg, 0.0, x, leg.along.at(0.0).x)
 
-    def _model(self, system: System) -> PlantFlow:
-        if self._known is None or self._known[0] is not system:
-            self._known = system, make_model(system)
-        return self._known[1]
+def explain_miss(loop: ControlLoop, candidate: LqrCandidate) -> str:
+    """Return why the last reference of a new control begins too far from the plant, or ''."""
+    leg, last = candidate.control.legs[-1], loop.stamp
+    begin = leg.reference.begin
+    if begin is None or last is None or begin <= last:
+        return ''   # the loop judges it at the present state
+    x = foresee(loop, candidate, begin).x
+    return explain_distance(candidate.control, leg, 0.0, x, leg.along.at(0.0).x)
 
 
 def explain_absence(loop: ControlLoop) -> str:

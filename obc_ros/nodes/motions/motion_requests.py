@@ -227,13 +227,11 @@ class MotionRequests:
                          'lqr_node follows it is not known')
 
     def _reject(self, response: Any, status: str, reason: str) -> None:
-        """Turn the answer with a solved plan into a refusal."""
         message = f'the plan is solved, but {reason}'
         self._log.warning('refused', f'a request to ~/plan was rejected: {quote(message, 500)}')
         response.success, response.status, response.message = False, status, message
 
     def _publish(self, plan: Trajectory) -> None:
-        """Publish a plan as a reference."""
         self._reference.publish(plan)
         self._log.info('reference', f'a plan of {plan.t[-1]:.4g} s for {plan.system} is published '
                        f'on {self._reference.topic_name}')
@@ -262,6 +260,5 @@ def state_plan(request: Any, systems: tuple[str, ...]) -> dict[str, Any]:
 
 
 def _name_plant(request: Any, systems: tuple[str, ...]) -> dict[str, Any]:
-    """Return the plant of a file that a request names, for the worker."""
     plant = load_plants(systems).get(request.system)
     return {} if plant is None else {'plant': plant}

@@ -125,7 +125,6 @@ class PlanMonitor:
             **{f'solver {kind}': processes[kind] for kind in ('ended', 'silent', 'unsent')}})
 
     def _slack(self) -> dict[str, float]:
-        """Return by how much bounds are exceeded in the last plan, by name."""
         return {} if self.last is None else {
             what: value for what, value in self.last.plain['slack'].items() if value > KEPT}
 

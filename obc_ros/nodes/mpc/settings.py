@@ -36,7 +36,6 @@ SHARE = 0.8   # of a period: the time of a solve without `deadline`
 
 
 def _read_problem(name: str) -> StartValues:
-    """Return what a problem file gives the node."""
     from obc_ros.core.receding.restatement import check_restatable, restate_problem
     from obc_ros.ros.parameters.problem_files import list_plant_values, read_problem_file
     found = read_problem_file(name)
@@ -150,7 +149,6 @@ def _find_sampling(given: dict[str, Any]) -> Sampling:
 
 
 def _state_problem(settings: Settings, found: Design, limits: InputLimits) -> Packet:
-    """Return what the solver process needs to state the problem."""
     steps = round(settings.horizon * settings.rate)
     if not FEWEST_STEPS <= steps <= MOST_STEPS:
         raise StatementError(

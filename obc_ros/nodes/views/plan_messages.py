@@ -107,7 +107,6 @@ def _list_places(plan: Trajectory) -> tuple[Array, PlaneMap]:
 
 
 def _find_system(name: str) -> System | None:
-    """Return a registered system with its default parameters; None if there is none."""
     try:
         return registry.get_registered(name) if name else None
     except ObcError:
@@ -169,7 +168,6 @@ def find_boundaries(statement: Mapping[str, Any], box: Rectangle) -> list[Array]
 
 
 def _trace_bounds(problem: Problem, box: Rectangle) -> Iterator[Array]:
-    """Yield lines where px or py is at a bound."""
     for name, axis in (('px', 0), ('py', 1)):
         index = problem.states.index(name)
         across = box[2:] if axis == 0 else box[:2]

@@ -47,7 +47,6 @@ class PlanView:
             self._plan, self._todo = (plan, state), {'path', 'markers'}
 
     def _publish(self) -> None:
-        """Publish what has subscribers and is not published yet."""
         watched: dict[str, Any] = {
             'path': self._path.get_subscription_count() > 0, 'markers': self._scene.is_watched}
         todo = {name for name in self._todo if watched[name]}

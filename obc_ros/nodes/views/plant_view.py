@@ -121,7 +121,6 @@ class PlantView:
         self._set_point.take(design)
 
     def _publish(self) -> None:
-        """Publish what has subscribers."""
         wanted = self._settings.markers
         markers = wanted and self._scene.is_watched
         trail = wanted and bool(self._trail.maxlen) and self._path.get_subscription_count() > 0

@@ -100,7 +100,6 @@ def run(build: Callable[[], Node]) -> int:
 
 
 def _room(node: Node) -> float:
-    """Return the time [s] within which the node leaves."""
     try:
         return min(ROOM * len(node.get_node_names()), 1.0)
     except RuntimeError:  # other code in this process has shut down the context

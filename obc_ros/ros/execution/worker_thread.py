@@ -11,7 +11,7 @@ from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from queue import SimpleQueue
-from threading import Event, Thread
+from threading import Thread
 from typing import Any
 
 from obc_ros.core.text.errors import ObcError
@@ -32,7 +32,6 @@ class _Job:
     work: Work
     is_change: bool
     future: Future = field(default_factory=Future)
-    cancelled: Event = field(default_factory=Event)
     reason: str = ''   # of its cancellation
 
 
@@ -75,32 +74,31 @@ class WorkerThread:
         finally:
             self._waiting.remove(job)
         # A result that is there can be cancelled until the one who awaits it goes on.
-        if job.cancelled.is_set():
+        if job.reason:
             raise CancelledError(job.reason)
         return result
 
     def is_cancelled(self) -> bool:
         """Return whether the present computation is not wanted any more; in the thread."""
-        return self._present is not None and self._present.cancelled.is_set()
+        return self._present is not None and bool(self._present.reason)
 
     def cancel(self, reason: str) -> None:
         """Answer all changes that are not adopted yet with a reason; in the executor."""
         for job in self._waiting:
             if job.is_change:
                 job.reason = reason
-                job.cancelled.set()
                 self._answer(job, None, CancelledError(reason))
 
     def close(self) -> None:
         """End the thread after the present computation."""
         for job in self._waiting:
-            job.cancelled.set()
+            job.reason = job.reason or 'the node ends'
         self._jobs.put(None)
         self._thread.join()
 
     def _run(self) -> None:
         while (job := self._jobs.get()) is not None:
-            if job.cancelled.is_set():
+            if job.reason:
                 continue
             self._present = job
             try:
@@ -111,7 +109,6 @@ class WorkerThread:
             self._news.trigger()
 
     def _deliver(self) -> None:
-        """Pass results to those that await them; in the executor."""
         while self._done:
             self._answer(*self._done.popleft())
 

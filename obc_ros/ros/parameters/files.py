@@ -67,8 +67,6 @@ def _list_arguments(arguments: Sequence[str], options: tuple[str, ...]) -> Itera
 
 
 def _list_sections(file: str | Path) -> Iterator[tuple[str, set[str]]]:
-    """Yield the sections of a file, each with the names of its parameters."""
-
     def walk(above: str, inner: Any) -> Iterator[tuple[str, set[str]]]:
         for key, value in inner.items() if isinstance(inner, Mapping) else ():
             if key == _PARAMETERS:

@@ -188,7 +188,6 @@ class Parameters(Generic[Settings, Judged]):
                 if values[name] != entry.default and not is_used(entry.used_when, values))
 
     def _unknown(self) -> list[str]:
-        """Return the names given at the start that are no parameters."""
         return [name for name in self._overrides
                 if not (self._node.has_parameter(name) or name.startswith('qos_overrides.'))]
 
@@ -226,7 +225,6 @@ class Parameters(Generic[Settings, Judged]):
         return [self._normal(change) for change in self._asked]
 
     def _lost(self, changes: list[Parameter]) -> list[Parameter]:
-        """Return the defaults of the parameters that lose their effect by changes."""
         lost: dict[str, Value] = {}
         try:
             ours = self._read(changes)
@@ -328,7 +326,6 @@ class Parameters(Generic[Settings, Judged]):
             self._prepared = settings, None, error
 
     def _attempt(self, changes: list[Parameter]) -> SetParametersResult:
-        """Set all or none; a rejection is in the result only."""
         self._is_attempt = True
         try:
             return self._node.set_parameters_atomically(changes)
@@ -368,7 +365,6 @@ class Parameters(Generic[Settings, Judged]):
         return values, settings, cast(Judged, judged)
 
     def _propose(self, ours: Mapping[str, Value]) -> tuple[dict[str, Value], Settings]:
-        """Return all values and the settings after changes; ObcError: one has no effect."""
         values = {**self._values, **ours}
         for name in self._idle(values):
             raise StatementError(explain_idle(self._entries, name, values) + self._advise(

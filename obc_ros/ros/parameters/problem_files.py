@@ -62,7 +62,6 @@ def list_plant_values(found: ProblemFile) -> dict[str, Value]:
 
 
 def _read_option(row: ParameterRow, value: Any) -> Value:
-    """Return a construction option of a system, such as a matrix of `linear`."""
     if isinstance(row.default, tuple):
         return tuple(np.array(value, dtype=float).ravel().tolist())
     number = parse_number(value, {}, f'parameters.{row.name}')

@@ -238,7 +238,6 @@ def suggest_key(name: str, known: Iterable[str]) -> str:
 
 
 def _number(text: str, is_whole: bool) -> float | None:
-    """Return the number that a text represents, or None."""
     try:
         return int(text) if is_whole else float(text)
     except ValueError:
@@ -305,7 +304,6 @@ def count_depth(rows: Mapping[str, ParameterRow], name: str) -> int:
 
 
 def _names(name: str, values: Mapping[str, Value]) -> list[str]:
-    """Return the parameters that the name of a condition means."""
     if not name.endswith('*'):
         return [name]
     return [each for each in values if each.startswith(name[:-1])]

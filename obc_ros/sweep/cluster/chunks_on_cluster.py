@@ -93,7 +93,6 @@ class _ClusterRun:
         future.add_done_callback(self._done.put)
 
     def _take(self, future: Any) -> Finished | None:
-        """Return the answer of a chunk; None if it has to be sent again."""
         chunk, tries = self._futures.pop(future)
         if future.status == 'finished':
             try:

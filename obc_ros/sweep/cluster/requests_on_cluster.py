@@ -89,7 +89,6 @@ class ClusterPool(Pool):
         self._thread.join(CLOSING)
 
     def _run(self) -> None:
-        """Connect, and connect again, until closed."""
         while not self._closed:
             try:
                 self._client = connect(self.address, RETRY)
@@ -131,7 +130,6 @@ class ClusterPool(Pool):
         return bool(self._queue) and not self.absence and self.sent < AHEAD * self.threads
 
     def _send(self) -> None:
-        """Give waiting requests to the cluster."""
         with self._changed:
             while self._may_send() and not self._closed:
                 job, key = self._queue[0], f'obc-request-{uuid.uuid4().hex}'
@@ -209,7 +207,6 @@ class ClusterPool(Pool):
         sent.job.done(answer)
 
     def _report(self, event: Any) -> None:
-        """Pass on the progress of a request."""
         key, *progress = event[1]
         for sent in [*self._sent.values()]:
             if sent.key == key:

@@ -78,7 +78,6 @@ def end_solvers() -> None:
 
 
 def _find_solver(kind: str, start: Callable[[], Pool]) -> Pool:
-    """Return the solver process of this thread for a kind of work."""
     with _lock:
         key = get_ident(), kind
         if key not in _solvers:

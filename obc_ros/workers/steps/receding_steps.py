@@ -140,7 +140,6 @@ def _describe(found: StepResult) -> dict[str, Any]:
 
 def _bounds(names: Iterable[str], lower: Array, upper: Array
             ) -> dict[str, list[float | None]]:
-    """Return bounds by name as in a problem file."""
     return {name: [float(value) if math.isfinite(value) else None for value in pair]
             for name, *pair in zip(names, lower, upper, strict=True)
             if any(map(math.isfinite, pair))}

@@ -106,7 +106,6 @@ class StepLink(SupervisedProcess):
 
     def _wait_for(self, is_wanted: Callable[[Packet], bool], timeout: float,
                   is_cancelled: Callable[[], bool], delay: str) -> Packet:
-        """Return the next wanted packet; ObcError: there is none, or no need of it any more."""
         end = time.monotonic() + timeout
         while (left := end - time.monotonic()) > 0.0:
             if is_cancelled():

@@ -11,7 +11,7 @@ from obc_ros.core.closed_loop.loop import ControlLoop
 from obc_ros.core.closed_loop.modes import Mode
 from obc_ros.core.lqr.design.reference_tracking import read_course
 from obc_ros.core.text.errors import StatementError
-from obc_ros.nodes.lqr.prediction import explain_idleness, Oracle
+from obc_ros.nodes.lqr.prediction import explain_idleness, explain_miss, foresee
 from obc_ros.nodes.lqr.settings import judge_lqr_settings, LqrCandidate, Settings
 import pytest
 from scipy.linalg import expm
@@ -73,7 +73,7 @@ def test_the_prediction_is_where_the_loop_will_be(
     run = Run(candidate, (0.3 if not has_reference else 0.01, 0.0), delay)
     run.take(50)
     counts, stamp = dict(run.loop.counts), run.stamp + 149 * PERIOD
-    found = Oracle().foresee(run.loop, candidate, stamp)
+    found = foresee(run.loop, candidate, stamp)
     assert dict(run.loop.counts) == counts   # the loop has not noticed
     expected = run.take(149)
     assert found.x == pytest.approx(expected, abs=1e-7)
@@ -82,18 +82,18 @@ def test_the_prediction_is_where_the_loop_will_be(
 
 def test_a_moving_plant_does_not_rest_and_a_held_one_does() -> None:
     """On the reference it moves; at a set point that moves it does, too."""
-    oracle, settings = Oracle(), Settings(**PLANT)
+    settings = Settings(**PLANT)
     run = Run(follow(judge_lqr_settings(settings), 10**9), (0.0, 0.0))
     run.take(20)
-    assert not oracle.foresee(run.loop, run.candidate, run.stamp + 10 * PERIOD).at_rest
-    assert oracle.foresee(run.loop, run.candidate, run.stamp + 500 * PERIOD).at_rest
+    assert not foresee(run.loop, run.candidate, run.stamp + 10 * PERIOD).at_rest
+    assert foresee(run.loop, run.candidate, run.stamp + 500 * PERIOD).at_rest
     moving = judge_lqr_settings(Settings(
         system='vehicle', setpoint=(0.0, 0.0, 0.0), setpoint_input=(1.0, 0.0),
         state_timeout=0.5))
     loop = ControlLoop(moving.control)
     for k in range(5):
         loop.answer(k * PERIOD, [k * PERIOD * 1e-9, 0.0, 0.0], k * PERIOD * 1e-9)
-    found = oracle.foresee(loop, moving, 4 * PERIOD + 10**9)
+    found = foresee(loop, moving, 4 * PERIOD + 10**9)
     assert not found.at_rest
     assert found.x == pytest.approx([1.08, 0.0, 0.0], abs=1e-6)
     run.loop.stop('by ~/stop')
@@ -105,19 +105,19 @@ def test_what_a_prediction_lacks_is_said_in_words() -> None:
     for loop, words in ((ControlLoop(candidate.control, Mode.INACTIVE), 'inactive'),
                         (ControlLoop(candidate.control), 'no state has arrived')):
         with pytest.raises(StatementError, match=words):
-            Oracle().foresee(loop, candidate, 0)
+            foresee(loop, candidate, 0)
     run = Run(candidate, (0.1, 0.0))
     run.take(2)
     with pytest.raises(StatementError, match='fewer than four states'):
-        Oracle().foresee(run.loop, candidate, run.stamp)
+        foresee(run.loop, candidate, run.stamp)
     run.take(5)
     last = run.stamp - PERIOD
-    assert Oracle().foresee(run.loop, candidate, 0).stamp == last
+    assert foresee(run.loop, candidate, 0).stamp == last
     with pytest.raises(StatementError, match='after the last state'):
-        Oracle().foresee(run.loop, candidate, 2**62)
+        foresee(run.loop, candidate, 2**62)
     run.loop.overdue(last * 1e-9 + 9.0)
     with pytest.raises(StatementError, match='no recent state'):
-        Oracle().foresee(run.loop, candidate, last)
+        foresee(run.loop, candidate, last)
 
 
 def test_a_reference_is_judged_where_the_plant_will_be() -> None:
@@ -125,8 +125,8 @@ def test_a_reference_is_judged_where_the_plant_will_be() -> None:
     candidate = judge_lqr_settings(replace(Settings(**PLANT), start_tolerance=(0.01, 0.01)))
     run = Run(candidate, (1.0, 0.0))
     run.take(20)
-    oracle, begin = Oracle(), run.stamp + 30 * PERIOD
-    x = np.array(oracle.foresee(run.loop, candidate, begin).x)
+    begin = run.stamp + 30 * PERIOD
+    x = np.array(foresee(run.loop, candidate, begin).x)
 
     def offered(start: Array) -> LqrCandidate:
         t = np.linspace(0.0, 1.0, 101)
@@ -135,8 +135,8 @@ def test_a_reference_is_judged_where_the_plant_will_be() -> None:
             candidate.design.plant.system, ((), ()), t.tolist(), path.ravel().tolist(),
             [0.0] * 101, '', begin),))
 
-    assert not oracle.explain_miss(run.loop, offered(x))
-    words = oracle.explain_miss(run.loop, offered(x + [0.0100001, 0.0]))
+    assert not explain_miss(run.loop, offered(x))
+    words = explain_miss(run.loop, offered(x + [0.0100001, 0.0]))
     assert words.startswith("x1 is 0.0100001 m from the plan's start "), words
     assert words.endswith('allowed 0.01 m')
-    assert 'x1 is' in oracle.explain_miss(run.loop, offered(run.x))   # where it is now
+    assert 'x1 is' in explain_miss(run.loop, offered(run.x))   # where it is now
