@@ -8,8 +8,6 @@ is the integral of e'Qx e + 2 e'N v + v'Qu v with e = x - xe and v = u - ue.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
-from functools import cached_property
 import math
 from typing import Any
 
@@ -32,35 +30,6 @@ SAMPLES = 2001       # times at which overshoot and peaks are looked for
 SETTLED = 0.01       # part of the first error
 
 
-@dataclass(frozen=True, eq=False)
-class ClosedLoop:
-    """A plant, and the feedback of a design that may be for another plant."""
-
-    plant: System
-    design: Design
-
-    @cached_property
-    def slope(self) -> ca.Function:
-        """Return the derivative of (x, cost) as a function of it."""
-        plant, found = self.plant, self.design
-        z, rest = ca.SX.sym('z', plant.n + 1), ca.DM(found.plant.rest)
-        x = z[:-1]
-        e = x - ca.DM(found.plant.equilibrium.x)
-        u = ca.fmin(ca.fmax(rest - ca.DM(found.K) @ e, ca.DM(plant.u_min)), ca.DM(plant.u_max))
-        v, cost = u - rest, found.weights
-        rate = e.T @ ca.DM(cost.Qx) @ e + v.T @ ca.DM(cost.Qu) @ v
-        if cost.cross is not None:
-            rate += 2.0 * e.T @ ca.DM(cost.cross) @ v
-        rates = ca.Function('f', [plant.x, plant.u, plant.p], [plant.xdot])
-        return ca.Function('slope', [z], [ca.vertcat(rates(x, u, ca.DM(plant.p_value)), rate)])
-
-    def deviations(self, x: Array) -> tuple[Array, Array]:
-        """Return x - xe (N, n) and u - ue (N, m) at states (N, n)."""
-        rest = np.asarray(self.design.plant.rest)
-        e = x - self.design.plant.equilibrium.x
-        return e, np.clip(rest - e @ self.design.K.T, self.plant.u_min, self.plant.u_max) - rest
-
-
 def simulate_regulator(request: Mapping[str, Any]) -> dict[str, Any]:
     """
     Design a regulator, simulate its closed loop, and return its numbers.
@@ -76,7 +45,7 @@ def simulate_regulator(request: Mapping[str, Any]) -> dict[str, Any]:
         found = design(linearize_plant_of(case, system), _weights(case))
     except RefusedDesignError as error:
         return {'status': 'refused', 'message': str(error)}
-    loop = ClosedLoop(_system(case, request['plant']), found)
+    plant = _system(case, request['plant'])
     e0 = np.array(list(request['x0'].values()))
     slowest = max(found.lqr.E.real)
     duration = request['T'] or min(CONSTANTS / -slowest, LONGEST)
@@ -84,8 +53,8 @@ def simulate_regulator(request: Mapping[str, Any]) -> dict[str, Any]:
         raise StatementError(f'T: wanted a duration > 0, found {duration:g}')
     answer = {'status': 'solved', 'message': '', 'optimal_cost': float(e0 @ found.lqr.P @ e0),
               'duration': duration, 'gain': found.K.ravel().tolist(),
-              'decay': -_slowest(loop, case)}
-    return answer | _simulate(loop, e0, duration)
+              'decay': -_slowest(plant, found, case)}
+    return answer | _simulate(plant, found, e0, duration)
 
 
 def linearize_plant_of(case: Mapping[str, Any], system: System) -> LinearizedPlant:
@@ -126,34 +95,49 @@ def _weights(case: Mapping[str, Any]) -> dict[str, Any]:
     return found | {'weights': case.get('weights') or 'matrices'}
 
 
-def _slowest(loop: ClosedLoop, case: Mapping[str, Any]) -> float:
+def _slowest(plant: System, found: Design, case: Mapping[str, Any]) -> float:
     """
     Return the largest real part of the poles of the loop at the plant's own equilibrium [1/s].
 
     Without limits of inputs; nan if the plant has no equilibrium at the set point.
     """
     try:
-        at = linearize_plant_of(case, loop.plant)
+        at = linearize_plant_of(case, plant)
     except DynamicsError:
         return math.nan
-    return float(np.linalg.eigvals(at.A - at.B @ loop.design.K).real.max())
+    return float(np.linalg.eigvals(at.A - at.B @ found.K).real.max())
 
 
-def _simulate(loop: ClosedLoop, e0: Array, duration: float) -> dict[str, Any]:
+def _make_slope(plant: System, found: Design) -> ca.Function:
+    """Return the derivative of (x, cost) of the closed loop as a function of it."""
+    z, rest = ca.SX.sym('z', plant.n + 1), ca.DM(found.plant.rest)
+    x = z[:-1]
+    e = x - ca.DM(found.plant.equilibrium.x)
+    u = ca.fmin(ca.fmax(rest - ca.DM(found.K) @ e, ca.DM(plant.u_min)), ca.DM(plant.u_max))
+    v, cost = u - rest, found.weights
+    rate = e.T @ ca.DM(cost.Qx) @ e + v.T @ ca.DM(cost.Qu) @ v
+    if cost.cross is not None:
+        rate += 2.0 * e.T @ ca.DM(cost.cross) @ v
+    rates = ca.Function('f', [plant.x, plant.u, plant.p], [plant.xdot])
+    return ca.Function('slope', [z], [ca.vertcat(rates(x, u, ca.DM(plant.p_value)), rate)])
+
+
+def _simulate(plant: System, found: Design, e0: Array, duration: float) -> dict[str, Any]:
     first = float(np.linalg.norm(e0)) or 1.0
-    rest = loop.design.plant.equilibrium.x
+    xe, rest = found.plant.equilibrium.x, np.asarray(found.plant.rest)
 
     def diverge(t: float, z: Array) -> float:
-        return FARTHEST * first - float(np.linalg.norm(z[:-1] - rest))
+        return FARTHEST * first - float(np.linalg.norm(z[:-1] - xe))
 
     diverge.terminal = True  # type: ignore[attr-defined]
-    slope, times = loop.slope, np.linspace(0.0, duration, SAMPLES)
+    slope, times = _make_slope(plant, found), np.linspace(0.0, duration, SAMPLES)
     path = integrate.solve_ivp(   # LSODA: a gain that is large makes the loop stiff
-        lambda t, z: slope(z).full().ravel(), (0.0, duration), np.append(rest + e0, 0.0),
+        lambda t, z: slope(z).full().ravel(), (0.0, duration), np.append(xe + e0, 0.0),
         method='LSODA', rtol=ACCURACY, atol=ACCURACY * first, events=diverge, t_eval=times)
     if path.status != 0:   # it left the range, or the steps vanished
         return {'J': math.inf, 'settled': 0, 'final_error': math.inf}
-    e, v = loop.deviations(path.y[:-1].T)
+    e = path.y[:-1].T - xe
+    v = np.clip(rest - e @ found.K.T, plant.u_min, plant.u_max) - rest
     final = float(np.linalg.norm(e[-1]))
     return {'J': float(path.y[-1, -1]), 'settled': int(final <= SETTLED * first),
             'final_error': final, 'overshoot': _overshoot(e),

@@ -154,16 +154,13 @@ def read_dataset(path: Path) -> Any:
 
 def _fill(quantity: Quantity, rows: Mapping[int, Mapping[str, Any]], size: int) -> NDArray[Any]:
     """Return one value for each point; codes are small integers."""
-    if quantity.flags:
-        codes = np.full(size, NOT_SOLVED_YET if quantity.name == 'status' else 0, np.int8)
-        for index, row in rows.items():
-            value = row.get(quantity.name, 0)
-            codes[index] = quantity.flags.index(value) if isinstance(value, str) else value
-        return codes
-    numbers = np.full(size, np.nan)
+    name, flags = quantity.name, quantity.flags
+    values = np.full(size, NOT_SOLVED_YET if name == 'status' else 0, np.int8) if flags else (
+        np.full(size, np.nan))
     for index, row in rows.items():
-        numbers[index] = row.get(quantity.name, np.nan)
-    return numbers
+        value = row.get(name, 0 if flags else np.nan)
+        values[index] = flags.index(value) if isinstance(value, str) else value
+    return values
 
 
 def _fill_lists(name: str, rows: Mapping[int, Mapping[str, Any]], size: int,

@@ -106,8 +106,7 @@ class BodyMarkers:
         self._markers = [make_marker(name, number, part.kind, part.colour, opacity)
                          for number, part in enumerate(list_parts(system, (0.0,) * system.m))]
 
-    def fill(self, place: PlanarPose, u: Sequence[float] | Array, stamp: Time
-             ) -> list[Marker]:
+    def fill(self, place: PlanarPose, u: Sequence[float] | Array, stamp: Time) -> list[Marker]:
         """Return the markers at (px, py, theta) with input u (m,); the next call reuses them."""
         px, py, theta = place
         c, s = math.cos(theta), math.sin(theta)
@@ -126,33 +125,32 @@ class InputMarkers:
     """Markers of the input: the exhaust of the aircraft, the limits of the steering angle."""
 
     def __init__(self, system: System, plane: PlaneMap) -> None:
-        self._plane, self._exhaust, self._limits = plane, None, None
+        self._plane = plane
+        self._marker: Marker | None = None
+        self._arm: float | None = None   # of the thrust
         if system.name == 'aircraft':
             self._arm = _find_parameter(system, 'r')
-            self._exhaust = make_marker('thrust', 0, Marker.ARROW, FIRE)
+            self._marker = make_marker('thrust', 0, Marker.ARROW, FIRE)
         elif system.name in ('vehicle', 'vehicle_lateral'):
-            self._limits = self._draw_limits(system)
+            self._marker = self._draw_limits(system)
 
-    def fill(self, place: PlanarPose, u: Sequence[float] | Array, stamp: Time
-             ) -> list[Marker]:
+    def fill(self, place: PlanarPose, u: Sequence[float] | Array, stamp: Time) -> list[Marker]:
         """Return the markers at (px, py, theta) with input u (m,); the next call reuses them."""
-        markers = []
-        if self._exhaust is not None and self._fill_exhaust(self._exhaust, u):
-            markers.append(self._exhaust)
-        if self._limits is not None and self._limits.points:
-            markers.append(self._limits)
-        for marker in markers:
-            marker.header.stamp, marker.pose = stamp, self._plane.pose(*place)
-        return markers
-
-    def _fill_exhaust(self, marker: Marker, u: Sequence[float] | Array) -> bool:
-        """Draw the exhaust in the body frame; return whether it has a length."""
-        along, across = (-EXHAUST_LENGTH * float(force) for force in u)
-        length = math.hypot(along, across)
-        marker.points = [self._plane.point(0.0, -self._arm),
-                         self._plane.point(along, across - self._arm)]
-        marker.scale.x, marker.scale.y, marker.scale.z = 0.05, 0.1, 0.3 * length
-        return length > LEAST
+        marker = self._marker
+        if marker is None:
+            return []
+        if self._arm is not None:   # the exhaust, in the body frame
+            along, across = (-EXHAUST_LENGTH * float(force) for force in u)
+            length = math.hypot(along, across)
+            if length <= LEAST:
+                return []
+            marker.points = [self._plane.point(0.0, -self._arm),
+                             self._plane.point(along, across - self._arm)]
+            marker.scale.x, marker.scale.y, marker.scale.z = 0.05, 0.1, 0.3 * length
+        if not marker.points:
+            return []
+        marker.header.stamp, marker.pose = stamp, self._plane.pose(*place)
+        return [marker]
 
     def _draw_limits(self, system: System) -> Marker:
         """Return the limits of the front wheels' angle as two lines, in the body frame."""
@@ -202,16 +200,14 @@ class SetPointMarkers:
         speed = math.hypot(*self._velocity)
         if speed <= AT_REST:
             return self._body.fill(self._place, self._input, stamp)
-        self._line.header.stamp = stamp
-        self._line.points = [self._point(place, speed, ahead) for ahead in (-BEHIND, AHEAD)]
-        return [self._line]
-
-    def _point(self, place: PlanarPose, speed: float, ahead: float) -> Any:
-        """Return the point of the line that is `ahead` [m] of the plant."""
         along, across = (each / speed for each in self._velocity)
-        px, py, _ = self._place or place
-        passed = along * (place[0] - px) + across * (place[1] - py) + ahead
-        return self._plane.point(px + along * passed, py + across * passed)
+        px, py, _ = self._place
+        passed = along * (place[0] - px) + across * (place[1] - py)
+        self._line.header.stamp = stamp
+        self._line.points = [
+            self._plane.point(px + along * (passed + ahead), py + across * (passed + ahead))
+            for ahead in (-BEHIND, AHEAD)]
+        return [self._line]
 
 
 def make_marker(name: str, number: int, kind: int, colour: Colour, opacity: float = 1.0) -> Marker:
