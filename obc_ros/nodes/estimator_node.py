@@ -76,7 +76,6 @@ class EstimatorNode(Node):  # type: ignore[misc] # rclpy's classes are untyped
         self._arrived = self._ahead = 0     # [ns] local time of the last measurement, its stamp
         self._used_at = 0                   # minus that; local time of the last one in use
         self._reported = Traffic()
-        self._warned: set[str] = set()
         self._states = self.create_publisher(State, 'state', BACKLOG)
         self._estimates = self.create_publisher(Estimate, '~/estimate', BACKLOG)
         self._odom = self.create_publisher(
@@ -112,13 +111,13 @@ class EstimatorNode(Node):  # type: ignore[misc] # rclpy's classes are untyped
         limit = self._adopted.settings.stamp_timeout
         if limit and self._ahead > limit * 1e9:
             self._future += 1
-            self._warn_once(f'a measurement from the future was dropped: its stamp is '
+            self._log.warn_once(f'a measurement from the future was dropped: its stamp is '
                             f'{1e-9 * self._ahead:.3g} s after the local time')
             return
         try:
             used = self._filter.measure(stamp, message.names, message.y)
         except StatementError as error:
-            self._warn_once(str(error))
+            self._log.warn_once(str(error))
             return
         if used:
             self._used_at = now
@@ -130,7 +129,7 @@ class EstimatorNode(Node):  # type: ignore[misc] # rclpy's classes are untyped
         try:
             self._filter.command(read_nanoseconds(message.header.stamp) + delay, message.u)
         except StatementError as error:
-            self._warn_once(str(error))
+            self._log.warn_once(str(error))
 
     def _on_design(self, message: LqrDesign) -> None:
         self._regulator = message
@@ -165,7 +164,7 @@ class EstimatorNode(Node):  # type: ignore[misc] # rclpy's classes are untyped
         if newest is None:
             return
         if settings.stamp_timeout and now - newest > settings.measurement_timeout * 1e9:
-            self._warn_once(f'the newest measurement is older than '
+            self._log.warn_once(f'the newest measurement is older than '
                             f'{settings.measurement_timeout:g} s: no estimate is published until '
                             'a newer one arrives')
             return
@@ -176,7 +175,7 @@ class EstimatorNode(Node):  # type: ignore[misc] # rclpy's classes are untyped
                 return
             mean = self._filter.estimate(stamp)
         except ObcError as error:
-            self._warn_once(str(error))
+            self._log.warn_once(str(error))
             return
         self._messages.fill_state(mean, self._restarts, settings.frame_id)
         self._states.publish(self._messages.state)
@@ -203,27 +202,21 @@ class EstimatorNode(Node):  # type: ignore[misc] # rclpy's classes are untyped
         self._filter.adopt(candidate.kalman, candidate.x0, candidate.P0, candidate.outputs)
         self.get_logger().info(str(candidate))
 
-    def _warn_once(self, sentence: str) -> None:
-        """Log a warning the first time; diagnostics count the others."""
-        kind = sentence.split(':')[0]
-        if kind not in self._warned:
-            self._warned.add(kind)
-            self._log.warning(kind, f'{sentence}; further cases are counted in diagnostics')
-
     def _warn_of_best_effort(self) -> None:
         for source, _ in self._sources:
             for each in self.get_publishers_info_by_topic(source.topic_name):
                 if each.qos_profile.reliability == ReliabilityPolicy.BEST_EFFORT:
-                    self._warn_once(f'{each.node_name} publishes {source.topic_name} with best '
-                                    'effort: its messages do not arrive, reliable ones would')
+                    self._log.warn_once(
+                        f'{each.node_name} publishes {source.topic_name} with best effort: its '
+                        'messages do not arrive, reliable ones would')
 
     def _diagnose(self) -> None:
         self._warn_of_best_effort()
         now = self.get_clock().now()
         counts = Counter({**self._filter.counts, 'future': self._future})
         if any(counts[kind] for kind in UNUSABLE):
-            self._warn_once('entries of measurements that are not finite, or beyond the precision '
-                            'of double numbers, were dropped')
+            self._log.warn_once('entries of measurements that are not finite, or beyond the '
+                                'precision of double numbers, were dropped')
         traffic = Traffic(self._received, self._published, counts,
                           1e-9 * (now.nanoseconds - self._arrived), 1e-9 * self._ahead,
                           self._age(now.nanoseconds))

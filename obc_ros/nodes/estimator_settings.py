@@ -109,12 +109,7 @@ class EstimatorCandidate:
 
 
 def judge_estimator_settings(settings: Settings) -> EstimatorCandidate:
-    """
-    Return the filter for a set of parameters.
-
-    :raises ObcError: if a parameter is rejected: sizes, definiteness, or a mode that cannot be
-        seen.
-    """
+    """Return the filter for a set of parameters; ObcError: one is rejected."""
     system = choose_system(settings.system, settings.system_parameters)
     n, q = system.n, len(system.outputs)
     unknown = [name for name in settings.outputs if name not in system.output_names]

@@ -263,7 +263,6 @@ class PlantSimulator(Node):  # type: ignore[misc] # rclpy's classes are untyped
         self._message = State(names=list(candidate.system.state_names))
         self._message.header.frame_id = ODOM
         self._odometry = self._map.message(candidate.conditions.noise)
-        self._warned: set[str] = set()
         self._looked, self._contested = (time.monotonic(), 0.0), 0
         self._counted = 0, Counter[str]()   # commands taken and dropped at the last diagnostics
         self._lock = Lock()
@@ -360,13 +359,13 @@ class PlantSimulator(Node):  # type: ignore[misc] # rclpy's classes are untyped
         except NamesError as error:
             with self._lock:
                 self._plant.dropped['other components'] += 1
-            self._warn_once('names', f'command dropped: {error}')
+            self._log.warn_once(f'command dropped: {error}')
             return
         with self._lock:
             held = self._plant.held
             reason = self._plant.command(stamp, u, self._now()[0])
         if reason:
-            self._warn_once(reason.split(':')[0], f'command dropped, {reason}')
+            self._log.warn_once(f'command dropped, {reason}')
         elif held:
             self._log.info('release', 'the first command has come: the plant moves from '
                            f't = {self._plant.simulator.time:.9g} s on')
@@ -377,7 +376,7 @@ class PlantSimulator(Node):  # type: ignore[misc] # rclpy's classes are untyped
             before = simulator.time, list(simulator.x)
             self._plant.reset(*self._now(), self._x0)
             self._sensors.reset()
-            self._warned.clear()
+            self._log.warned.clear()
             # A reset at the start changes nothing, and nobody has to begin anew.
             self._message.restarts += (simulator.time, list(simulator.x)) != before
             self._publish()
@@ -448,12 +447,6 @@ class PlantSimulator(Node):  # type: ignore[misc] # rclpy's classes are untyped
             f'{simulator.system.name} at {_listed(self._x0)}; until the first command '
             + ('it waits (lockstep)' if pacing.lockstep
                else 'it is held there' if self._plant.held else f'its input is {rest}'))
-
-    def _warn_once(self, what: str, sentence: str) -> None:
-        """Log a warning the first time; diagnostics count the others."""
-        if what not in self._warned:
-            self._warned.add(what)
-            self.get_logger().warning(f'{sentence}; further cases are counted in diagnostics')
 
     def _diagnose(self) -> None:
         self._measure_offset()

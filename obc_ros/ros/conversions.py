@@ -105,13 +105,7 @@ class OdometryMap:
             yield sign * float(x[index])
 
     def state(self, message: Odometry) -> Array:
-        """
-        Return the state, shape (n,), of a message; the heading is in [-pi, pi].
-
-        Motion out of the plane is ignored.
-
-        :raises StatementError: if a number is not finite, or the quaternion is no orientation.
-        """
+        """Return the state (n,) in a message, its heading in [-pi, pi]; StatementError: none."""
         position, turn = message.pose.pose.position, message.pose.pose.orientation
         linear, angular = message.twist.twist.linear, message.twist.twist.angular
         qx, qy, qz, qw = turn.x, turn.y, turn.z, turn.w

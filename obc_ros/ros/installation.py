@@ -30,12 +30,7 @@ def explain_missing_ros() -> str:
 
 
 def require_ros(what: str) -> None:
-    """
-    Do nothing where there is ROS 2.
-
-    :param what: what needs it: the beginning of the sentence.
-    :raises ObcError: if there is no ROS 2; the message says why, and how to get it.
-    """
+    """Raise ObcError with the reason and the remedy if there is no ROS 2, which `what` needs."""
     if missing := explain_missing_ros():
         raise ObcError(f'{what} {missing}')
 

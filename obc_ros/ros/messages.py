@@ -126,12 +126,7 @@ def _read_field(where: str, name: str, value: Any, kind: str) -> Any:
 
 
 def build_problem_message(mapping: Mapping[str, Any], guess: Guess) -> OptimalControlProblem:
-    """
-    Return the message of a statement.
-
-    :param mapping: a statement that `statement.build_problem` accepts.
-    :param guess: initial guess of the problem that `build_problem` returns.
-    """
+    """Return the message of a valid statement, with the initial guess of its problem."""
     if mapping.get('phases'):
         return _build_fields(OptimalControlProblem, mapping, 'final_time', 'initial_guess')
     message = _build_fields(OptimalControlProblem, mapping, 'initial_guess')
@@ -190,12 +185,7 @@ def _kind(of: str) -> str:
 
 
 def read_expressions(where: str, entries: Iterable[NamedExpression]) -> dict[str, str]:
-    """
-    Return expressions by name, in order.
-
-    :param where: key of the statement, for errors.
-    :raises StatementError: if a name occurs twice.
-    """
+    """Return expressions by name, in order; StatementError: a name occurs twice in `where`."""
     return _unique(where, ((each.name, each.expression) for each in entries))
 
 
@@ -298,11 +288,7 @@ def _arrays(message: Any, *names: str) -> dict[str, Any]:
 
 
 def fill_answer(response: Any, packet: Packet) -> None:
-    """
-    Fill a response or a result with the answer to a problem.
-
-    :param packet: as `solving.pack_solution` returns it, or with a status and a message only.
-    """
+    """Fill a response or a result with the answer to a problem, or a status and a message only."""
     plain = dict(packet.plain)
     response.certificate = build_certificate_message(plain.pop('certificate', None))
     response.optimality = Optimality(**plain.pop('optimality', None) or {})
@@ -325,11 +311,7 @@ def fill_answer(response: Any, packet: Packet) -> None:
 
 
 def fill_minimum(response: Any, packet: Packet) -> None:
-    """
-    Fill the response of ``~/minimize``.
-
-    :param packet: as `requests.answer` returns it, or with a status and a message only.
-    """
+    """Fill the response of ``~/minimize`` with an answer, or a status and a message only."""
     plain = dict(packet.plain)
     response.certificate = build_certificate_message(plain.pop('certificate', None))
     response.success = plain['status'] == 'solved' and response.certificate.holds
@@ -340,11 +322,7 @@ def fill_minimum(response: Any, packet: Packet) -> None:
 
 
 def fill_design(response: Any, packet: Packet) -> None:
-    """
-    Fill the response of ``~/design_lqr``; the message of a failure begins with the status.
-
-    :param packet: as `requests.answer` returns it, or with a status and a message only.
-    """
+    """Fill the response of ``~/design_lqr``; the message of a failure begins with the status."""
     status, response.message = packet.plain['status'], packet.plain['message']
     response.success = status == 'solved'
     if not response.success:

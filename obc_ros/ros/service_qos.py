@@ -25,12 +25,7 @@ FIRST, LAST = 0.2, 5.0          # [s] until a dropped response is sent again; do
 
 
 def be_patient(node: Node, service: Service) -> None:
-    """
-    Have responses sent again that the middleware has dropped.
-
-    :param node: whose timers and log are used.
-    :param service: its method `send_response` is replaced.
-    """
+    """Have responses of a service sent again that the middleware has dropped."""
     send = service.send_response
 
     def send_or_retry(response: Any, header: Any, delay: float = FIRST) -> None:

@@ -18,6 +18,7 @@ class ThrottledLog:
 
     def __init__(self, node: Any) -> None:
         self._node = node
+        self.warned: set[str] = set()
         # By kind: how many lines may still be logged, at which time, and how many were omitted.
         self._kinds: dict[str, tuple[float, float, int]] = {}
 
@@ -30,6 +31,13 @@ class ThrottledLog:
         """Log an event that needs attention."""
         if words := self._due(kind, sentence):
             self._node.get_logger().warning(words)
+
+    def warn_once(self, sentence: str) -> None:
+        """Log a warning the first time; the words before the colon are its kind."""
+        if (kind := sentence.split(':')[0]) not in self.warned:
+            self.warned.add(kind)
+            self._node.get_logger().warning(
+                f'{sentence}; further cases are counted in diagnostics')
 
     def _due(self, kind: str, sentence: str) -> str:
         now = monotonic()

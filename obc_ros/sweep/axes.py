@@ -93,12 +93,7 @@ def make_axes(over: Mapping[str, Any]) -> tuple[SweepAxis, ...]:
 
 
 def make_draws(sample: Mapping[str, Any]) -> tuple[RandomNumber, ...]:
-    """
-    Return the random numbers of a sweep.
-
-    :param sample: distributions, such as ``normal(0, 1)``.
-    :raises StatementError: if a distribution is unknown or has other parameters.
-    """
+    """Return the random numbers of distributions, such as ``normal(0, 1)``."""
     return tuple(_random(key, text) for key, text in sample.items())
 
 

@@ -99,11 +99,7 @@ def _try_chunk(pool: Pool, chunk: Chunk, is_stopped: Callable[[], bool],
 
 
 def solve_locally(chunks: Sequence[Chunk], workers: int) -> Generator[Finished]:
-    """
-    Yield the answers of chunks as they are finished, by processes of this machine.
-
-    :yield: number of a chunk, and the answers at its points.
-    """
+    """Yield numbers and answers of chunks as processes of this machine finish them."""
     waiting: SimpleQueue[Chunk] = SimpleQueue()
     finished: SimpleQueue[Finished | BaseException] = SimpleQueue()
     stop = Event()

@@ -58,13 +58,7 @@ def simulate_regulator(request: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def linearize_plant_of(case: Mapping[str, Any], system: System) -> LinearizedPlant:
-    """
-    Return the plant of a case at its set point.
-
-    :param case: with `setpoint` and `setpoint_input`, if any.
-    :param system: of the case.
-    :raises ObcError: if there is no equilibrium.
-    """
+    """Return the plant of a case at its set point; ObcError: it is no equilibrium."""
     if case.get('system') is None:   # the set point of given matrices is the origin
         n, m = system.n, system.m
         A, B = system.jacobians(np.zeros(n), np.zeros(m))

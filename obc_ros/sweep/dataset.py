@@ -75,11 +75,7 @@ REGULATOR_QUANTITIES = (
 
 
 def import_xarray() -> Any:
-    """
-    Return the module xarray, which is an extra.
-
-    :raises ObcError: if it is not installed.
-    """
+    """Return the module xarray, which is an extra; ObcError: it is not installed."""
     try:
         import xarray
     except ImportError as error:
@@ -131,11 +127,7 @@ def make_dataset(coordinates: Mapping[str, Sequence[float]], units: Mapping[str,
 
 
 def write_dataset(dataset: Any, path: Path) -> None:
-    """
-    Write a dataset completely or not at all.
-
-    :raises OSError: if it cannot be written.
-    """
+    """Write a dataset completely or not at all."""
     part = path.with_suffix('.part')
     dataset.to_netcdf(part, engine='scipy', format='NETCDF3_64BIT')
     with open(part, 'rb') as file:
@@ -144,11 +136,7 @@ def write_dataset(dataset: Any, path: Path) -> None:
 
 
 def read_dataset(path: Path) -> Any:
-    """
-    Return the dataset of a file, completely in memory.
-
-    :raises ObcError: if xarray is not installed.
-    """
+    """Return the dataset of a file, completely in memory."""
     return import_xarray().load_dataset(path, engine='scipy')
 
 

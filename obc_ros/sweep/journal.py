@@ -92,12 +92,7 @@ class Journal:
 
 
 def check_folder(folder: Path, question: Mapping[str, Any], resume: bool) -> None:
-    """
-    Check whether a sweep can be written to a folder; nothing is changed.
-
-    :param resume: whether to go on with a sweep that the folder holds.
-    :raises StatementError: as for `Journal`.
-    """
+    """Raise StatementError, as `Journal`, if a sweep cannot be written; nothing is changed."""
     try:
         text = (folder / QUESTION).read_text(encoding='utf-8')
     except FileNotFoundError:

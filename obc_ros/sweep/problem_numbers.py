@@ -117,13 +117,7 @@ class ProblemNumbers:
 
 
 def check_number_key(key: str, places: Mapping[str, Place], hint: str) -> None:
-    """
-    Check that a key is known.
-
-    :param places: its keys are those that are known.
-    :param hint: how keys are written.
-    :raises StatementError: if it is not.
-    """
+    """Raise StatementError, which ends with a hint, if a key is not known."""
     if key not in places:
         raise StatementError(f"there is no number '{quote(key)}'{suggest_name(key, places)}; "
                              f'{hint}')

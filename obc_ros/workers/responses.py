@@ -46,12 +46,7 @@ def respond(answer: RequestAnswer) -> Packet:
 
 
 def unpack_solution(packet: Packet) -> Solution:
-    """
-    Return the solution that a packet contains.
-
-    :param packet: as `solving.pack_solution` returns it, or with a status and a message only. It
-        has no multipliers of state bounds and path constraints.
-    """
+    """Return the solution of a packet, or one with a status and a message only."""
     plain, certificate = packet.plain, packet.plain.get('certificate')
     optimality = plain.get('optimality')
     numbers: dict[str, Any] = {**packet.arrays, **{name: plain[name] for name in (
@@ -92,11 +87,7 @@ def solve_in_process(request: dict[str, Any], time_limit: float, report: Report 
 
 
 def compute_affinity(request: Packet) -> str:
-    """
-    Return a text that is equal for statements which differ in numbers only.
-
-    :return: for `pool.Job.affinity`.
-    """
+    """Return a text that is equal for statements which differ in numbers only, for `Job`."""
     given = request.plain.get('statement', {})
     shape = [given.get(key) for key in (
         'system', 'states', 'inputs', 'dynamics', 'running_cost', 'terminal_cost',

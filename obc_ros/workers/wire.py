@@ -61,12 +61,7 @@ class Channel:
 
     def send(self, plain: Mapping[str, Any], arrays: Mapping[str, Array] | None = None,
              timeout: float | None = None) -> None:
-        """
-        Send one packet.
-
-        :raises OSError: if the other end is closed, or has not accepted the packet within
-            `timeout` seconds.
-        """
+        """Send one packet; OSError: it is not accepted within `timeout` seconds."""
         data = pack(Packet(dict(plain), dict(arrays or {})))
         self._socket.settimeout(timeout)
         self._socket.sendall(_LENGTH.pack(len(data)) + data)

@@ -186,11 +186,7 @@ def _linearize(system: str, parameters: tuple[tuple[str, Value], ...], setpoint:
 
 
 def make_input_limits(settings: ControllerSettings, held: LinearizedPlant) -> InputLimits:
-    """
-    Return the limits of the inputs of a plant at its set point.
-
-    :raises StatementError: if the limits are of wrong size, or missing without `unlimited`.
-    """
+    """Return the limits of the inputs; StatementError: wrong size, or missing."""
     angles = tuple(i for i, is_angle in enumerate(held.system.angles) if is_angle)
     lower, upper = resolve_input_limits(held, settings.u_limits)
     if not settings.unlimited:
@@ -240,11 +236,7 @@ def make_rules(settings: ControllerSettings, rate: float, names: tuple[str, ...]
 
 
 def explain_former_limits(given: Mapping[str, Any], values: Mapping[str, Value]) -> str:
-    """
-    Return an error message if u_min or u_max is given as a limit, as in former versions.
-
-    :return: empty: neither is given as a limit.
-    """
+    """Return an error message if u_min or u_max is given as a limit, as in former versions."""
     names = [name for name in ('u_min', 'u_max') if name in given
              and not (name == 'u_max' and (values['weights'] == 'bryson' or not values['u_max']))]
     if not names:

@@ -150,11 +150,7 @@ def describe_ending(course: Course, candidate: LqrCandidate) -> str:
 
 
 def apply_request(weights: LqrWeights, now: Settings) -> dict[str, Any]:
-    """
-    Return by name the settings that a message changes; its empty fields change nothing.
-
-    :raises StatementError: if a given field is not used with the kind of the weights.
-    """
+    """Return by name the settings that a message changes; empty fields change nothing."""
     given: dict[str, Any] = {
         'weights': weights.weights, 'rho': weights.rho, 'stability': weights.stability,
         **{name: tuple(getattr(weights, name.lower())) for name in (

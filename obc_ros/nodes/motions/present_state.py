@@ -21,11 +21,7 @@ Plants = dict[str, dict[str, Any]]
 
 @lru_cache(maxsize=2)   # judged and used
 def load_plants(paths: Sequence[str]) -> Plants:
-    """
-    Return the plants of YAML files by name: what a worker builds each one of.
-
-    :raises StatementError: if a file is malformed, or its plant has the name of another one.
-    """
+    """Return by name what a worker builds each plant of YAML files of."""
     if not paths:
         return {}
     from obc_ros.core.systems.file import load_plant  # CasADi: 0.3 s
@@ -51,11 +47,7 @@ class PlanStart(NamedTuple):
 
 
 class PresentState:
-    """
-    The last state that a node has received; it is converted on request.
-
-    :param topic: a key of `SOURCES`.
-    """
+    """The last state that a node has received; it is converted on request."""
 
     def __init__(self, node: Node, topic: str, log: ThrottledLog) -> None:
         self._topic, self._log, self._body = topic, log, Body()

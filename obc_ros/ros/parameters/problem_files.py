@@ -28,11 +28,7 @@ class ProblemFile:
 
 
 def read_problem_file(name: str) -> ProblemFile:
-    """
-    Return the one problem of a file.
-
-    :raises StatementError: if there is no such file, or it is not one valid problem.
-    """
+    """Return the problem of a file or an example; StatementError: there is not one."""
     path = choose_file(Path(name))
     if not is_file(str(path)):
         raise StatementError(f"'{quote(name)}' is neither a YAML file nor an example"

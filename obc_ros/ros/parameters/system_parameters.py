@@ -55,13 +55,7 @@ def choose_system(name: str, values: Mapping[str, Any]) -> System:
 
 
 def choose_node_system(values: Mapping[str, Any]) -> System:
-    """
-    Return the system of a node.
-
-    :param values: parameters of the node by name: ``system``, ``system_parameters.*`` and any
-        others.
-    :raises ObcError: if there is no such system, or a value is invalid.
-    """
+    """Return the system of a node, chosen by its parameters by name; ObcError: there is none."""
     return choose_system(str(values['system']), {
         name.removeprefix(SYSTEM_PARAMETERS): value for name, value in values.items()
         if name.startswith(SYSTEM_PARAMETERS)})

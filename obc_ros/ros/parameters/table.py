@@ -126,11 +126,7 @@ class ParameterRow:
         return descriptor
 
     def value(self, given: Parameter) -> Value:
-        """
-        Return the value of a ROS parameter.
-
-        :raises StatementError: if its type is wrong, or a number is out of range or not finite.
-        """
+        """Return the value of a ROS parameter; StatementError: wrong type or range."""
         value = self._converted(given)
         if isinstance(value, str):
             self._check_choice(value)

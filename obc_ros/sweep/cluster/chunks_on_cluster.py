@@ -112,11 +112,7 @@ class _ClusterRun:
         return None
 
     def _look(self) -> int:
-        """
-        Return the number of chunks that may be under way.
-
-        :raises ObcError: if the scheduler is gone, or there has been no worker for some time.
-        """
+        """Return how many chunks may be under way; ObcError: the cluster is gone."""
         while (threads := count_threads(self._client)) is None:
             if self._client.status == 'closed' or time.monotonic() > self._seen + LOST:
                 raise ObcError(f'the scheduler of {self._name} is gone')

@@ -42,11 +42,7 @@ def check_address(address: str) -> None:
 
 
 def explain_exposure(address: str) -> str:
-    """
-    Return who could run programs here through a scheduler at a checked address.
-
-    :return: empty: the connection is encrypted, or does not leave this machine.
-    """
+    """Return who could run programs here through a scheduler; empty: nobody else."""
     host = address.partition('://')[2].rpartition(':')[0].strip('[]')
     try:
         is_here = host == 'localhost' or ip_address(host).is_loopback
@@ -84,11 +80,7 @@ def connect(address: str, patience: float = CONNECT_TIMEOUT) -> Any:
 
 
 def start_local(workers: int) -> Any:
-    """
-    Return a client of a cluster in this process; closing it ends the cluster.
-
-    :raises ObcError: if Dask is not installed.
-    """
+    """Return a client of a cluster in this process; closing it ends the cluster."""
     distributed = _import_distributed()
     cluster = distributed.LocalCluster(
         n_workers=workers, threads_per_worker=1, processes=False, dashboard_address=LOOPBACK,

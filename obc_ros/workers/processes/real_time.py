@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Real-time priorities of processes, where the system allows them."""
 
+from collections.abc import Callable
 from contextlib import suppress
 import os
 import threading
@@ -15,16 +16,13 @@ def raise_priority(priority: int, own: int) -> str:
     :param own: of the calling thread, and of threads and processes that it starts later.
     :return: why the system does not allow it; empty: it is done.
     """
-    if not hasattr(os, 'sched_setscheduler'):
-        return _explain_absence(priority)
-    try:
+    def change() -> None:
         for thread in map(int, os.listdir('/proc/self/task')):
             wanted = own if thread == threading.get_native_id() else priority
             with suppress(ProcessLookupError):   # it has ended meanwhile
                 os.sched_setscheduler(thread, os.SCHED_FIFO, os.sched_param(max(1, wanted)))
-    except OSError as error:
-        return _explain(priority, error)
-    return ''
+
+    return _explain_refusal(priority, change)
 
 
 def drop_priority() -> None:
@@ -39,26 +37,21 @@ def find_priority_refusal(priority: int) -> str:
 
     A thread that ends at once tries it: the process keeps its own priority.
     """
-    if not hasattr(os, 'sched_setscheduler'):
-        return _explain_absence(priority)
-    reasons = []
-
-    def attempt() -> None:
-        try:
-            os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
-        except OSError as error:
-            reasons.append(_explain(priority, error))
-
-    thread = threading.Thread(target=attempt)
+    reasons: list[str] = []
+    thread = threading.Thread(target=lambda: reasons.append(_explain_refusal(
+        priority, lambda: os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority)))))
     thread.start()
     thread.join()
-    return ''.join(reasons)
+    return reasons[0]
 
 
-def _explain(priority: int, error: OSError) -> str:
-    return (f'priority = {priority}: {error.strerror}; the priority is not set. Allow '
-            f"it by a line '@realtime - rtprio 99' in /etc/security/limits.conf")
-
-
-def _explain_absence(priority: int) -> str:
-    return f'priority = {priority}: this system has no real-time priorities'
+def _explain_refusal(priority: int, change: Callable[[], None]) -> str:
+    """Return why the system does not allow a change to a priority; empty: it is done."""
+    if not hasattr(os, 'sched_setscheduler'):
+        return f'priority = {priority}: this system has no real-time priorities'
+    try:
+        change()
+    except OSError as error:
+        return (f'priority = {priority}: {error.strerror}; the priority is not set. Allow '
+                f"it by a line '@realtime - rtprio 99' in /etc/security/limits.conf")
+    return ''

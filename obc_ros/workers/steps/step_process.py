@@ -27,11 +27,7 @@ from obc_ros.workers.wire import Channel, Packet
 
 
 def serve_steps(channel: Channel, module: str, priority: int) -> None:
-    """
-    Prepare the first packet, and answer the newest request until the channel is closed.
-
-    :param priority: real-time priority of the prepared process; 0: none.
-    """
+    """Prepare the first packet, then answer the newest request until the channel is closed."""
     problem = channel.receive()
     assert problem is not None   # it waits for ever
     try:

@@ -59,12 +59,7 @@ class StepLink(SupervisedProcess):
 
     def wait_until_ready(self, timeout: float,
                          is_cancelled: Callable[[], bool] = lambda: False) -> Packet:
-        """
-        Return the reply of the prepared process.
-
-        :raises ObcError: if it refuses the problem, has ended, is not ready within `timeout`
-            seconds, or is not wanted any more.
-        """
+        """Return the reply of the prepared process; ObcError: there is none in `timeout` [s]."""
         while self.ready is None:
             self.look(self._wait_for(lambda _: True, timeout, is_cancelled,
                                      f'is not ready after {timeout:g} s'))
@@ -92,11 +87,7 @@ class StepLink(SupervisedProcess):
 
     def call(self, plain: Mapping[str, Any], arrays: Mapping[str, Array], timeout: float,
              is_cancelled: Callable[[], bool] = lambda: False) -> Packet:
-        """
-        Send a request and return its reply.
-
-        :raises ObcError: if the reply is a refusal or does not arrive, or is not wanted any more.
-        """
+        """Send a request and return its reply; ObcError: it is a refusal, or there is none."""
         number = self.send(plain, arrays)
         packet = self._wait_for(lambda packet: packet.plain.get('id') == number, timeout,
                                 is_cancelled, f'has not answered within {timeout:g} s')
