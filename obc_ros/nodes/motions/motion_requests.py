@@ -43,21 +43,13 @@ class LqrClient:
             node.create_client(service, name, qos_profile=BURST, callback_group=self._group)
             for service, name in ((PredictState, 'lqr_node/predict_state'),
                                   (FollowReference, 'lqr_node/follow_reference')))
+        self.prediction, self.following = (   # names
+            str(each.service_name) for each in (self._prediction, self._following))
 
     @property
     def is_there(self) -> bool:
         """Return whether both services are offered."""
-        return all(each.service_is_ready() for each in (self._prediction, self._following))
-
-    @property
-    def prediction(self) -> str:
-        """Return the name of the service that predicts states."""
-        return str(self._prediction.service_name)
-
-    @property
-    def following(self) -> str:
-        """Return the name of the service that follows references."""
-        return str(self._following.service_name)
+        return self._prediction.service_is_ready() and self._following.service_is_ready()
 
     async def predict(self, stamp: int, timeout: float) -> Any:
         """Return the response for a stamp [ns]; None: there is none within `timeout` [s]."""
