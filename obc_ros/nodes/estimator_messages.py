@@ -148,12 +148,7 @@ def _judge(candidate: EstimatorCandidate, delayed: DelayedFilter, grown: Counter
 
 def suggest_noise(request: SuggestNoise.Request, candidate: EstimatorCandidate,
                   design: LqrDesign | None) -> Recovery:
-    """
-    Return the process noise that recovers the margins of a regulator.
-
-    :param design: the last one of lqr_node, for a request without a gain.
-    :raises ObcError: if there is no gain, or one that cannot be used.
-    """
+    """Return the noise that recovers the margins of a gain: of the request, else the design."""
     share = request.share or LITTLE
     if not 0.0 < share <= 1.0:
         raise StatementError(f'share = {share:g}: wanted a number above 0 and at most 1, or 0')

@@ -349,11 +349,7 @@ def build_certificate_message(conditions: Mapping[str, Mapping[str, float]] | No
 
 
 def read_solution(result: Any) -> solution.Solution:
-    """
-    Return the solution that a response or a result contains, as `fill_answer` fills it.
-
-    It has no multipliers of state bounds and path constraints.
-    """
+    """Return the solution in a response; it has no multipliers of bounds and path constraints."""
     path, certificate, known = result.trajectory, result.certificate, result.optimality
     shape = len(path.t), -1
     arrays = {name: np.array(getattr(path, name)).reshape(shape if getattr(path, name) else (0, 0))

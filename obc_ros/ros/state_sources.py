@@ -30,12 +30,7 @@ class NamesError(StatementError):
 
 
 class Components:
-    """
-    The components of the states or commands of one system, in messages that may name them.
-
-    :param system: name of the system, for sentences.
-    :param names: names of its states or inputs, in order.
-    """
+    """The named states or inputs of a system, in messages that may name them, in any order."""
 
     def __init__(self, system: str, names: Sequence[str]) -> None:
         self._system, self._names = system, list(names)

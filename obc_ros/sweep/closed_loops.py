@@ -90,11 +90,7 @@ def _weights(case: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _slowest(plant: System, found: Design, case: Mapping[str, Any]) -> float:
-    """
-    Return the largest real part of the poles of the loop at the plant's own equilibrium [1/s].
-
-    Without limits of inputs; nan if the plant has no equilibrium at the set point.
-    """
+    """Return the slowest pole [1/s] at the plant's own equilibrium, without limits; nan: none."""
     try:
         at = linearize_plant_of(case, plant)
     except DynamicsError:

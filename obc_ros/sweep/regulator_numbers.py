@@ -146,13 +146,7 @@ class RegulatorNumbers:
 
 
 def read_numbers(value: Any, where: str) -> Any:
-    """
-    Return lists with all their entries as numbers.
-
-    :param value: a number, an expression, or a list of such, also nested.
-    :param where: the key, with which a message begins.
-    :raises StatementError: if an entry is not a number, or rows differ in length.
-    """
+    """Return nested lists, or one entry, as numbers; StatementError, at `where`: they are none."""
     if isinstance(value, (list, tuple)):
         lengths = {len(each) if isinstance(each, (list, tuple)) else -1 for each in value}
         if len(lengths) > 1 or not value:

@@ -310,11 +310,7 @@ class Pool:
 
 
 class _Worker(Thread):
-    """
-    The thread that runs one worker process, and starts another if it has ended.
-
-    The kernel ends the process with this thread.
-    """
+    """The thread of one worker process, which the kernel ends with it, and of its successors."""
 
     def __init__(self, pool: Pool) -> None:
         super().__init__(name='worker', daemon=True)

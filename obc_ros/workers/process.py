@@ -21,11 +21,7 @@ REPORT_PERIOD = 0.1  # [s] between two reports of progress within one phase
 
 
 class Reporter:
-    """
-    Reports the progress of a solver to the pool, and a cancellation to the solver.
-
-    Called as a `Report`, with phase, iteration, cost and infeasibility.
-    """
+    """A `Report` that passes progress to the pool, and a cancellation to the solver."""
 
     def __init__(self, channel: Channel) -> None:
         self._channel = channel

@@ -29,13 +29,7 @@ STATUS = {RequestOutcome.REFUSED: 'cancelled', RequestOutcome.TIMED_OUT: 'timed_
 
 
 def respond(answer: RequestAnswer) -> Packet:
-    """
-    Return the response to a request: status, message and, if there is one, the solution.
-
-    :param answer: of the pool. Without an answer of a worker the response has the reason for that,
-        and the best path that the worker has kept.
-    :return: with a status and a message at least.
-    """
+    """Return the response; without an answer the reason, and the best path that was kept."""
     kept = answer.packet
     if answer.outcome is RequestOutcome.ANSWERED:
         return kept

@@ -392,13 +392,7 @@ class ControllerNode(LifecycleNode):  # type: ignore[misc] # rclpy's classes are
 
 def design_message(design: Design, made: Change, error: Sequence[float] | None, note: str = ''
                    ) -> LqrDesign:
-    """
-    Return the message of a design, without stamp and revision.
-
-    :param made: the change from the previous design.
-    :param error: current x - xe (n,).
-    :param note: text to append to the sentence.
-    """
+    """Return the message of a design at x - xe = error, without stamp and revision."""
     message = build_lqr_design(report_fields(design, made, error))
     if note:
         message.sentence += f'; {note}'

@@ -111,12 +111,7 @@ class LqrCandidate(ControllerCandidate):
 
 
 def judge_lqr_settings(settings: Settings, courses: tuple[Course, ...] = ()) -> LqrCandidate:
-    """
-    Return the design and the control for a set of parameters.
-
-    :param courses: the references to follow, in the order of their beginnings.
-    :raises ObcError: if a parameter or a reference is rejected; the message names the parameter.
-    """
+    """Return design and control for parameters and references, in order; ObcError: rejected."""
     found = design_regulator_of(settings, _DESIGN, _find_sampling)
     check_messages(settings, found.plant)
     check_set_point(found.plant, settings.setpoint, settings.setpoint_input)

@@ -58,13 +58,7 @@ class PresentState:
             BEST_EFFORT)
 
     def read(self, request: Any, timeout: float, plants: Plants) -> PlanStart:
-        """
-        Return the state.
-
-        :param request: its system is the one whose state is wanted.
-        :raises ObcError: if no state has arrived within `timeout`, it is not that of the system,
-            or there is no such system.
-        """
+        """Return the state of the system of a request; ObcError: none in `timeout` [s]."""
         self.check(timeout)
         header = self._message.header
         if self._topic == 'state' and not self._message.names:

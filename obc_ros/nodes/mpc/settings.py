@@ -120,12 +120,7 @@ def find_solver_priority(priority: int) -> int:
 
 
 def judge_mpc_settings(settings: Settings) -> MpcCandidate:
-    """
-    Return the regulator, the control and the problem for a set of parameters.
-
-    :return: without a process and a terminal set: its feedback acts nowhere.
-    :raises ObcError: if a parameter is rejected; the message names it.
-    """
+    """Return what parameters specify, without a process and a terminal set; ObcError: rejected."""
     if not settings.rate:
         raise StatementError('rate = 0: wanted the rate of the plans')
     found = design_regulator_of(settings, ('rate',), _find_sampling)

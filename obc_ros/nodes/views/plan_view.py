@@ -37,12 +37,7 @@ class PlanView:
         guard_callbacks(node, timer, 'view of the plan')
 
     def show(self, plan: Trajectory, state: StateProblem | None = None) -> None:
-        """
-        Show a plan in place of the last one; one without px and py among its states is ignored.
-
-        :param plan: certified; its stamp is that of t = 0, or 0.
-        :param state: returns the problem that it solves, as in a file, for the obstacles.
-        """
+        """Show a certified plan, if it has places; `state` returns its problem, as in a file."""
         if PLACES & set(plan.state_names) and plan.t:
             self._plan, self._todo = (plan, state), {'path', 'markers'}
 

@@ -50,13 +50,7 @@ class Moment:
 
 
 def check_view(system: System, settings: Any) -> None:
-    """
-    Check that a view can show what is wanted.
-
-    :param settings: the parameters of plant_simulator.
-    :raises StatementError: if the frame of the plant is wanted, and it has none or there is no
-        message for it.
-    """
+    """Raise StatementError if the frame of the plant is wanted, and cannot be published."""
     if not settings.publish_tf:
         return
     if not (system.plane and {'px', 'py', 'theta'} <= set(system.state_names)):
@@ -78,11 +72,7 @@ def make_transform(pose: Pose, stamp: Time) -> Any:
 
 
 class PlantView:
-    """
-    The view of the plant of a node.
-
-    :param observe: returns the last published state.
-    """
+    """The view of the plant of a node; `observe` returns the last published state."""
 
     def __init__(self, node: Node, system: System, settings: Any,
                  observe: Callable[[], Moment]) -> None:

@@ -28,14 +28,7 @@ def guard(node: Node) -> None:
 
 
 def guard_callbacks(node: Node, entity: Any, name: str) -> None:
-    """
-    Log exceptions in the callback of a service, subscription or timer instead of ending the node.
-
-    The message of a response, if there is one, has the exception.
-
-    :param entity: its attribute `callback` is replaced.
-    :param name: of the service or topic, or what a timer does, for the log.
-    """
+    """Log exceptions in a callback, which then end no node; a response has them."""
     callback, errors = entity.callback, count(1)
 
     @wraps(callback)

@@ -63,11 +63,7 @@ def limit_leaving() -> Iterator[None]:
 
 
 def run(build: Callable[[], Node]) -> int:
-    """
-    Build a node, spin it until SIGINT or SIGTERM, and end the process.
-
-    :return: 1 if the node cannot start; otherwise the process ends with status 0.
-    """
+    """Build and spin a node until SIGINT or SIGTERM, and end the process; 1: it cannot start."""
     with _stopped_by_signals() as stop:
         try:
             choose_profile()

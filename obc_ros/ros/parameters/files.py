@@ -25,12 +25,7 @@ _PARAMETERS = 'ros__parameters'
 
 
 def has_section(file: str | Path, node: str) -> bool:
-    """
-    Return whether a parameter file has a section for a node.
-
-    :param node: fully qualified name, such as ``/robot/lqr_node``.
-    :raises StatementError: if the file cannot be read, or is not YAML.
-    """
+    """Return whether a file has a section for a node such as ``/robot/lqr_node``."""
     return any(_is_for(section, node) for section, _ in _list_sections(file))
 
 

@@ -55,11 +55,7 @@ _ROWS = re.compile(r'\[(\[[^\[\]]*\],?)+\]|\[[^\[\]]*\]')
 
 @dataclass(frozen=True)
 class StartValues:
-    """
-    What the value of one parameter gives others at the start, in place of their defaults.
-
-    `values` are by name, of the types of their rows; `note` tells the user what is given.
-    """
+    """What one parameter gives others at the start, by name, and a note that tells the user."""
 
     values: Mapping[str, Value]
     note: str

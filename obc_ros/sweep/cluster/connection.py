@@ -114,12 +114,7 @@ def tell_version() -> str:
 
 
 def check_versions(told: Mapping[str, object]) -> None:
-    """
-    Check that all workers have this version of obc_ros.
-
-    :param told: address of each worker, and its version, or the exception that it raised.
-    :raises ObcError: if one has another version, or none.
-    """
+    """Raise ObcError unless all workers, by address, have told this version of obc_ros."""
     here = tell_version()
     for worker, version in told.items():
         if version != here:

@@ -22,12 +22,7 @@ _lock = Lock()
 
 
 def solve_chunk_here(chunk: Chunk, sweep: str) -> list[Row] | None:
-    """
-    Return the answers at the points of a chunk.
-
-    :param sweep: identifies the sweep, for `stop_sweep`.
-    :return: None if the sweep was stopped.
-    """
+    """Return the answers at the points of a chunk; None: `stop_sweep` has stopped its sweep."""
     pool = _find_solver('chunks', start_solver)
     try:
         return solve_chunk(pool, chunk, lambda: sweep in _stopped)

@@ -33,11 +33,7 @@ def connect_to_parent() -> tuple[Channel, list[str]]:
 
 
 def keep_within(memory: int) -> None:
-    """
-    Limit the memory of this process, and make it the first to be ended if memory runs out.
-
-    On other systems than Linux the memory is not limited.
-    """
+    """Limit the memory, on Linux only; this process is the first to be ended if it runs out."""
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     if sys.platform == 'linux':
         resource.setrlimit(resource.RLIMIT_DATA, (memory, memory))

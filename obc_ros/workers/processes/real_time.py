@@ -32,11 +32,7 @@ def drop_priority() -> None:
 
 
 def find_priority_refusal(priority: int) -> str:
-    """
-    Return why the system does not allow a real-time priority; empty: it allows it.
-
-    A thread that ends at once tries it: the process keeps its own priority.
-    """
+    """Return why the system allows no priority, or empty text; a short-lived thread tries it."""
     reasons: list[str] = []
     thread = threading.Thread(target=lambda: reasons.append(_explain_refusal(
         priority, lambda: os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority)))))
