@@ -49,7 +49,7 @@ class LqrClient:
     @property
     def is_there(self) -> bool:
         """Return whether both services are offered."""
-        return self._prediction.service_is_ready() and self._following.service_is_ready()
+        return all(each.service_is_ready() for each in (self._prediction, self._following))
 
     async def predict(self, stamp: int, timeout: float) -> Any:
         """Return the response for a stamp [ns]; None: there is none within `timeout` [s]."""
