@@ -25,7 +25,7 @@ from obc_ros.api.problem import Problem
 from obc_ros.core.ocp.method_names import get_method
 from obc_ros.core.ocp.statement import load_file
 from obc_ros.core.solver.options import read_options
-from obc_ros.core.text.errors import quote, StatementError, suggest_name
+from obc_ros.core.text.errors import StatementError
 from obc_ros.sweep.axes import check_count, make_axes, make_draws, RandomNumber, SweepAxis
 from obc_ros.sweep.chunk_solver import Chunk, Row, solve_locally
 from obc_ros.sweep.chunks import divide_grid, Indices, order_samples
@@ -112,9 +112,7 @@ class SweepQuestion:
         self.settings.check()
         object.__setattr__(self, 'points', check_count(self.axes, self.draws, self.count))
         for key in self.keys:
-            if key not in (places := self.numbers.places):
-                raise StatementError(f"there is no number '{quote(key)}'"
-                                     f'{suggest_name(key, places)}; {self.numbers.hint}')
+            self.numbers.check_key(key)
         object.__setattr__(self, 'samples', {
             draw.key: draw.draw(self.count, self.settings.seed).tolist() for draw in self.draws})
 

@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 from obc_ros.core.ocp.statement import build_problem
 from obc_ros.core.systems.registry import get_registered
-from obc_ros.core.text.errors import ObcError
+from obc_ros.core.text.errors import ObcError, quote, StatementError, suggest_name
 from obc_ros.sweep.dataset import PROBLEM_QUANTITIES
 
 Place = tuple[str | int, ...]
@@ -40,7 +40,6 @@ class ProblemNumbers:
 
     kind = 'problem'
     quantities = PROBLEM_QUANTITIES
-    hint = "initial states are 'x0.NAME', parameters 'NAME', bounds 'input_bounds.NAME.upper'"
 
     def __init__(self, statement: Mapping[str, Any]) -> None:
         self.statement = dict(statement)
@@ -67,6 +66,11 @@ class ProblemNumbers:
             return found | {f'final_time.{each}': ('final_time', each)
                             for each in ('lower', 'upper', 'guess')}
         return found | {'T': ('final_time', 'value'), 'final_time.value': ('final_time', 'value')}
+
+    def check_key(self, key: str) -> None:
+        """Raise StatementError if there is no number with this key."""
+        check_number_key(key, self.places, (
+            "initial states are 'x0.NAME', parameters 'NAME', bounds 'input_bounds.NAME.upper'"))
 
     def vary(self, values: Mapping[str, float]) -> dict[str, Any]:
         """Return a request with other numbers; expressions of parameters follow them."""
@@ -110,6 +114,13 @@ class ProblemNumbers:
             return {}
         signals = {signal.name: signal.unit for signal in system.states + system.inputs}
         return signals | {each.name: each.unit for each in system.parameters}
+
+
+def check_number_key(key: str, places: Mapping[str, Place], hint: str) -> None:
+    """Raise StatementError, which ends with a hint, if a key is not known."""
+    if key not in places:
+        raise StatementError(f"there is no number '{quote(key)}'{suggest_name(key, places)}; "
+                             f'{hint}')
 
 
 def replace_number(value: Any, place: Place, number: float,

@@ -26,7 +26,7 @@ from obc_ros.core.text.errors import describe_type, StatementError
 from obc_ros.core.text.expressions import parse_number
 from obc_ros.core.text.fields import check_keys
 from obc_ros.sweep.dataset import REGULATOR_QUANTITIES
-from obc_ros.sweep.problem_numbers import Place, replace_number
+from obc_ros.sweep.problem_numbers import check_number_key, Place, replace_number
 
 LISTS = ('Qx', 'Qu', 'cross', 'x_max', 'u_max', 'H', 'A', 'B', 'setpoint', 'setpoint_input')
 NUMBERS = ('rho', 'stability')
@@ -45,7 +45,6 @@ class RegulatorNumbers:
 
     kind = 'regulator'
     quantities = REGULATOR_QUANTITIES
-    hint = "weights are 'Qx.0', parameters 'NAME', those of the plant alone 'plant.NAME'"
 
     def __init__(self, case: Mapping[str, Any]) -> None:
         for key in ('sample_time', 'delay'):
@@ -81,6 +80,11 @@ class RegulatorNumbers:
             found |= {'.'.join(map(str, ('plant', key, *place))): ('plant', key, *place)
                       for place in _positions(self.statement.get(key))}
         return found
+
+    def check_key(self, key: str) -> None:
+        """Raise StatementError if there is no number with this key."""
+        check_number_key(key, self.places, (
+            "weights are 'Qx.0', parameters 'NAME', those of the plant alone 'plant.NAME'"))
 
     def vary(self, values: Mapping[str, float]) -> dict[str, Any]:
         """Return a request with other numbers; those of the design hold for the plant, too."""
