@@ -22,8 +22,7 @@ from obc_ros.core.ocp.solution import Solution, Status
 from obc_ros.core.text.errors import ObcError
 from obc_ros.ros.installation import require_ros
 from obc_ros.workers.pool import Job, Pool, RequestAnswer, SHORTEST, TIME_LIMIT
-from obc_ros.workers.responses import compute_affinity, respond
-from obc_ros.workers.responses import unpack_solution
+from obc_ros.workers.responses import compute_affinity, respond, unpack_solution
 from obc_ros.workers.wire import Packet
 
 CACHE_SIZE = 32       # problem structures whose solvers a worker keeps, as those of a server
