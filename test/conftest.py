@@ -19,6 +19,7 @@ Without ROS 2 the tests that need it are left out: see `selection`.
 
 from collections.abc import Iterator
 import fcntl
+import gc
 import os
 from pathlib import Path
 import signal
@@ -74,6 +75,17 @@ def pytest_ignore_collect(collection_path: Path) -> bool | None:
     """Leave out a file that needs ROS 2 where there is none."""
     is_test = collection_path.name.startswith('test_')
     return True if _PURE and is_test and needs_ros(collection_path) else None
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_collection() -> Iterator[object]:
+    """Collect without looking for cycles of objects: nearly all objects stay."""
+    gc.disable()
+    try:
+        return (yield)
+    finally:
+        gc.freeze()
+        gc.enable()
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
