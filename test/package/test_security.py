@@ -36,7 +36,7 @@ ATTRIBUTES = {
     'full_load', 'load_all', 'unsafe_load', 'unsafe_load_all',
 }
 OWNED = {('yaml', 'load'), ('np', 'load'), ('numpy', 'load'), ('builtins', 'eval'),
-         ('builtins', 'exec')}
+         ('builtins', 'exec'), ('tempfile', 'mktemp')}
 FAMILIES = re.compile(r'^os\.(exec[lv]|spawn[lv]|posix_spawn|popen|system)')
 PROCESSES = {'Popen', 'call', 'check_call', 'check_output', 'run'}
 IMPORTS = ('exec_module', 'import_module')
@@ -100,7 +100,7 @@ def calls(function: ast.expr, arguments: list[ast.expr], name: str) -> Iterator[
 
 def sources() -> list[Path]:
     """Return all Python files of the project."""
-    folders = ('benchmarks', 'launch', 'obc_ros', 'requirements', 'test')
+    folders = ('benchmarks', 'docs', 'launch', 'obc_ros', 'requirements', 'test')
     return sorted([*ROOT.glob('*.py'), *(
         path for folder in folders for path in (ROOT / folder).rglob('*.py'))])
 
@@ -120,7 +120,7 @@ def test_no_code_of_the_project_executes_data():
     'subprocess.run(words, shell=True)', 'subprocess.run(words, shell=shell)',
     'np.load(file, allow_pickle=True)', 'np.load(file)', '().__class__.__base__.__subclasses__()',
     'getattr(builtins, "eval")', 'import_module(name)', '__import__("os")',
-    'archive.extractall(folder)', 'run = exec'])
+    'archive.extractall(folder)', 'run = exec', 'os.system("ls")', 'tempfile.mktemp()'])
 def test_code_that_executes_data_is_reported(text):
     assert list(find_dangers(text, 'file.py'))
 
