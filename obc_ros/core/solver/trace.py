@@ -4,6 +4,7 @@
 
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import replace
 import math
 
 from obc_ros.core.ocp.solution import (
@@ -40,40 +41,19 @@ _FAULTS: Mapping[str, str] = {
 
 class Entry:
     """
-    An attempt under way.
+    An attempt so far.
 
-    :param number, parent: as in `Attempt`.
-    :param method, what: as in `Attempt`.
-    :param begun: work before it.
-    :param aside: whether it solves another problem, whose costs say nothing about this one.
-    :ivar verdict: the result so far.
+    :ivar aside: whether it solves another problem, whose costs say nothing about this one.
     """
 
-    def __init__(self, number: int, parent: int, method: str, what: str, begun: int,
-                 aside: bool) -> None:
-        self.number, self.parent, self.method, self.what = number, parent, method, what
-        self.begun, self.aside = begun, aside
-        self.work = 0
-        self._cost = self._loss = math.nan
-        self.verdict, self._why = Verdict.STOPPED, ''
+    def __init__(self, attempt: Attempt, *, aside: bool) -> None:
+        self.attempt, self.aside = attempt, aside
 
     def end(self, verdict: Verdict, why: str = '', *, cost: float = math.nan,
             loss: float = math.nan, what: str = '') -> None:
         """Set the result; see `Attempt`. A later call replaces it; `what` if it is given."""
-        self.what = what or self.what
-        self.verdict, self._why = verdict, why
-        self._cost, self._loss = float(cost), float(loss)
-
-    def spend(self, work: int) -> None:
-        """Add work, in iterations times intervals."""
-        self.work += work
-
-    def freeze(self) -> Attempt:
-        """Return the attempt as a value."""
-        return Attempt(
-            number=self.number, parent=self.parent, method=self.method, what=self.what,
-            begun=self.begun, work=self.work, cost=self._cost, loss=self._loss,
-            verdict=self.verdict, why=self._why)
+        self.attempt = replace(self.attempt, what=what or self.attempt.what, verdict=verdict,
+                               why=why, cost=float(cost), loss=float(loss))
 
 
 class Trace:
@@ -82,10 +62,11 @@ class Trace:
 
     :ivar work: iterations times intervals so far.
     :ivar mesh_refused: whether a mesh with more than the maximum number of intervals was needed.
+    :ivar tell: called whenever an attempt at one of the outer levels begins.
     """
 
     def __init__(self) -> None:
-        self._tell: Callable[[], None] | None = None
+        self.tell: Callable[[], None] = lambda: None
         self.work, self.mesh_refused = 0, False
         self._entries: list[Entry] = []
         self._open: list[Entry] = []   # the innermost last
@@ -93,36 +74,30 @@ class Trace:
         self._late = ''   # what was tried when the time was up
         self._description: str | None = None
 
-    def spend(self, work: int) -> None:
-        """Add work, in iterations times intervals."""
-        self.work += work
-
-    def watch(self, tell: Callable[[], None]) -> None:
-        """Call `tell` whenever an attempt at one of the outer levels begins."""
-        self._tell = tell
-
     @contextmanager
     def attempt(self, method: str, what: str = '', *, aside: bool = False) -> Iterator[Entry]:
         """
         Add an attempt, make it the innermost one under way, and count its work.
 
         :param method, what: as in `Attempt`.
-        :param aside: whether another problem is solved, whose costs say nothing about this one.
+        :param aside: as in `Entry`.
         """
-        inner = self._open[-1].number if self._open else 0
-        entry = Entry(len(self._entries) + 1, inner, method, what, self.work,
-                      aside or self._aside)
+        parent = self._open[-1].attempt.number if self._open else 0
+        entry = Entry(Attempt(
+            number=len(self._entries) + 1, parent=parent, method=method, what=what,
+            begun=self.work, work=0, cost=math.nan, loss=math.nan, verdict=Verdict.STOPPED,
+            why=''), aside=aside or self._aside)
         self._entries.append(entry)
         self._open.append(entry)
         self._description = None
-        if self._tell is not None and len(self._open) <= _OUTER:
-            self._tell()
+        if len(self._open) <= _OUTER:
+            self.tell()
         try:
             yield entry
         finally:
             self._open.pop()
             self._description = None
-            entry.spend(self.work - entry.begun)
+            entry.attempt = replace(entry.attempt, work=self.work - entry.attempt.begun)
 
     def found(self, cost: float, certified: bool) -> None:
         """Note the cost of a feasible path, for `describe`; a certified one replaces others."""
@@ -136,7 +111,8 @@ class Trace:
 
     def note_time_up(self) -> None:
         """Note that the time is up, and what is tried now."""
-        self._late = self._late or ', '.join(entry.method for entry in self._open[:_OUTER])
+        self._late = self._late or ', '.join(
+            entry.attempt.method for entry in self._open[:_OUTER])
 
     @property
     def _aside(self) -> bool:
@@ -155,22 +131,23 @@ class Trace:
         """Yield the number of the start, that of the mesh of a descent, and the method."""
         if starts := self.count(GUESS):
             yield f'start {starts}'
-        descent = next((entry for entry in reversed(self._open) if entry.method == DESCENT), None)
-        if descent and (meshes := sum(entry.parent == descent.number and entry.method == MESH
-                                      for entry in self._entries)):
+        now = [entry.attempt for entry in self._open]
+        descent = next((each.number for each in reversed(now) if each.method == DESCENT), None)
+        if meshes := sum((entry.attempt.parent, entry.attempt.method) == (descent, MESH)
+                         for entry in self._entries):
             yield f'mesh {meshes}'
-        if self._open and self._open[-1].method not in (GUESS, DESCENT, MESH, COLLOCATION):
-            yield self._open[-1].method
+        if now and now[-1].method not in (GUESS, DESCENT, MESH, COLLOCATION):
+            yield now[-1].method
 
     def count(self, method: str, verdict: Verdict | None = None) -> int:
         """Return the number of attempts for the problem itself, all or with one verdict."""
-        return sum(entry.method == method and not entry.aside and verdict in (None, entry.verdict)
-                   for entry in self._entries)
+        return sum(entry.attempt.method == method and not entry.aside
+                   and verdict in (None, entry.attempt.verdict) for entry in self._entries)
 
     def find_verdict(self, method: str) -> Verdict | None:
         """Return the verdict of the last attempt by a method, None if it was not tried."""
-        return next((entry.verdict for entry in reversed(self._entries)
-                     if entry.method == method), None)
+        return next((entry.attempt.verdict for entry in reversed(self._entries)
+                     if entry.attempt.method == method), None)
 
     @property
     def searched(self) -> bool:
@@ -191,22 +168,16 @@ class Trace:
         """Return the attempts, at most `most`; the most detailed are left out first."""
         depth = [0]
         for entry in self._entries:
-            depth.append(depth[entry.parent] + 1)
+            depth.append(depth[entry.attempt.parent] + 1)
         level = max(depth)
         while level > 1 and sum(each <= level for each in depth[1:]) > most:
             level -= 1
-        return tuple(entry.freeze() for entry in self._entries
-                     if depth[entry.number] <= level)[:most]
+        return tuple(entry.attempt for entry in self._entries
+                     if depth[entry.attempt.number] <= level)[:most]
 
 
 def judge_path(found: Solution) -> tuple[Verdict, str]:
-    """
-    Return the verdict on a solution, and the reason.
-
-    :param found: with or without a path.
-    :return: verdict; why: the condition with the largest residual, if the certificate does not
-        pass.
-    """
+    """Return the verdict on a solution, and why: the condition with the largest residual."""
     if not found.t.size:
         return (Verdict.PROVED if found.status is Status.INFEASIBLE else Verdict.REJECTED,
                 found.message)
