@@ -8,8 +8,10 @@ bounds, uses `dataclasses.replace`. A method returns `Candidate`s; which one is 
 in `search`.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 import math
+import time
 
 import numpy as np
 from obc_ros.core.numerics.arrays import Array, Mask
@@ -28,7 +30,6 @@ from obc_ros.core.solver.adjoint.mesh_refinement import (
     refine_mesh,
 )
 from obc_ros.core.solver.arcs.control_discontinuities import find_switching_times
-from obc_ros.core.solver.best_path import BestPath
 from obc_ros.core.solver.guesses.scales import estimate_scales
 from obc_ros.core.solver.nlp.meter import Meter
 from obc_ros.core.solver.options import DEFAULTS, Options
@@ -43,6 +44,42 @@ from obc_ros.core.solver.transcription.program import (
     TranscriptionOutcome,
     USUAL,
 )
+
+
+class BestPath:
+    """
+    Tells of each path of a problem that is better than those before, should this process end.
+
+    A certified path is better than a feasible one, and this better than one that is not feasible.
+    Among equals the lower cost decides, or the smaller largest residual if none is feasible.
+    """
+
+    def __init__(self, problem: Problem, tell: Callable[[Solution], None]) -> None:
+        self._problem, self._tell = problem, tell
+        self._rank = (False, False, -math.inf)
+        self._begun, self._next = math.nan, time.monotonic()
+
+    def is_due(self, problem: Problem) -> bool:
+        """Return whether an intermediate path of a problem should be certified and taken now."""
+        now = time.monotonic()
+        self._begun = now if problem is self._problem and now >= self._next else math.nan
+        return not math.isnan(self._begun)
+
+    def take(self, problem: Problem, found: Solution) -> None:
+        """Pass a path on if it has a certificate, is of this problem, and the best so far."""
+        certificate = found.certificate
+        if problem is not self._problem or certificate is None or not found.t.size:
+            return
+        feasible, worst = certificate.feasible, certificate.residuals[certificate.worst]
+        rank = certificate.holds, feasible, -(found.objective if feasible else worst)
+        if rank > self._rank:
+            self._rank = rank
+            self._tell(found)
+        now = time.monotonic()
+        judging = 0.0 if math.isnan(self._begun) else now - self._begun
+        # Certifying takes at most a twentieth of the time, twice a second at most.
+        self._next = now + max(0.5, judging / 0.05)
+        self._begun = math.nan
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,40 +136,6 @@ class Candidate:
         return self.solution.feasible
 
 
-class _Memo:
-    """The costates of the last outcomes, the last Hamiltonian loss, and which are accurate."""
-
-    def __init__(self) -> None:
-        self._courses: dict[TranscriptionOutcome, tuple[Problem, Extremal]] = {}
-        self._loss: tuple[Problem, Extremal, HamiltonianLoss] | None = None
-        self._checked: dict[TranscriptionOutcome, tuple[Problem, bool]] = {}
-
-    def course(self, problem: Problem, outcome: TranscriptionOutcome) -> Extremal | None:
-        kept, course = self._courses.get(outcome, (None, None))
-        return course if kept is problem else None
-
-    def keep_course(self, problem: Problem, outcome: TranscriptionOutcome,
-                    course: Extremal) -> None:
-        if len(self._courses) >= 8:
-            self._courses.clear()
-        self._courses[outcome] = problem, course
-
-    def loss(self, problem: Problem, course: Extremal) -> HamiltonianLoss | None:
-        kept = self._loss
-        return kept[2] if kept and kept[0] is problem and kept[1] is course else None
-
-    def keep_loss(self, problem: Problem, course: Extremal, verdict: HamiltonianLoss) -> None:
-        self._loss = problem, course, verdict
-
-    def accuracy(self, problem: Problem, outcome: TranscriptionOutcome) -> bool | None:
-        kept, accurate = self._checked.get(outcome, (None, None))
-        return accurate if kept is problem else None
-
-    def keep_accuracy(self, problem: Problem, outcome: TranscriptionOutcome,
-                      accurate: bool) -> None:
-        self._checked[outcome] = problem, accurate
-
-
 @dataclass(frozen=True, eq=False)
 class Bench:
     """
@@ -168,7 +171,12 @@ class Bench:
     stages: int = 0
     typical: int = DEFAULTS.coarse.iterations
     best: BestPath | None = None
-    _memo: _Memo = field(default_factory=_Memo, repr=False)
+    _courses: dict[tuple[Problem, TranscriptionOutcome], Extremal] = field(
+        default_factory=dict, repr=False)
+    _losses: dict[tuple[Problem, Extremal], HamiltonianLoss] = field(
+        default_factory=dict, repr=False)
+    _accurate: dict[tuple[Problem, TranscriptionOutcome], bool] = field(
+        default_factory=dict, repr=False)
 
     @property
     def options(self) -> Options:
@@ -200,10 +208,8 @@ class Bench:
         """
         Solve the transcription on a mesh from a path.
 
-        :param mesh: phases, their intervals, and the scheme.
         :param start: initial guess, with the initial lengths of the phases of the mesh.
         :param near: if the guess is close to the solution; phases are kept from vanishing then.
-        :param effort: how much is done.
         :return: the last iterate; `converged` tells whether it satisfies the optimality
             conditions.
         """
@@ -233,20 +239,15 @@ class Bench:
 
     def is_accurate(self, outcome: TranscriptionOutcome) -> bool:
         """
-        Return whether the discretisation error of a coarse outcome is small enough.
+        Return whether a coarse outcome converged, and its cost can be compared with other costs.
 
-        An outcome is checked once, so that the trace shows the check once.
-
-        :param outcome: on a coarse mesh.
-        :return: False if it did not converge, or if the local errors or the Hamiltonian loss are
-            so large that its cost cannot be compared with other costs.
+        It cannot if the local errors or the Hamiltonian loss are large. An outcome is checked
+        once, so that the trace shows the check once.
         """
-        if not outcome.converged:
-            return False
-        if (accurate := self._memo.accuracy(self.problem, outcome)) is None:
-            accurate = self._check_accuracy(outcome)
-            self._memo.keep_accuracy(self.problem, outcome, accurate)
-        return accurate
+        key = self.problem, outcome
+        if outcome.converged and key not in self._accurate:
+            self._accurate[key] = self._check_accuracy(outcome)
+        return outcome.converged and self._accurate[key]
 
     def _check_accuracy(self, outcome: TranscriptionOutcome) -> bool:
         options, course = self.options.coarse, self.course(outcome)
@@ -261,30 +262,31 @@ class Bench:
 
     def course(self, outcome: TranscriptionOutcome, *, stated: bool = False) -> Extremal:
         """
-        Integrate states and costates under the input of an outcome.
+        Integrate states and costates under the input of an outcome, with multipliers of bounds.
 
-        :param outcome: on any mesh.
-        :param stated: for the problem as stated, not for its smooth reformulation.
-        :return: with multipliers of state bounds and path constraints, if there are any.
+        `stated`: for the problem as stated, not for its smooth reformulation.
         """
         problem = self.stated if stated else self.problem
-        if (course := self._memo.course(problem, outcome)) is not None:
+        if (course := self._courses.get((problem, outcome))) is not None:
             return course
         integrator = self.programs.stated_integrator if stated else self.programs.integrator
         course = integrator.extremal(problem, outcome, 4 if self.stages else 2)
         if self.bounded:
             course = self.programs.fitter(problem, stated).fit(problem, outcome, course)
-        self._memo.keep_course(problem, outcome, course)
+        if len(self._courses) >= 8:   # of the last outcomes
+            self._courses.clear()
+        self._courses[problem, outcome] = course
         return course
 
     def measure_loss(self, course: Extremal) -> HamiltonianLoss:
         """Return the Hamiltonian loss of a course; the last one is cached."""
-        if (verdict := self._memo.loss(self.problem, course)) is None:
+        if (loss := self._losses.get((self.problem, course))) is None:
             slack = None if course.density_path is None else (
                 self.programs.fitter(self.problem).slack(self.problem, course))
-            verdict = measure_loss(self.problem, self.programs.integrator, course, slack)
-            self._memo.keep_loss(self.problem, course, verdict)
-        return verdict
+            loss = measure_loss(self.problem, self.programs.integrator, course, slack)
+            self._losses.clear()
+            self._losses[self.problem, course] = loss
+        return loss
 
     def excess(self, outcome: TranscriptionOutcome, course: Extremal) -> float:
         """
@@ -319,7 +321,6 @@ class Bench:
         """
         Tighten the bounds by the amounts by which a path exceeds them between nodes.
 
-        :param course: the path.
         :param most: relative violation above which a bound is not tightened.
         :return: with the larger margin; exceeded: (intervals,), relative violation of the
             constraints in each interval; empty without any.
@@ -334,13 +335,11 @@ class Bench:
 
     def finer(self, outcome: TranscriptionOutcome, course: Extremal, exceeded: Array) -> Mesh:
         """
-        Refine the mesh of an outcome.
+        Refine the mesh of an outcome, given its `course`, and `exceeded` from `tighten`.
 
-        :param outcome: on the mesh to be refined.
-        :param course: its states and costates, from `course`.
-        :param exceeded: from `tighten`.
-        :return: finer where the Hamiltonian loss, the local error of the states, the variation of
-            H or the violation of constraints exceeds its share; a point at every kink of u*.
+        It becomes finer where the Hamiltonian loss, the local error of the states, the variation
+        of H or the violation of constraints exceeds its share, and has a point at every kink of
+        u*.
         """
         options = self.options.refinement
         verdict, N = self.measure_loss(course), len(course.local)
@@ -362,8 +361,7 @@ class Bench:
         """
         Return an outcome as samples with its certificate; without one if work has stopped.
 
-        :param outcome: on any mesh.
-        :param extremal: solution of the boundary value problem whose kinks are its mesh points.
+        `extremal`: solution of the boundary value problem whose kinks are its mesh points.
         """
         problem, record = self.stated, self.record(outcome, extremal)
         course = self.course(outcome)

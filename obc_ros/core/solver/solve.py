@@ -17,8 +17,7 @@ import numpy as np
 from obc_ros.core.ocp.method_names import get_method
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.ocp.solution import Attempt, MAX_INTERVALS, Report, Solution, Status, Verdict
-from obc_ros.core.solver.bench import Bench, Candidate, State, Task
-from obc_ros.core.solver.best_path import BestPath
+from obc_ros.core.solver.bench import Bench, BestPath, Candidate, State, Task
 from obc_ros.core.solver.conclusion import (
     conclude,
     drop_multipliers,
