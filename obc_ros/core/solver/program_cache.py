@@ -72,27 +72,20 @@ class Answered:
     options: NeighbourOptions = DEFAULTS.neighbour
 
     @cached_property
-    def numbers(self) -> Array:
-        """Return all numbers of the problem."""
-        return collect_numbers(self.problem)
-
-    @cached_property
-    def reach(self) -> Array:
-        """Return the changes of the numbers up to which a problem is a neighbour."""
-        size = np.where(np.isfinite(self.numbers), np.abs(self.numbers), 0.0)
-        size[:-3] = np.maximum(size[:-3], 1e-3)
-        found = self.options.near * size
-        n = self.problem.n
-        farthest = np.abs(self.outcome.path.x).max(axis=0)
-        found[:n] = np.maximum(found[:n], 2.0 * farthest)
-        return found
-
-    @cached_property
     def rows(self) -> Array:
-        """Return the numbers, their reach, and `looked` (nan without it), shape (3, numbers)."""
-        nowhere = np.full(len(self.numbers), np.nan)
-        return np.stack([self.numbers, self.reach,
-                         nowhere if self.looked is None else self.looked])
+        """
+        Return three rows about the numbers of the problem, (3, numbers).
+
+        They are the numbers, the changes up to which a problem is a neighbour, and `looked`, nan
+        without it.
+        """
+        numbers, n = collect_numbers(self.problem), self.problem.n
+        reach = np.where(np.isfinite(numbers), np.abs(numbers), 0.0)
+        reach[:-3] = np.maximum(reach[:-3], 1e-3)
+        reach *= self.options.near
+        reach[:n] = np.maximum(reach[:n], 2.0 * np.abs(self.outcome.path.x).max(axis=0))
+        return np.stack([numbers, reach, np.full(len(numbers), np.nan) if self.looked is None
+                         else self.looked])
 
 
 class ProgramCache:
@@ -102,7 +95,9 @@ class ProgramCache:
     All of it is built from the symbols of `problem`. Another problem of the structure must be
     restated in these symbols by `restated` first.
 
-    :param options: of the searches with these programs.
+    :ivar answers: solved problems, the latest last.
+    :ivar several: whether several minima were found for one of the problems.
+    :ivar build_time: spent on building programs since it was set to 0 [s].
     """
 
     def __init__(self, problem: Problem, options: Options = DEFAULTS) -> None:
@@ -118,8 +113,8 @@ class ProgramCache:
         self.affine = not ca.depends_on(
             ca.jacobian(problem.f, ca.vertcat(problem.x, problem.u)),
             ca.vertcat(problem.x, problem.u))
-        self.answers: list[Answered] = []   # the latest last
-        self.several = False   # whether several minima were found for one of the problems
+        self.answers: list[Answered] = []
+        self.several = False
         self._problem, self._smooth = problem, smooth
         self._convex: tuple[Problem | None, bool] = None, False
         self._pieces: dict[tuple[int, bool], Pieces] = {}
@@ -137,12 +132,7 @@ class ProgramCache:
         return problem if smooth else make_differentiable(problem)
 
     def transcription(self, problem: Problem, layout: Layout) -> Transcription:
-        """
-        Return the program of a layout, which is built once.
-
-        :param problem: in the symbols of this cache.
-        :param layout: phases, intervals and scheme.
-        """
+        """Return the program of a layout, which is built once."""
         found = self._transcriptions.pop(layout, None)
         if found is None:
             begun = time.monotonic()
@@ -158,28 +148,10 @@ class ProgramCache:
 
     def remember(self, answer: Answered) -> None:
         """Keep a solved problem for its neighbours."""
-        options = self.options.neighbour
-        self.answers = [*self.answers, answer][-options.kept:]
-
-    def forget(self, answer: Answered) -> None:
-        """Do not use a solved problem for its neighbours any more."""
-        self.answers.remove(answer)
-
-    def note_minima(self, number: int) -> None:
-        """Note how many local minima were found for a problem."""
-        self.several |= number > 1
-
-    def take_build_time(self) -> float:
-        """Return the time spent on building programs since the last call [s]."""
-        built, self.build_time = self.build_time, 0.0
-        return built
+        self.answers = [*self.answers, answer][-self.options.neighbour.kept:]
 
     def neighbour(self, problem: Problem) -> Answered | None:
-        """
-        Return the solved problem whose numbers are nearest, None if none is a neighbour.
-
-        :param problem: in the symbols of this cache.
-        """
+        """Return the solved problem whose numbers are nearest, None if none is a neighbour."""
         if not self.answers:
             return None
         mine = collect_numbers(problem)
@@ -215,21 +187,12 @@ class ProgramCache:
         return Uneven(self._smooth)
 
     def uneven_costs(self, problem: Problem, cost: float) -> bool:
-        """
-        Return whether L or V may have several local minima in the states.
-
-        :param problem: in the symbols of this cache.
-        :param cost: paths up to this cost are considered.
-        """
+        """Return whether L or V may have several local minima in states of paths up to a cost."""
         return bool(self._uneven.curved) and self._uneven(
             problem, *self.guesser.room(problem, self.integrator, cost))
 
     def convex(self, problem: Problem) -> bool:
-        """
-        Return whether Pontryagin's conditions are sufficient: a convex problem.
-
-        :param problem: in the symbols of this cache. For the last one the result is kept.
-        """
+        """Return whether Pontryagin's conditions are sufficient; kept for the last problem."""
         if self._convex[0] is not problem:
             self._convex = problem, self._convex_paths and (
                 self._uneven.upwards(problem) or is_convex_problem(problem))
@@ -250,12 +213,7 @@ class ProgramCache:
         return PhasedProgram(self._differentiable(self._smooth), self.switching)
 
     def fitter(self, problem: Problem, stated: bool = False) -> Fitter:
-        """
-        Return the fitter of constraint multipliers.
-
-        :param problem: in the symbols of this cache.
-        :param stated: for the problem as stated, not for its smooth reformulation.
-        """
+        """Return the fitter of constraint multipliers, of the problem as `stated` or smooth."""
         if stated not in self._fitters:
             self._fitters[stated] = Fitter(self._differentiable(problem))
         return self._fitters[stated]
@@ -265,9 +223,8 @@ def collect_numbers(problem: Problem) -> Array:
     """
     Return all numbers of a problem.
 
-    :param problem: with n states, m inputs and l path constraints.
-    :return: (numbers,), x(0), parameters, bounds, those of x(0) if it is free; value, lower and
-        upper bound of the final time (nan: 0).
+    They are x(0), parameters, bounds, those of x(0) if it is free; value, lower and upper bound of
+    the final time (nan: 0).
     """
     final = problem.final_time
     start = () if problem.start is None else problem.start_box
@@ -286,9 +243,7 @@ class Cache:
         """
         Return a problem in the symbols of the program cache of its structure, and this cache.
 
-        :param problem: without a `structure` its programs are not kept.
-        :param options: of the search; programs with other options are built anew.
-        :return: problem, programs.
+        Programs with other options are built anew; without a `structure` they are not kept.
         """
         key = problem.structure
         programs = self._caches.pop(key, None) if key else None

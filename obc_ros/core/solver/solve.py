@@ -77,7 +77,7 @@ def solve(problem: Problem, *, method: str = '', time_limit: float = 60.0,
         meter.trace.tell = lambda: note(meter.trace.attempts())
     task = Task(problem, programs, meter, time_limit, best)
     found = conclude(task, METHODS[name](task))
-    built = programs.take_build_time()
+    built, programs.build_time = programs.build_time, 0.0
     return replace(found, method=found.method or name, iterations=meter.iterations,
                    attempts=meter.trace.attempts(), build_time=built,
                    solve_time=time.monotonic() - begun - built)

@@ -5,7 +5,7 @@
 from dataclasses import replace
 
 import numpy as np
-from obc_ros.core.ocp.solution import Optimality, Solution, Status, Verdict
+from obc_ros.core.ocp.solution import Solution, Status, Verdict
 from obc_ros.core.solver.adjoint.mesh_refinement import is_below
 from obc_ros.core.solver.bench import Bench, Candidate
 from obc_ros.core.solver.descent import descend
@@ -22,7 +22,6 @@ def solve_from_neighbour(bench: Bench) -> Candidate | None:
     """
     Solve from the solution of a problem of the same structure with nearly the same numbers.
 
-    :param bench: of the search.
     :return: certified, and of lower cost than its rivals; or infeasible, with a proof. None
         without a neighbour, without convergence, or if a rival has become better.
     """
@@ -60,38 +59,24 @@ def _follow(bench: Bench, last: Answered) -> Candidate | None:
     elif reason := explain_contradiction(stated):  # although the neighbour has a solution
         return Candidate(Solution(Status.INFEASIBLE, reason))
     else:
-        programs.forget(last)   # it does not serve the next problem either
+        programs.answers.remove(last)   # it does not serve the next problem either
         if found is not None and not bench.meter.stopped:   # kinks have left the mesh points
             found = descend(bench, outcome)
             found = replace(found, record=found.record and replace(
                 found.record, rivals=last.rivals, refined=last.refined, looked=last.looked))
     if found is None or not found.certified or found.record is None:
         return None
-    costs = follow_rivals(bench, last)
-    if is_beaten(found.solution, costs):
+    # Costs of the rivals here, scaled from coarse to fine meshes.
+    outcomes = [bench.collocate(rival.mesh, rival.path, near=Nearby(),
+                                effort=SolveEffort(bench.options.coarse.iterations))
+                for rival in last.rivals]
+    costs = [last.refined * outcome.objective for outcome in outcomes if outcome.converged]
+    if any(is_below(cost, found.solution.objective, ANOTHER) for cost in costs):
         return None
     known = last.optimality
-    if known is None or not np.array_equal(last.numbers, collect_numbers(stated)):
-        known = compare_with_rivals(found.solution, costs)
+    if known is None or not np.array_equal(last.rows[0], collect_numbers(stated)):
+        known = describe_local(1 + len(costs), found.solution.objective, costs)
+        known = replace(known, reason=f'{known.reason}, each a local minimum of the same problem '
+                                      'with other numbers')
     programs.remember(replace(found.record, optimality=known))
     return replace(found, solution=replace(found.solution, optimality=known))
-
-
-def follow_rivals(bench: Bench, last: Answered) -> list[float]:
-    """Return the costs of the rivals of a neighbour here, scaled from coarse to fine meshes."""
-    effort = SolveEffort(bench.options.coarse.iterations)
-    outcomes = [bench.collocate(rival.mesh, rival.path, near=Nearby(), effort=effort)
-                for rival in last.rivals]
-    return [last.refined * outcome.objective for outcome in outcomes if outcome.converged]
-
-
-def is_beaten(answer: Solution, costs: list[float]) -> bool:
-    """Return whether a rival has become cheaper than the solution."""
-    return any(is_below(cost, answer.objective, ANOTHER) for cost in costs)
-
-
-def compare_with_rivals(answer: Solution, costs: list[float]) -> Optimality:
-    """Return the optimality shown by following a solution and its rivals from a neighbour."""
-    found = describe_local(1 + len(costs), answer.objective, costs)
-    return replace(found, reason=f'{found.reason}, each a local minimum of the same problem with '
-                                 'other numbers')
