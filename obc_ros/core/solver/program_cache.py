@@ -26,9 +26,9 @@ from obc_ros.core.solver.adjoint.bvp_solution import BoundaryValues
 from obc_ros.core.solver.adjoint.costates import CostateIntegrator
 from obc_ros.core.solver.adjoint.multipliers import Fitter
 from obc_ros.core.solver.arcs.phase_program import PhasedProgram
-from obc_ros.core.solver.guesses.initial_guess import Guesser
 from obc_ros.core.solver.options import DEFAULTS, NeighbourOptions, Options
 from obc_ros.core.solver.proofs.convexity import is_convex_problem
+from obc_ros.core.solver.starts.initial_guess import Guesser
 from obc_ros.core.solver.transcription.absolute_values import build_smooth_twin
 from obc_ros.core.solver.transcription.intervals import Pieces
 from obc_ros.core.solver.transcription.mesh import Layout

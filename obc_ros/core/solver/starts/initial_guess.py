@@ -1,9 +1,10 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Initial guesses from the statement of a problem alone.
+Initial guesses from the statement of a problem alone, and scales of states, inputs, time and cost.
 
-The module is long because guesses and the ranges around them are read from the same numbers.
+Scales are powers of 2, so that scaling adds no rounding error. The module is long because guesses
+and the ranges around them are read from the same numbers.
 """
 
 from collections.abc import Callable, Iterator
@@ -21,7 +22,6 @@ from obc_ros.core.ocp.least_time_form import get_final_time
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.solver.adjoint.costates import CostateIntegrator
 from obc_ros.core.solver.exact.reachable_set import bound_first_reach, bound_reach
-from obc_ros.core.solver.guesses.scales import estimate_scales, round_to_power
 from obc_ros.core.solver.options import DEFAULTS, GuessOptions
 from obc_ros.core.solver.transcription.intervals import compute_amplification
 from obc_ros.core.solver.transcription.mesh import build_path, Path
@@ -33,6 +33,28 @@ _TURNS = 2 * np.pi, 360.0   # possible periods of an input that is an angle [rad
 
 def _inside(value: Array, lower: Array, upper: Array) -> Array:
     return np.minimum(np.maximum(value, lower), upper)
+
+
+def round_to_power(size: Array | float) -> Array:
+    """Return the power of 2 nearest to a size."""
+    return np.asarray(np.exp2(np.round(np.log2(np.clip(size, 1e-8, 1e12)))))
+
+
+def estimate_scales(problem: Problem, path: Path) -> ProblemScales:
+    """
+    Estimate the scales of states, inputs and time from the largest values of a path.
+
+    Bounds give the scales of what is 0 on the path. The scale of the cost is 1.
+    """
+    def size(values: Array, lower: Array, upper: Array) -> Array:
+        seen = np.max(np.abs(values), axis=0, initial=0.0)
+        span = np.where(np.isfinite(upper - lower), upper - lower, 0.0)
+        largest = np.where(seen > 0, seen, np.where(span > 0, span, 1.0))
+        return round_to_power(largest)
+
+    return ProblemScales(size(path.x, problem.x_lower, problem.x_upper),
+                         size(np.vstack([path.ua, path.ub]), problem.u_lower, problem.u_upper),
+                         float(np.exp2(np.round(np.log2(path.t[-1])))), 1.0)
 
 
 class Guesser:
@@ -58,7 +80,6 @@ class Guesser:
         """
         Find a final state near x(0) by Newton's method on psi = 0.
 
-        :param problem: in the symbols of this structure.
         :return: x: (n,), within the bounds; psi(x) = 0 only if the iteration converged; fixed:
             (n,), components that psi fixes.
         """
@@ -135,12 +156,7 @@ class Guesser:
         return periods
 
     def sizes(self, problem: Problem, path: Path) -> ProblemScales:
-        """
-        Estimate scales from an initial guess, also of states that are constant on it.
-
-        :param problem: in the symbols of this structure.
-        :param path: the guess.
-        """
+        """Estimate scales from an initial guess, also of states that are constant on it."""
         found = estimate_scales(problem, path)
         points = len(path.ua)
         values, = self._all(path.x[:points], path.ua, problem.p_value)
@@ -184,9 +200,7 @@ class Guesser:
         """
         Return whether explicit steps amplify a decaying mode of linear dynamics.
 
-        :param problem: in the symbols of this structure.
-        :param intervals: number of equal steps in T.
-        :return: False for nonlinear dynamics, whose modes depend on the path.
+        The modes of nonlinear dynamics depend on the path: False.
         """
         if not self._linear:
             return False
@@ -215,8 +229,7 @@ class Guesser:
         """
         Return the straight line from x(0) to psi = 0 with steady inputs.
 
-        :param problem: its `initial_guess` replaces states and inputs that it contains.
-        :param T: final time [s].
+        The `initial_guess` of the problem replaces states and inputs that it contains.
         """
         last = self._last_line
         if last is None or last[0] is not problem or last[1] != T:
@@ -269,12 +282,9 @@ class Guesser:
         Yield initial guesses without end, the most promising first.
 
         These are the line, lines that are bent randomly, and paths integrated under the inputs of
-        the line or random ones around them. If T is free, it is varied, too.
-
-        :param problem: in the symbols of this structure.
-        :param integrator: of this structure.
-        :param spans: returns the ranges of states (n,) and inputs (m,) on the paths found so far,
-            which give the amplitudes, or None.
+        the line or random ones around them. If T is free, it is varied, too. `spans` returns the
+        ranges of states (n,) and inputs (m,) on the paths found so far, which give the amplitudes,
+        or None.
         """
         T = get_final_time(problem)
         line = self.line(problem, T)
@@ -322,9 +332,8 @@ class Guesser:
         """
         Yield lines to final states distributed evenly around x(0), as far as psi leaves them open.
 
-        :param problem, integrator: as for `starts`.
-        :param starts: other guesses; each third one is of these.
-        :param cost: cost of the best path, which limits the distance (`room`).
+        Each third one is of the other guesses `starts`. The cost of the best path limits the
+        distance (`room`).
         """
         line = self.line(problem, get_final_time(problem))
         _, fixed = self.final_state(problem)
@@ -347,8 +356,6 @@ class Guesser:
 
         Each input alone is held at the values that cost as much, and the states are integrated.
 
-        :param problem, integrator: as for `starts`.
-        :param cost: cost of the best path.
         :return: x, u: (n,), (m,), distances from x(0), and from the steady input.
         """
         line = self.line(problem, get_final_time(problem))
@@ -417,11 +424,9 @@ def _path(t: Array, x: Array, u: Array) -> Path:
 
 def join_whole_turns(path: Path, periods: Array) -> Path:
     """
-    Make piecewise constant inputs that are angles continuous, by removing whole turns.
+    Make piecewise constant inputs that are angles linear and continuous, by removing whole turns.
 
-    :param path: with inputs constant in each interval.
-    :param periods: (m,), period of each input; inf: it is no angle.
-    :return: with inputs linear in each interval.
+    `periods` (m,): period of each input; inf: it is no angle.
     """
     u = path.ua.copy()
     for i in np.flatnonzero(np.isfinite(periods)):
