@@ -22,7 +22,7 @@ from obc_ros.core.solver.multistart.neighbour import solve_from_neighbour
 from obc_ros.core.solver.nlp.meter import Meter
 from obc_ros.core.solver.proofs.contradictions import explain_contradiction
 from obc_ros.core.solver.proofs.optimality import describe_local
-from obc_ros.core.solver.starts.start_pool import StartPool
+from obc_ros.core.solver.starts.start import StartPool
 from obc_ros.core.solver.trace import GUESS
 from obc_ros.core.solver.transcription.program import TranscriptionOutcome
 

@@ -32,8 +32,11 @@ from obc_ros.core.numerics.arrays import Array, Mask
 from obc_ros.core.numerics.collocation import build_collocation, evaluate_lagrange
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.ocp.structure import find_idle_inputs
-from obc_ros.core.solver.arcs.constraint_orders import BoundRates
-from obc_ros.core.solver.arcs.implied_bounds import build_curvatures, find_implied_bounds
+from obc_ros.core.solver.arcs.constraint_orders import (
+    BoundRates,
+    build_curvatures,
+    find_implied_bounds,
+)
 from obc_ros.core.solver.arcs.input_arcs import Arc, limit_shortening
 from obc_ros.core.solver.arcs.phases import DEGREE, drop_negligible, Grazing, OUTWARDS, Phased
 from obc_ros.core.solver.nlp.ipopt import build_ipopt, Found, run_ipopt, Watch

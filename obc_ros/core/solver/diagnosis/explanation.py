@@ -40,12 +40,12 @@ from obc_ros.core.solver.diagnosis.feasibility import (
     FEASIBLE,
     find_blocking_bound,
     is_path,
+    reaches_end,
     relax_path_constraints,
     relax_terminal,
     Solver,
 )
 from obc_ros.core.solver.diagnosis.finite_arcs import attain_by_arcs
-from obc_ros.core.solver.diagnosis.forward_check import reaches_end
 from obc_ros.core.solver.diagnosis.monotone_resources import explain_shortage
 from obc_ros.core.solver.diagnosis.relaxed_controls import (
     explain_chattering,

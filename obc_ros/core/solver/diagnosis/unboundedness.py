@@ -12,8 +12,12 @@ import numpy as np
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.ocp.solution import Solution
-from obc_ros.core.solver.diagnosis.feasibility import describe_shortfall, is_path, Solver
-from obc_ros.core.solver.diagnosis.forward_check import guess_from_inputs
+from obc_ros.core.solver.diagnosis.feasibility import (
+    describe_shortfall,
+    guess_from_inputs,
+    is_path,
+    Solver,
+)
 from obc_ros.core.solver.proofs.existence import advise_bounds, find_growing_inputs
 
 

@@ -35,9 +35,15 @@ from obc_ros.core.solver.arcs.input_arcs import (
     tidy_arcs,
 )
 from obc_ros.core.solver.arcs.mixed_constraints import find_active, hold_constraints
-from obc_ros.core.solver.arcs.phase_mesh import spread_as_wanted, spread_by_error, spread_like
 from obc_ros.core.solver.arcs.phase_program import PhasedProgram
-from obc_ros.core.solver.arcs.phases import DEGREE, Grazing, Phased
+from obc_ros.core.solver.arcs.phases import (
+    DEGREE,
+    Grazing,
+    Phased,
+    spread_as_wanted,
+    spread_by_error,
+    spread_like,
+)
 from obc_ros.core.solver.arcs.state_contacts import add_contacts, find_contacts, StateContact
 from obc_ros.core.solver.bench import Bench, Candidate, State
 from obc_ros.core.solver.improve.phase_samples import BY_SAMPLES, certify_samples, join_phases

@@ -11,8 +11,7 @@ from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.solver.bench import Bench
 from obc_ros.core.solver.starts.initial_guess import join_whole_turns
 from obc_ros.core.solver.starts.registry import try_starts
-from obc_ros.core.solver.starts.start import Known, StartStage
-from obc_ros.core.solver.starts.start_pool import StartPool
+from obc_ros.core.solver.starts.start import Known, StartPool, StartStage
 from obc_ros.core.solver.trace import GUESS
 from obc_ros.core.solver.transcription.mesh import build_uniform_mesh, STEPPED
 from obc_ros.core.solver.transcription.program import SolveEffort, TranscriptionOutcome

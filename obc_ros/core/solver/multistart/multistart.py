@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""Multistart: descents from further initial guesses, for a better local minimum."""
+"""Multistart: descents from further guesses, until no better local minimum is expected."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -12,12 +12,11 @@ from obc_ros.core.solver.bench import Bench, Candidate, State
 from obc_ros.core.solver.descent import descend
 from obc_ros.core.solver.improve.registry import DescentStage, try_improvements
 from obc_ros.core.solver.multistart.coarse_mesh import solve_next_start
-from obc_ros.core.solver.multistart.stopping_rule import Effort, explain_enough
+from obc_ros.core.solver.options import MultistartOptions
 from obc_ros.core.solver.program_cache import Answered, collect_numbers
 from obc_ros.core.solver.proofs.optimality import describe_local
 from obc_ros.core.solver.starts.registry import try_starts
-from obc_ros.core.solver.starts.start import Known, StartStage
-from obc_ros.core.solver.starts.start_pool import is_rough, StartPool
+from obc_ros.core.solver.starts.start import Known, StartPool, StartStage
 from obc_ros.core.solver.trace import GUESS
 from obc_ros.core.solver.transcription.local_minima import ANOTHER, CHEAPER, MET, SAME
 from obc_ros.core.solver.transcription.mesh import build_uniform_mesh, split
@@ -34,6 +33,67 @@ def descend_from_coarse(bench: Bench, first: TranscriptionOutcome) -> tuple[Cand
     """
     first = try_improvements(DescentStage.COARSE, State(bench, first)).outcome
     return descend(bench, first), first.objective
+
+
+@dataclass(frozen=True, kw_only=True)
+class Effort:
+    """
+    What multistart has done so far, and what it knows of the problem.
+
+    :ivar starts, wanted: initial guesses so far, and those that are worth a try because of earlier
+        ones.
+    :ivar before, spent, total: work before multistart, work of its starts, and work of the whole
+        search.
+    :ivar certified: whether the best solution is certified.
+    :ivar uneven, bent, rough: whether the cost may have several local minima in the states;
+        whether the dynamics are strongly nonlinear; whether coarse solves fail, end at very
+        different costs, or are slow.
+    :ivar stages: collocation points in an interval; 0: Runge-Kutta steps.
+    :ivar complete: whether no further minimum is expected (Boender, Rinnooy Kan 1987).
+    """
+
+    starts: int
+    wanted: int
+    before: int
+    spent: int
+    total: int
+    certified: bool
+    uneven: bool = False
+    bent: bool = False
+    rough: bool = False
+    stages: int = 0
+    complete: bool = False
+
+
+def explain_enough(effort: Effort, options: MultistartOptions) -> str:
+    """Return in words why multistart may stop; '' if another start is worth its work."""
+    number, spent, hard = effort.starts, effort.spent, effort.before > options.hard
+    if spent > options.lavish:
+        return f'{_count(number)} used up the work that further starts may take'
+    if (effort.rough or effort.bent) and effort.certified and not (hard or effort.uneven) and (
+            spent > options.hard):
+        return f'{_count(number)} took more work than the solution'
+    many = _are_many(effort, options)
+    if many and spent > (2 if hard else 1) * options.share * effort.total:
+        return f'{_count(number)} used up their part of the work'
+    if many and effort.complete:
+        return f'{_count(number)} led to known minima only'
+    return ''
+
+
+def _count(number: int) -> str:
+    return f'{number} start{"" if number == 1 else "s"}'
+
+
+def _are_many(effort: Effort, options: MultistartOptions) -> bool:
+    """Return whether at least the minimum number of starts was tried."""
+    hard = effort.before > options.hard
+    if effort.uneven or hard and not effort.stages:
+        return (effort.starts >= 2 * options.least_hard
+                and effort.spent >= options.many_work)
+    least = options.least_bent if effort.bent else 1
+    least = options.least_hard if hard or effort.rough else least
+    return effort.starts >= max(least, effort.wanted)
 
 
 @dataclass(frozen=True)
@@ -128,7 +188,7 @@ class _Multistart:
         return Effort(
             starts=number, wanted=self._wanted, before=self._before, spent=self._spent,
             total=bench.work, certified=self._best.certified, uneven=self._uneven,
-            bent=self._bent, rough=is_rough(bench, self._pool), stages=bench.stages,
+            bent=self._bent, rough=self._pool.is_rough(bench), stages=bench.stages,
             complete=known.enough())
 
     def _solve_next(self) -> TranscriptionOutcome:

@@ -24,8 +24,7 @@ from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.solver.adjoint.costates import CostateIntegrator
 from obc_ros.core.solver.bench import Bench, Candidate
 from obc_ros.core.solver.options import DEFAULTS, Options, RolloutOptions
-from obc_ros.core.solver.starts.start import Known, Proposal
-from obc_ros.core.solver.starts.start_pool import is_rough, StartPool
+from obc_ros.core.solver.starts.start import Known, Proposal, StartPool
 from obc_ros.core.solver.trace import GUESS
 from obc_ros.core.solver.transcription.mesh import (
     build_path,
@@ -108,7 +107,7 @@ def interleave_rollouts(bench: Bench, pool: StartPool, known: Known) -> Proposal
     aside = bench.work - known.begun
     rollouts = _promising(
         bench, known.best, seen, lambda: bench.work - aside > bench.options.multistart.hard
-        or is_rough(bench, pool), known.bent)
+        or pool.is_rough(bench), known.bent)
     patience = (2 if known.bent else 1) * bench.options.multistart.after
     return Proposal(rest=_interleave(pool, pool.rest, label_paths(
         rollouts, 'cross-entropy rollout'), patience), wanted=bool(seen))

@@ -14,8 +14,7 @@ from itertools import islice
 import casadi as ca
 import numpy as np
 from obc_ros.core.solver.bench import Bench
-from obc_ros.core.solver.starts.start import Known, Proposal
-from obc_ros.core.solver.starts.start_pool import StartPool
+from obc_ros.core.solver.starts.start import Known, Proposal, StartPool
 from obc_ros.core.solver.transcription.mesh import build_uniform_mesh, Path
 from obc_ros.core.solver.transcription.program import SolveEffort, TranscriptionOutcome
 

@@ -12,8 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 from obc_ros.core.solver.bench import Bench
-from obc_ros.core.solver.starts.start import Known, Proposal
-from obc_ros.core.solver.starts.start_pool import StartPool
+from obc_ros.core.solver.starts.start import Known, Proposal, StartPool
 from obc_ros.core.solver.transcription.mesh import (
     build_path,
     build_uniform_mesh,

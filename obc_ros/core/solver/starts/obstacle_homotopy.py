@@ -21,8 +21,7 @@ from obc_ros.core.numerics.vectorized import VectorizedFunction
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.solver.bench import Bench
 from obc_ros.core.solver.options import DEFAULTS
-from obc_ros.core.solver.starts.start import Known, Proposal
-from obc_ros.core.solver.starts.start_pool import StartPool
+from obc_ros.core.solver.starts.start import Known, Proposal, StartPool
 from obc_ros.core.solver.transcription.mesh import Path
 
 

@@ -8,6 +8,8 @@ lines and paths of inputs with which every search begins (`Guesser.starts`), bet
 others are placed; and a solved neighbour (`neighbour`), whose result is a finished candidate.
 """
 
+from itertools import chain
+
 import numpy as np
 from obc_ros.core.solver.bench import Bench
 from obc_ros.core.solver.starts.cross_entropy import (
@@ -19,8 +21,7 @@ from obc_ros.core.solver.starts.cross_entropy import (
 from obc_ros.core.solver.starts.final_time_windows import find_other_lengths, has_other_lengths
 from obc_ros.core.solver.starts.horizon_continuation import continue_horizon, has_open_end
 from obc_ros.core.solver.starts.obstacle_homotopy import has_obstacles, start_around
-from obc_ros.core.solver.starts.start import Known, Proposal, Start, StartStage
-from obc_ros.core.solver.starts.start_pool import StartPool
+from obc_ros.core.solver.starts.start import Known, Proposal, Start, StartPool, StartStage
 from obc_ros.core.solver.transcription.mesh import label_paths
 
 
@@ -69,9 +70,9 @@ def try_starts(stage: StartStage, bench: Bench, pool: StartPool, known: Known) -
             attempt.end(*made.judge(), cost=min(
                 (outcome.objective for outcome in made.outcomes), default=np.nan))
         if made.rest is not None:
-            pool.replace_rest(label_paths(made.rest, start.name))
+            pool.rest = label_paths(made.rest, start.name)
         if made.first is not None:
-            pool.put_first(label_paths(made.first, start.name))
+            pool.first = chain(label_paths(made.first, start.name), pool.first)
         wanted += made.wanted
         if made.outcomes:
             return Proposal(made.outcomes, wanted=wanted)

@@ -1,17 +1,62 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""A start of the search: what it is called, when it is tried, and what it proposes."""
+"""
+A start of the search: what it is called, when it is tried, and what it proposes.
 
-from collections.abc import Callable, Iterator
+The initial guesses of a search are in a pool, with the local minima that they have led to.
+"""
+
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from enum import StrEnum
+from itertools import chain
 
 import numpy as np
+from obc_ros.core.numerics.arrays import Array
+from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.ocp.solution import Verdict
 from obc_ros.core.solver.bench import Bench, Candidate
-from obc_ros.core.solver.starts.start_pool import StartPool
-from obc_ros.core.solver.transcription.mesh import Path
+from obc_ros.core.solver.program_cache import ProgramCache
+from obc_ros.core.solver.transcription.local_minima import LocalMinima
+from obc_ros.core.solver.transcription.mesh import label_paths, Path
 from obc_ros.core.solver.transcription.program import TranscriptionOutcome
+
+
+class StartPool:
+    """
+    Initial guesses in the order in which they are used, without end, and what they have led to.
+
+    :ivar known_minima: record of the local minima found on the coarse mesh.
+    :ivar periods: (m,), periods of inputs that are angles, else infinite.
+    :ivar first, rest: guesses that are left: those that are used before the others, and these.
+    """
+
+    def __init__(self, problem: Problem, programs: ProgramCache) -> None:
+        self._problem, self._programs = problem, programs
+        self.known_minima = LocalMinima(programs.options.coarse)
+        self.periods: Array = np.full(problem.m, np.inf)
+        self.first: Iterator[Path] = iter(())
+        self.rest: Iterator[Path] = iter(())
+
+    def fill(self, first: Iterable[Path] = ()) -> None:
+        """Begin with the given paths, then the usual guesses; forget the minima."""
+        self.forget()
+        self.periods = self._programs.guesser.periods(self._problem)
+        self.first = label_paths(first, 'solution on the coarser mesh')
+        self.rest = self._programs.guesser.starts(
+            self._problem, self._programs.integrator, lambda: self.known_minima.spans)
+
+    def forget(self) -> None:
+        """Forget the minima."""
+        self.known_minima = LocalMinima(self._programs.options.coarse)
+
+    def take(self) -> Path:
+        """Return the next guess."""
+        return next(chain(self.first, self.rest))
+
+    def is_rough(self, bench: Bench) -> bool:
+        """Return whether coarse solves fail, end at very different costs, or are slow."""
+        return bench.typical > 30 or self.known_minima.rough   # iterations
 
 
 class StartStage(StrEnum):

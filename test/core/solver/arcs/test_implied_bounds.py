@@ -3,7 +3,7 @@
 """Bounds of inputs that touch the set of a path constraint."""
 
 import numpy as np
-from obc_ros.core.solver.arcs.implied_bounds import build_curvatures, find_implied_bounds
+from obc_ros.core.solver.arcs.constraint_orders import build_curvatures, find_implied_bounds
 import problems
 import pytest
 

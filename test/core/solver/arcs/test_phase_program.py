@@ -9,9 +9,14 @@ from obc_ros.core.numerics.collocation import build_collocation
 from obc_ros.core.ocp.solution import Status
 from obc_ros.core.solver.arcs.bang_arcs import close_ends, cut_at_bounds, cut_at_ends
 from obc_ros.core.solver.arcs.input_arcs import Arc
-from obc_ros.core.solver.arcs.phase_mesh import spread_as_wanted, spread_by_error, spread_like
 from obc_ros.core.solver.arcs.phase_program import PhasedProgram
-from obc_ros.core.solver.arcs.phases import DEGREE, Phased
+from obc_ros.core.solver.arcs.phases import (
+    DEGREE,
+    Phased,
+    spread_as_wanted,
+    spread_by_error,
+    spread_like,
+)
 from obc_ros.core.solver.bench import build_bench, Task
 from obc_ros.core.solver.improve.phase_samples import sample_phases
 from obc_ros.core.solver.improve.state_arcs import settle_arcs

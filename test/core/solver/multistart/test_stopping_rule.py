@@ -8,8 +8,7 @@ from itertools import product
 from hypothesis import given
 from hypothesis import strategies as st
 from obc_ros.core.ocp.solution import Certificate, Condition, Solution, Status
-from obc_ros.core.solver.multistart.multistart import better
-from obc_ros.core.solver.multistart.stopping_rule import Effort, explain_enough
+from obc_ros.core.solver.multistart.multistart import better, Effort, explain_enough
 from obc_ros.core.solver.options import MultistartOptions
 import pytest
 
