@@ -64,7 +64,7 @@ REGISTRIES: tuple[tuple[Any, str, str, Callable[..., bool]], ...] = (
     (starts, 'STARTS', 'run', lambda made, *_: made.judge()[0] is Verdict.ACCEPTED),
     (improvements, 'IMPROVEMENTS', 'run', lambda new, state: not isinstance(new, str) and (
         new.judge(state)[0] is not Verdict.REJECTED)),
-    (explanation, 'CHECKS', 'run', lambda reason, *_: reason is not None))
+    (explanation, 'CHECKS', 'run', lambda reason, *_: bool(reason)))
 RECORDS = tuple(each.name for module, registry, *_ in REGISTRIES
                 for each in getattr(module, registry))
 # Strategies in no registry: where the function is looked up, what takes its place, and whether a

@@ -13,7 +13,7 @@ from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.ocp.solution import Condition, Solution, Status, Verdict
 from obc_ros.core.ocp.wording import format_number
 from obc_ros.core.solver.bench import Task
-from obc_ros.core.solver.diagnosis.explanation import explain
+from obc_ros.core.solver.diagnosis.explanation import explain, judge_reason
 from obc_ros.core.solver.diagnosis.unboundedness import explain_larger_inputs
 from obc_ros.core.solver.proofs.existence import advise_bounds, find_constant_cost
 from obc_ros.core.solver.proofs.optimality import add_optimality
@@ -134,9 +134,7 @@ def _explained(task: Task, found: Solution) -> Solution:
     with meter.trace.attempt('explanation', aside=True) as attempt:
         reason = explain(problem, *_explaining(task), found=found, trace=meter.trace,
                          remaining=meter.remaining)
-        proved = reason is not None and reason.infeasible
-        attempt.end(Verdict.PROVED if proved else Verdict.NOT_PROVED,
-                    reason.sentence if reason else '')
+        attempt.end(*judge_reason(reason))
     if reason is None or meter.stopped == 'cancelled':
         sentence = found.message
         # With a larger residual no mesh is fine enough.

@@ -79,11 +79,7 @@ _EXCLUDED = ('the bounds and constraints exclude each other: a combination of th
 
 @dataclass(frozen=True)
 class Reason:
-    """
-    A sentence, and whether infeasibility is proved.
-
-    `solution`: a certified path, if the search for the reason has found one.
-    """
+    """A sentence, whether infeasibility is proved, and a certified path if one was found."""
 
     infeasible: bool
     sentence: str
@@ -104,14 +100,7 @@ class Situation(StrEnum):
 
 
 class Unsolved:
-    """
-    A problem without a solution, and what was found.
-
-    :param solve, thorough: as for `explain`.
-    :param found: the best path found.
-    :param trace: what was tried.
-    :param remaining: returns the time left [s].
-    """
+    """A problem without a solution, and what was found; the parameters are those of `explain`."""
 
     def __init__(self, problem: Problem, solve: Solver, thorough: Solver, found: Solution | None,
                  trace: Trace, remaining: Callable[[], float]) -> None:
@@ -175,25 +164,10 @@ class Unsolved:
         sentence = explain_contradiction(self.problem)
         return Reason(True, sentence) if sentence else None
 
-    def has_no_minimum(self) -> Reason | None:
-        """Return that the cost provably has no minimum."""
-        return _report(explain_no_minimum(self.problem))
-
-    def is_undefined(self) -> Reason | None:
-        """Return which expression is undefined on the path found."""
-        return self._look(explain_undefined)
-
-    def has_kink(self) -> Reason | None:
-        """Return which absolute value or root of states vanishes on the path found."""
-        return self._look(explain_kink) or self._look(explain_steep_root)
-
-    def ends_level(self) -> Reason | None:
-        """Return which terminal constraint has a vanishing gradient at the end of the path."""
-        return self._look(lambda problem, t, x, u: explain_level_terminal(problem, x[-1]))
-
-    def _look(self, look: Callable[[Problem, Array, Array, Array], str]) -> Reason | None:
+    def look(self, explain_path: Callable[[Problem, Array, Array, Array], str]) -> str:
+        """Return what the samples of the path found show."""
         found = self.found
-        return None if found is None else _report(look(self.problem, found.t, found.x, found.u))
+        return '' if found is None else explain_path(self.problem, found.t, found.x, found.u)
 
     def best(self, other: Problem) -> Solution:
         """Return a path of another problem; of a convex problem a nearly optimal one."""
@@ -234,15 +208,15 @@ class Unsolved:
                         cost=path.objective if path else np.nan)
         return Reason(False, sentence, path)
 
-    def without_end(self) -> Reason | None:
+    def without_end(self) -> str:
         """Return that the cost decreases without limit or that states diverge, if they do."""
         found = None if self.lost else self.found
         sentence = explain_unbounded(self.problem, self.certified, found)
         if not sentence and self.lost and self.problem.start is None:
             sentence = explain_escape(self.problem, self.problem.final_time.latest)
-        return Reason(False, sentence) if sentence else None
+        return sentence
 
-    def too_short(self) -> Reason | None:
+    def too_short(self) -> Reason | str:
         """Return that the terminal constraints can be met at a later T, if they can."""
         problem, last = self.problem, self.problem.final_time.latest
         guess = FinalTime(free=True, lower=1e-3 * last, upper=50 * last, guess=2 * last)
@@ -251,72 +225,72 @@ class Unsolved:
         if not is_path(answer) and answer.meets(_ROUGHLY):
             answer = self.thorough(later)
         if not is_path(answer) or describe_shortfall(problem, answer):
-            return None
+            return ''
         early = answer.t[-1] <= last * (1 + 1e-6)
         if not early and not self.convex:
             answer = self.thorough(later)
             early = not is_path(answer) or answer.t[-1] <= last * (1 + 1e-6)
         if early and not self.convex and not problem.final_time.free and (
                 reaches_end(problem, answer)):
-            return Reason(False, f'no path was found that meets the terminal constraints at T = '
-                                 f'{last:.6g}; a path meets them at T = {answer.t[-1]:.4g}')
+            return (f'no path was found that meets the terminal constraints at T = {last:.6g}; '
+                    f'a path meets them at T = {answer.t[-1]:.4g}')
         if early:
-            return None
+            return ''
         least = float(answer.t[-1])
         found = format_number(least) if answer.certified else f'about {least:.3g}'
         if self.excluded:
             return Reason(True, f'the terminal constraints cannot be met by T = {last:.6g}: the '
                                 f'minimum time is {found}')
-        return Reason(False, f'no path was found that meets the terminal constraints by T = '
-                             f'{last:.6g}: the fastest path found takes {found}; {_UNPROVED}')
+        return (f'no path was found that meets the terminal constraints by T = {last:.6g}: the '
+                f'fastest path found takes {found}; {_UNPROVED}')
 
-    def too_little(self) -> Reason | None:
+    def too_little(self) -> Reason | str:
         """Return that the terminal constraints use up more of a monotone state than is allowed."""
         sentence = explain_shortage(self.problem, self.thorough) if self.problem.q else ''
-        if not sentence:
-            return None
-        return Reason(True, sentence) if self.excluded else Reason(
-            False, f'no path was found that satisfies all constraints: {sentence}; {_UNPROVED}')
+        if sentence and self.excluded:
+            return Reason(True, sentence)
+        return sentence and (
+            f'no path was found that satisfies all constraints: {sentence}; {_UNPROVED}')
 
     def missing(self) -> Reason:
         """Return by how much the terminal constraints are missed, and because of which bound."""
-        problem, missed = self.problem, self.missed
-        blamed = find_blocking_bound(problem, self.solve)
+        by, missed = f'by T = {self.problem.final_time.latest:.6g}', self.missed
+        blamed = find_blocking_bound(self.problem, self.solve)
         if blamed and self.excluded:
             name, without = blamed
             return Reason(True, (
-                f'{name} and the terminal constraints exclude each other {_time(problem)}: with '
+                f'{name} and the terminal constraints exclude each other {by}: with '
                 f'this bound the closest path found ends with {missed}; without it {without}'))
         more = f'; without {blamed[0]} {blamed[1]}' if blamed else ''
         what = 'no path meets' if self.excluded else 'no path was found that meets'
         doubt = '' if self.excluded else f'; {_UNPROVED}'
         return Reason(self.excluded, (
-            f'{_time(problem)} {what} the terminal constraints: the closest path found ends with '
+            f'{by} {what} the terminal constraints: the closest path found ends with '
             f'{missed}{more}{doubt}'))
 
-    def not_held(self) -> Reason | None:
+    def not_held(self) -> Reason | str:
         """Return which state bound or path constraint cannot be satisfied."""
         answer = self.best(relax_path_constraints(self.problem))
         found = describe_broken_bound(self.problem, answer)
         if not found:
-            return None
+            return ''
         name, how = found
-        return Reason(True, f'{name} cannot be satisfied: {how}') if self.excluded else Reason(
-            False, f'no path was found that satisfies {name}: {how}; {_UNPROVED}')
+        return Reason(True, f'{name} cannot be satisfied: {how}') if self.excluded else (
+            f'no path was found that satisfies {name}: {how}; {_UNPROVED}')
 
-    def leapt(self) -> Reason | None:
+    def leapt(self) -> str:
         """Return that a path satisfies bounds at mesh points only: it jumps over an obstacle."""
         certificate = self.nearest.certificate
         if certificate is None or certificate.fault != Condition.BOUNDS:
-            return None
+            return ''
         names = [state_bound(self.problem, i, upper) for upper, bounds in (
             (False, self.problem.x_lower), (True, self.problem.x_upper))
             for i in map(int, np.flatnonzero(np.isfinite(bounds)))]
         names += [f'path_constraints[{row}]' for row in range(self.problem.path.numel())]
-        return Reason(False, (
-            f'no path was found that meets the terminal constraints and satisfies '
-            f'{" and ".join(names)} at all times: the closest path found violates a bound '
-            f'between mesh points by {certificate.residuals[Condition.BOUNDS]:.1g} of its size'))
+        return ('no path was found that meets the terminal constraints and satisfies '
+                f'{" and ".join(names)} at all times: the closest path found violates a bound '
+                f'between mesh points by {certificate.residuals[Condition.BOUNDS]:.1g} of its '
+                'size')
 
 
 @dataclass(frozen=True)
@@ -326,20 +300,22 @@ class Check:
 
     :ivar name: as users see it in the trace, unique.
     :ivar when: when it is tried.
-    :ivar run: returns the reason, None if it is another one.
+    :ivar run: returns the reason, a sentence if it is not proved; None or '' if it is another one.
     """
 
     name: str
     when: tuple[Situation, ...]
-    run: Callable[[Unsolved], Reason | None]
+    run: Callable[[Unsolved], Reason | str | None]
 
 
 CHECKS = (
     Check('contradiction', (Situation.STATED,), Unsolved.contradicts),
-    Check('no minimum', (Situation.STATED,), Unsolved.has_no_minimum),
-    Check('undefined expression', (Situation.FOUND,), Unsolved.is_undefined),
-    Check('kink of an expression', (Situation.ARRIVED,), Unsolved.has_kink),
-    Check('level terminal constraint', (Situation.PATH,), Unsolved.ends_level),
+    Check('no minimum', (Situation.STATED,), lambda case: explain_no_minimum(case.problem)),
+    Check('undefined expression', (Situation.FOUND,), lambda case: case.look(explain_undefined)),
+    Check('kink of an expression', (Situation.ARRIVED,),
+          lambda case: case.look(explain_kink) or case.look(explain_steep_root)),
+    Check('level terminal constraint', (Situation.PATH,), lambda case: case.look(
+        lambda problem, t, x, u: explain_level_terminal(problem, x[-1]))),
     Check('state constraint', (Situation.UNHELD,), Unsolved.not_held),
     Check('minimum time', (Situation.UNHELD, Situation.MISSED), Unsolved.too_short),
     Check('monotone resource', (Situation.UNHELD, Situation.MISSED), Unsolved.too_little),
@@ -386,22 +362,22 @@ def _try(case: Unsolved, trace: Trace, checks: Iterable[Check]) -> Reason | None
     for check in checks:
         if any(case.is_in(situation) for situation in check.when):
             with trace.attempt(check.name) as attempt:
-                reason = check.run(case)
-                proved = reason is not None and reason.infeasible
-                attempt.end(Verdict.PROVED if proved else Verdict.NOT_PROVED,
-                            reason.sentence if reason else '')
+                found = check.run(case) or None
+                reason = Reason(False, found) if isinstance(found, str) else found
+                attempt.end(*judge_reason(reason))
             if reason:
                 return reason
     return None
 
 
+def judge_reason(reason: Reason | None) -> tuple[Verdict, str]:
+    """Return the verdict on the search for a reason, and the reason in words."""
+    proved = reason is not None and reason.infeasible
+    return Verdict.PROVED if proved else Verdict.NOT_PROVED, reason.sentence if reason else ''
+
+
 def _find_nothing(_: Problem) -> Solution:
     return Solution(Status.NOT_CONVERGED, 'no related problem is solved')
-
-
-def _report(sentence: str) -> Reason | None:
-    """Return a sentence as a reason that proves nothing, None if there is none."""
-    return Reason(False, sentence) if sentence else None
 
 
 def _arrives(solution: Solution) -> bool:
@@ -410,7 +386,3 @@ def _arrives(solution: Solution) -> bool:
     return certificate is not None and all(
         certificate.residuals.get(key, 0.0) <= certificate.tolerances.get(key, 0.0)
         for key in (Condition.START, Condition.END, Condition.BOUNDS))
-
-
-def _time(problem: Problem) -> str:
-    return f'by T = {problem.final_time.latest:.6g}'
