@@ -24,10 +24,10 @@ from obc_ros.core.numerics.runge_kutta import RK4, take_step
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.ocp.solution import Solution, Status
 from obc_ros.core.ocp.statement import build_problem
+from obc_ros.core.solver.initial_guess import estimate_scales, Guesser
 from obc_ros.core.solver.nlp.meter import Meter
 from obc_ros.core.solver.program_cache import Cache
 from obc_ros.core.solver.solve import solve
-from obc_ros.core.solver.starts.initial_guess import estimate_scales, Guesser
 from obc_ros.core.solver.transcription.mesh import build_uniform_mesh
 from obc_ros.core.solver.transcription.program import TightenedLimits, Transcription
 

@@ -30,10 +30,10 @@ from obc_ros.core.solver.adjoint.mesh_refinement import (
     refine_mesh,
 )
 from obc_ros.core.solver.arcs.control_discontinuities import find_switching_times
+from obc_ros.core.solver.initial_guess import estimate_scales
 from obc_ros.core.solver.nlp.meter import Meter
 from obc_ros.core.solver.options import DEFAULTS, Options
 from obc_ros.core.solver.program_cache import Answered, ProgramCache
-from obc_ros.core.solver.starts.initial_guess import estimate_scales
 from obc_ros.core.solver.trace import COLLOCATION, judge_path, Trace
 from obc_ros.core.solver.transcription.mesh import Mesh, Path
 from obc_ros.core.solver.transcription.program import (

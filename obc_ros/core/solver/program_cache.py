@@ -26,9 +26,9 @@ from obc_ros.core.solver.adjoint.bvp_solution import BoundaryValues
 from obc_ros.core.solver.adjoint.costates import CostateIntegrator
 from obc_ros.core.solver.adjoint.multipliers import Fitter
 from obc_ros.core.solver.arcs.phase_program import PhasedProgram
+from obc_ros.core.solver.initial_guess import Guesser
 from obc_ros.core.solver.options import DEFAULTS, NeighbourOptions, Options
 from obc_ros.core.solver.proofs.convexity import is_convex_problem
-from obc_ros.core.solver.starts.initial_guess import Guesser
 from obc_ros.core.solver.transcription.absolute_values import build_smooth_twin
 from obc_ros.core.solver.transcription.intervals import Pieces
 from obc_ros.core.solver.transcription.mesh import Layout
@@ -97,7 +97,6 @@ class ProgramCache:
 
     :ivar answers: solved problems, the latest last.
     :ivar several: whether several minima were found for one of the problems.
-    :ivar build_time: spent on building programs since it was set to 0 [s].
     """
 
     def __init__(self, problem: Problem, options: Options = DEFAULTS) -> None:
@@ -149,6 +148,15 @@ class ProgramCache:
     def remember(self, answer: Answered) -> None:
         """Keep a solved problem for its neighbours."""
         self.answers = [*self.answers, answer][-self.options.neighbour.kept:]
+
+    def note_minima(self, number: int) -> None:
+        """Note how many local minima were found for a problem."""
+        self.several |= number > 1
+
+    def take_build_time(self) -> float:
+        """Return the time spent on building programs since the last call [s]."""
+        built, self.build_time = self.build_time, 0.0
+        return built
 
     def neighbour(self, problem: Problem) -> Answered | None:
         """Return the solved problem whose numbers are nearest, None if none is a neighbour."""

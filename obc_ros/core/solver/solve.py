@@ -74,10 +74,10 @@ def solve(problem: Problem, *, method: str = '', time_limit: float = 60.0,
     best = None if keep is None else BestPath(problem, lambda path: keep(replace(
         mark_unfinished(path), attempts=meter.trace.attempts())))
     if note is not None:
-        meter.trace.tell = lambda: note(meter.trace.attempts())
+        meter.trace.watch(lambda: note(meter.trace.attempts()))
     task = Task(problem, programs, meter, time_limit, best)
     found = conclude(task, METHODS[name](task))
-    built, programs.build_time = programs.build_time, 0.0
+    built = programs.take_build_time()
     return replace(found, method=found.method or name, iterations=meter.iterations,
                    attempts=meter.trace.attempts(), build_time=built,
                    solve_time=time.monotonic() - begun - built)

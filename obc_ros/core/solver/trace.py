@@ -55,6 +55,10 @@ class Entry:
         self.attempt = replace(self.attempt, what=what or self.attempt.what, verdict=verdict,
                                why=why, cost=float(cost), loss=float(loss))
 
+    def spend(self, work: int) -> None:
+        """Set the work, in iterations times intervals."""
+        self.attempt = replace(self.attempt, work=work)
+
 
 class Trace:
     """
@@ -62,17 +66,24 @@ class Trace:
 
     :ivar work: iterations times intervals so far.
     :ivar mesh_refused: whether a mesh with more than the maximum number of intervals was needed.
-    :ivar tell: called whenever an attempt at one of the outer levels begins.
     """
 
     def __init__(self) -> None:
-        self.tell: Callable[[], None] = lambda: None
+        self._tell: Callable[[], None] = lambda: None
         self.work, self.mesh_refused = 0, False
         self._entries: list[Entry] = []
         self._open: list[Entry] = []   # the innermost last
         self._best, self._certified = math.inf, False
         self._late = ''   # what was tried when the time was up
         self._description: str | None = None
+
+    def spend(self, work: int) -> None:
+        """Add work, in iterations times intervals."""
+        self.work += work
+
+    def watch(self, tell: Callable[[], None]) -> None:
+        """Call `tell` whenever an attempt at one of the outer levels begins."""
+        self._tell = tell
 
     @contextmanager
     def attempt(self, method: str, what: str = '', *, aside: bool = False) -> Iterator[Entry]:
@@ -91,13 +102,13 @@ class Trace:
         self._open.append(entry)
         self._description = None
         if len(self._open) <= _OUTER:
-            self.tell()
+            self._tell()
         try:
             yield entry
         finally:
             self._open.pop()
             self._description = None
-            entry.attempt = replace(entry.attempt, work=self.work - entry.attempt.begun)
+            entry.spend(self.work - entry.attempt.begun)
 
     def found(self, cost: float, certified: bool) -> None:
         """Note the cost of a feasible path, for `describe`; a certified one replaces others."""

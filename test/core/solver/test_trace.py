@@ -18,7 +18,7 @@ TREES = st.recursive(st.integers(0, 5), lambda inner: st.lists(inner, max_size=4
 def record(trace, tree):
     """Record a nested list: each list is an attempt, each number is work."""
     if isinstance(tree, int):
-        trace.work += tree
+        trace.spend(tree)
         return
     with trace.attempt('step'):
         for each in tree:
@@ -62,11 +62,11 @@ def test_the_most_detailed_attempts_are_left_out(tree, most):
 def test_an_attempt_counts_its_own_work_only():
     trace = Trace()
     with trace.attempt('beside'):
-        trace.work += 10
+        trace.spend(10)
     with trace.attempt('descent'):
-        trace.work += 3
+        trace.spend(3)
         with trace.attempt('mesh') as mesh:
-            trace.work += 4
+            trace.spend(4)
             mesh.end(Verdict.CERTIFIED, cost=1.5, loss=1e-9)
     beside, descent, inner = trace.attempts()
     assert (beside.work, descent.work, inner.work) == (10, 7, 4)
@@ -102,7 +102,7 @@ def test_progress_names_what_is_tried_and_the_best_cost():
 def test_an_attempt_that_raises_is_recorded():
     trace = Trace()
     with pytest.raises(ZeroDivisionError), trace.attempt('step'):
-        trace.work += 2
+        trace.spend(2)
         raise ZeroDivisionError
     [attempt] = trace.attempts()
     assert (attempt.work, attempt.verdict) == (2, Verdict.STOPPED)

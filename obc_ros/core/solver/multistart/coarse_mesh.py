@@ -9,7 +9,7 @@ from itertools import count
 import numpy as np
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.solver.bench import Bench
-from obc_ros.core.solver.starts.initial_guess import join_whole_turns
+from obc_ros.core.solver.initial_guess import join_whole_turns
 from obc_ros.core.solver.starts.registry import try_starts
 from obc_ros.core.solver.starts.start import Known, StartPool, StartStage
 from obc_ros.core.solver.trace import GUESS

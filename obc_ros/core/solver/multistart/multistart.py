@@ -268,7 +268,7 @@ class _Multistart:
             record, rivals=self._find_rivals(), refined=cost / coarse if coarse else 1,
             looked=collect_numbers(bench.stated),
             optimality=describe_local(bench.trace.count(GUESS), cost, minima)))
-        bench.programs.several |= self._pool.known_minima.minima > 1
+        bench.programs.note_minima(self._pool.known_minima.minima)
 
     def _find_rivals(self) -> tuple[TranscriptionOutcome, ...]:
         """Return outcomes of other local minima, of which a neighbour's best may be one."""

@@ -109,7 +109,7 @@ class Meter:
         if self._whole:
             self._whole.step(cost, infeasibility)
         else:
-            self.trace.work += self.each
+            self.trace.spend(self.each)
             if self._report is not None and self._report(
                     self.trace.describe(), self.iterations + 1, cost, infeasibility):
                 self._reason = 'cancelled'

@@ -8,8 +8,6 @@ lines and paths of inputs with which every search begins (`Guesser.starts`), bet
 others are placed; and a solved neighbour (`neighbour`), whose result is a finished candidate.
 """
 
-from itertools import chain
-
 import numpy as np
 from obc_ros.core.solver.bench import Bench
 from obc_ros.core.solver.starts.cross_entropy import (
@@ -70,9 +68,9 @@ def try_starts(stage: StartStage, bench: Bench, pool: StartPool, known: Known) -
             attempt.end(*made.judge(), cost=min(
                 (outcome.objective for outcome in made.outcomes), default=np.nan))
         if made.rest is not None:
-            pool.rest = label_paths(made.rest, start.name)
+            pool.replace_rest(label_paths(made.rest, start.name))
         if made.first is not None:
-            pool.first = chain(label_paths(made.first, start.name), pool.first)
+            pool.put_first(label_paths(made.first, start.name))
         wanted += made.wanted
         if made.outcomes:
             return Proposal(made.outcomes, wanted=wanted)

@@ -28,21 +28,21 @@ class StartPool:
 
     :ivar known_minima: record of the local minima found on the coarse mesh.
     :ivar periods: (m,), periods of inputs that are angles, else infinite.
-    :ivar first, rest: guesses that are left: those that are used before the others, and these.
+    :ivar rest: guesses that are left, without those that were put first.
     """
 
     def __init__(self, problem: Problem, programs: ProgramCache) -> None:
         self._problem, self._programs = problem, programs
         self.known_minima = LocalMinima(programs.options.coarse)
         self.periods: Array = np.full(problem.m, np.inf)
-        self.first: Iterator[Path] = iter(())
+        self._first: Iterator[Path] = iter(())
         self.rest: Iterator[Path] = iter(())
 
     def fill(self, first: Iterable[Path] = ()) -> None:
         """Begin with the given paths, then the usual guesses; forget the minima."""
         self.forget()
         self.periods = self._programs.guesser.periods(self._problem)
-        self.first = label_paths(first, 'solution on the coarser mesh')
+        self._first = label_paths(first, 'solution on the coarser mesh')
         self.rest = self._programs.guesser.starts(
             self._problem, self._programs.integrator, lambda: self.known_minima.spans)
 
@@ -50,9 +50,17 @@ class StartPool:
         """Forget the minima."""
         self.known_minima = LocalMinima(self._programs.options.coarse)
 
+    def put_first(self, paths: Iterator[Path]) -> None:
+        """Use these paths before those that are left."""
+        self._first = chain(paths, self._first)
+
+    def replace_rest(self, paths: Iterator[Path]) -> None:
+        """Use these paths in place of `rest`, which they may contain."""
+        self.rest = paths
+
     def take(self) -> Path:
         """Return the next guess."""
-        return next(chain(self.first, self.rest))
+        return next(chain(self._first, self.rest))
 
     def is_rough(self, bench: Bench) -> bool:
         """Return whether coarse solves fail, end at very different costs, or are slow."""

@@ -20,11 +20,11 @@ from obc_ros.core.solver.arcs.phases import (
 from obc_ros.core.solver.bench import build_bench, Task
 from obc_ros.core.solver.improve.phase_samples import sample_phases
 from obc_ros.core.solver.improve.state_arcs import settle_arcs
+from obc_ros.core.solver.initial_guess import estimate_scales
 from obc_ros.core.solver.nlp.meter import Meter
 from obc_ros.core.solver.program_cache import ProgramCache
 from obc_ros.core.solver.solve import solve
 from obc_ros.core.solver.starts.horizon_continuation import lengthen_horizon
-from obc_ros.core.solver.starts.initial_guess import estimate_scales
 from obc_ros.core.solver.transcription.mesh import Path
 import problems
 import pytest

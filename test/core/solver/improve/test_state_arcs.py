@@ -11,9 +11,9 @@ from obc_ros.core.solver.arcs.input_arcs import Arc
 from obc_ros.core.solver.arcs.mixed_constraints import hold_constraints
 from obc_ros.core.solver.arcs.phase_program import PhasedProgram
 from obc_ros.core.solver.improve.state_arcs import add_exceeded_bounds
+from obc_ros.core.solver.initial_guess import estimate_scales
 from obc_ros.core.solver.nlp.meter import Meter
 from obc_ros.core.solver.solve import solve
-from obc_ros.core.solver.starts.initial_guess import estimate_scales
 from obc_ros.core.solver.transcription.mesh import build_path
 import problems
 import pytest

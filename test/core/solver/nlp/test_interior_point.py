@@ -9,6 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
 from obc_ros.core.ocp.problem import Problem
+from obc_ros.core.solver.initial_guess import estimate_scales, Guesser
 from obc_ros.core.solver.nlp.interior_point import (
     Interior,
     Pattern,
@@ -17,7 +18,6 @@ from obc_ros.core.solver.nlp.interior_point import (
     StoppingRule,
 )
 from obc_ros.core.solver.nlp.meter import Meter
-from obc_ros.core.solver.starts.initial_guess import estimate_scales, Guesser
 from obc_ros.core.solver.transcription.mesh import build_uniform_mesh
 from obc_ros.core.solver.transcription.program import (
     Nearby,

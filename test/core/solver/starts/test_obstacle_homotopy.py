@@ -5,8 +5,8 @@
 from itertools import pairwise
 
 import numpy as np
+from obc_ros.core.solver.initial_guess import Guesser
 from obc_ros.core.solver.solve import solve
-from obc_ros.core.solver.starts.initial_guess import Guesser
 from obc_ros.core.solver.starts.obstacle_homotopy import bend_around
 import problems
 import pytest

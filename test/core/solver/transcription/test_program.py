@@ -10,10 +10,10 @@ import numpy as np
 from obc_ros.core.ocp.nonconvexity import Uneven
 from obc_ros.core.solver.adjoint.costates import CostateIntegrator
 from obc_ros.core.solver.adjoint.mesh_refinement import Error, refine_mesh
+from obc_ros.core.solver.initial_guess import estimate_scales, Guesser
 from obc_ros.core.solver.nlp.meter import Meter
 from obc_ros.core.solver.solve import solve
 from obc_ros.core.solver.starts.cross_entropy import search_rollouts
-from obc_ros.core.solver.starts.initial_guess import estimate_scales, Guesser
 from obc_ros.core.solver.transcription.block_program import assemble, Block, Piece
 from obc_ros.core.solver.transcription.intervals import Pieces
 from obc_ros.core.solver.transcription.local_minima import LocalMinima
