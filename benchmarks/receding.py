@@ -26,10 +26,9 @@ from typing import Any, Protocol
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
-from obc_ros.core.receding.compiled_functions import compile_function
 from obc_ros.core.receding.formulation import RecedingProblem, state_receding_problem
-from obc_ros.core.receding.plan import Plan
-from obc_ros.core.receding.step_solver import StepSolver
+from obc_ros.core.receding.step_kernel import compile_function
+from obc_ros.core.receding.step_solver import Plan, StepSolver
 from obc_ros.core.receding.terminal_set import find_terminal_set, TerminalSet
 from obc_ros.core.systems.registry import get_system
 
@@ -257,7 +256,7 @@ def leave_terminal_set(name: str, starts: int) -> None:
         get_system(name), horizon=20, period=PERIOD, setpoint=[0.0] * 3,
         setpoint_input=[10.0, 0.0], limits={'input_bounds': {'v': [0, 15]}})
     found = find_terminal_set(problem)
-    print(f'\n{name}: {found.proof.words}')
+    print(f'\n{name}: {found.words}')
     plant = problem.design.plant
     rows = []
     for parameter in (None, *plant.system.parameters):

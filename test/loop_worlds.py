@@ -24,7 +24,6 @@ from obc_ros.core.closed_loop.feedback import (
 from obc_ros.core.closed_loop.laws import PlanLaw
 from obc_ros.core.closed_loop.loop import ControlLoop
 from obc_ros.core.closed_loop.modes import Mode
-from obc_ros.core.closed_loop.sampled_plan import SampledPlan
 
 NAMES = 'px', 'py', 'vx', 'vy'
 PERIOD = 100 * MS            # of plans and predictions
@@ -142,10 +141,9 @@ class World:
         """Return a plan of constant velocity whose first sample is at a stamp [ns]."""
         states = [[x[0] + x[2] * 0.1 * k, x[1] + x[3] * 0.1 * k, *x[2:]]
                   for k in range(samples + 1)]
-        law = SampledPlan(PERIOD, tuple(map(self.rotate, states)),
-                          tuple(self.rotate((0.2 * k, 0.5)) for k in range(samples)),
-                          self.rotate_gain(1.0))
-        return PlanLaw(law, stamp + self.shift - PERIOD // 2)
+        return PlanLaw(
+            stamp + self.shift - PERIOD // 2, PERIOD, tuple(map(self.rotate, states)),
+            tuple(self.rotate((0.2 * k, 0.5)) for k in range(samples)), self.rotate_gain(1.0))
 
     def find_number(self) -> int | None:
         """Return the number of the reference that is followed or whose end is held."""

@@ -13,11 +13,6 @@ NS = 1e-9  # [s]
 FAR = 1.0  # [s] step back of the stamps that counts as a jump if there is no time-out
 
 
-def compute_lag(stamp: int, clock: int) -> float:
-    """Return the age [s] of a stamp [ns] by a clock [ns]."""
-    return (clock - stamp) * NS
-
-
 class Tick(Enum):
     """What a stamp means after the one before."""
 
@@ -79,7 +74,6 @@ class Pace:
 
     Of the stamps around the end of a period the nearest one counts, as far as their last distance
     tells, so that jitter skips no state; the grid of the periods stays where it is.
-
     """
 
     def __init__(self) -> None:

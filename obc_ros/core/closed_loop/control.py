@@ -16,6 +16,8 @@ from obc_ros.core.closed_loop.feedback import (
 )
 from obc_ros.core.closed_loop.laws import SetPointLaw
 
+AllowedErrors = tuple[tuple[float, float], ...]   # (n,) lower and upper bounds
+
 STALE = ('equilibrium', 'hold', 'silent')
 ENVELOPE = ('stop', *STALE)
 UNPLANNED = ('regulator', *STALE)
@@ -46,16 +48,15 @@ class Leg:
     reference: Reference
     along: ReferenceLaw
     after: SetPointLaw
-    allowed: tuple[tuple[float, float], ...] = ()
+    allowed: AllowedErrors = ()
     units: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
 class Horizon:
     """
-    Time-varying gains that reach a set point within a horizon.
+    Time-varying gains that reach a set point within a time [s].
 
-    :ivar time: [s].
     :ivar gains: gains over the time since the change of the set point or the start of the law.
     """
 
@@ -68,7 +69,6 @@ class Schedule:
     """
     A gain schedule over a variable, such as the speed.
 
-    :ivar gains: gains over the variable.
     :ivar input: index of the input that is the variable, if it is not measured; -1: a parameter of
         the plant, for which the gains are also used along references.
     """
@@ -128,7 +128,7 @@ class Rules:
     period: int = 0
     state_timeout: float = 0.5
     on_stale: str = 'equilibrium'
-    x_limits: tuple[tuple[float, float], ...] = ()
+    x_limits: AllowedErrors = ()
     on_envelope: str = 'stop'
     on_unplanned: str = 'regulator'
     transition_time: float = 0.0
@@ -141,7 +141,6 @@ class Control:
     """
     Everything that determines a command; replaced as a whole.
 
-    :ivar regulator: the feedback at the set point.
     :ivar rest: (m,) input at rest.
     :ivar names: (n,) names of the states.
     :ivar legs: references, the latest last. One that begins replaces the one that is followed.

@@ -110,10 +110,9 @@ class Gains:
         if k + 1 >= len(self.grid):
             return self.K[-1], self.Ki[-1]
         part = (value - self.grid[k]) / (self.grid[k + 1] - self.grid[k])
-        return (tuple(map(interpolate_vectors, self.K[k], self.K[k + 1],
-                          (part,) * len(self.K[k]))),
-                tuple(map(interpolate_vectors, self.Ki[k], self.Ki[k + 1],
-                          (part,) * len(self.Ki[k]))))
+        K, Ki = (tuple([interpolate_vectors(a, b, part) for a, b in zip(*rows, strict=True)])
+                 for rows in ((self.K[k], self.K[k + 1]), (self.Ki[k], self.Ki[k + 1])))
+        return K, Ki
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,21 +159,13 @@ class InputLimits:
                 e[i] = math.remainder(e[i], math.tau)
         return e
 
-    def clip(self, u: list[float]) -> int:
-        """
-        Clip u (m,) to the limits, in place.
-
-        :return: the number of inputs that exceeded a limit.
-        """
-        clipped = 0
+    def clip(self, u: list[float]) -> None:
+        """Clip u (m,) to the limits, in place."""
         for j, value in enumerate(u):
             if value < self.lower[j]:
                 u[j] = self.lower[j]
-                clipped += 1
             elif value > self.upper[j]:
                 u[j] = self.upper[j]
-                clipped += 1
-        return clipped
 
 
 def compute_feedback(point: ReferencePoint, e: Sequence[float]) -> list[float]:
@@ -183,28 +174,15 @@ def compute_feedback(point: ReferencePoint, e: Sequence[float]) -> list[float]:
 
 
 def interpolate_vectors(a: Vector, b: Vector, part: float) -> Vector:
-    """
-    Return a + part (b - a).
-
-    :param a, b: vectors of equal length.
-    :param part: 0: a; 1: b.
-    """
+    """Return a + part (b - a)."""
     return tuple([p + part * (q - p) for p, q in zip(a, b, strict=True)])
 
 
 def convert_rows(matrix: Sequence[Sequence[float]] | Any) -> Rows:
-    """
-    Return a matrix as a tuple of rows of floats.
-
-    :param matrix: shape (m, n).
-    """
+    """Return a matrix as a tuple of rows of floats."""
     return tuple(convert_vector(row) for row in matrix)
 
 
 def convert_vector(values: Sequence[float] | Any) -> Vector:
-    """
-    Return numbers as a tuple of floats.
-
-    :param values: shape (n,).
-    """
+    """Return numbers as a tuple of floats."""
     return tuple(map(float, values))

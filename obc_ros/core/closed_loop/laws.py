@@ -9,12 +9,19 @@ Each gives the target, its input and the gain at a stamp [ns].
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+import math
 from operator import mul
 from typing import Protocol
 
 from obc_ros.core.closed_loop.clock import NS
-from obc_ros.core.closed_loop.feedback import ReferenceLaw, ReferencePoint, StateFeedback, Vector
-from obc_ros.core.closed_loop.sampled_plan import SampledPlan
+from obc_ros.core.closed_loop.feedback import (
+    interpolate_vectors,
+    ReferenceLaw,
+    ReferencePoint,
+    Rows,
+    StateFeedback,
+    Vector,
+)
 
 MeasureError = Callable[[Sequence[float], Sequence[float]], list[float]]
 
@@ -77,7 +84,6 @@ class HeldSetPoint:
         xe += d (d'(x - xe)) / (d'd).
 
         :param x: state (n,) at the stamp.
-        :param stamp, origin: [ns].
         :param error: returns x - xe (n,), with angles wrapped.
         """
         drift, t = self.law.drift, (stamp - self.origin) * NS
@@ -94,8 +100,6 @@ class HeldSetPoint:
 
         If the design has another set point, it is there; otherwise it goes on where it is.
 
-        :param law: the new design.
-        :param stamp: present stamp [ns].
         :param restarts: whether t = 0 is now.
         """
         moved = move(self.x, self.law.drift, (stamp - self.origin) * NS)
@@ -119,29 +123,42 @@ class Along:
 @dataclass(frozen=True, eq=False)
 class PlanLaw:
     """
-    A plan, from half a period before its first sample on.
+    A plan at equal instants, with a constant gain.
 
-    :ivar begin: stamp of its t = 0 [ns].
+    A stamp selects the nearest sample, so that the jitter of the stamps does not select an input
+    one period early or late.
+
+    :ivar begin: stamp half a period before the first sample [ns].
+    :ivar period: time between two samples [ns].
+    :ivar x: N + 1 states (n,).
+    :ivar u: N inputs (m,), each held over a period.
+    :ivar K: gain (m, n).
     """
 
-    law: SampledPlan
     begin: int
+    period: int
+    x: tuple[Vector, ...]
+    u: tuple[Vector, ...]
+    K: Rows
 
     def at(self, stamp: int) -> ReferencePoint:
         """Return the target at a stamp [ns]."""
-        return self.law.at((stamp - self.begin) * NS)
+        samples = (stamp - self.begin) * NS / (self.period * NS)
+        k = min(max(math.floor(samples + 1e-9), 0), len(self.u) - 1)
+        since = samples - 0.5   # of the first sample
+        i = min(max(math.floor(since), 0), len(self.x) - 2)
+        part = min(since - i, 1.0)
+        return ReferencePoint(
+            interpolate_vectors(self.x[i], self.x[i + 1], part), self.u[k], self.K)
 
     def covers(self, stamp: int) -> bool:
         """Return whether the plan has an input for a stamp [ns]."""
-        return 0 <= stamp - self.begin < len(self.law.u) * self.law.period
+        return 0 <= stamp - self.begin < len(self.u) * self.period
 
 
 def select_plan(plans: Sequence[PlanLaw], stamp: int) -> PlanLaw | None:
     """Return the last of some plans that covers a stamp [ns], or None."""
-    for each in reversed(plans):
-        if each.covers(stamp):
-            return each
-    return None
+    return next((each for each in reversed(plans) if each.covers(stamp)), None)
 
 
 def move(x: Sequence[float], drift: Vector, t: float) -> Vector:

@@ -19,14 +19,9 @@ from operator import add, mul, sub
 from threading import RLock
 from typing import NamedTuple
 
-from obc_ros.core.closed_loop.clock import compute_lag, NS, Order, Pace, StampClock, Tick
+from obc_ros.core.closed_loop.clock import NS, Order, Pace, StampClock, Tick
 from obc_ros.core.closed_loop.control import Control, Leg, Reference, Schedule
-from obc_ros.core.closed_loop.feedback import (
-    BlendedFeedback,
-    compute_feedback,
-    ReferencePoint,
-)
-from obc_ros.core.closed_loop.gate import CommandGate
+from obc_ros.core.closed_loop.feedback import BlendedFeedback, compute_feedback, ReferencePoint
 from obc_ros.core.closed_loop.laws import (
     Along,
     FollowedLaw,
@@ -36,7 +31,7 @@ from obc_ros.core.closed_loop.laws import (
     select_plan,
     SetPointLaw,
 )
-from obc_ros.core.closed_loop.memory import Integral, SentCommands
+from obc_ros.core.closed_loop.memory import CommandGate, Integral, SentCommands
 from obc_ros.core.closed_loop.modes import (
     Effect,
     Effects,
@@ -152,11 +147,6 @@ class ControlLoop:
     def is_stopped(self) -> bool:
         """Return whether the loop is stopped."""
         return self.mode is Mode.STOPPED
-
-    @property
-    def stopped(self) -> str:
-        """Return why the loop is stopped; empty: it is not."""
-        return self.reason if self.mode is Mode.STOPPED else ''
 
     @property
     def is_stale(self) -> bool:
@@ -288,10 +278,9 @@ class ControlLoop:
     def answer(self, stamp: int, x: Sequence[float], now: float, clock: int | None = None,
                measured: float | None = None, restarts: int = 0) -> list[float] | None:
         """
-        Return the command (m,) for a state, or None.
+        Return the command (m,) for a state (n,), or None.
 
         :param stamp: time of the state [ns].
-        :param x: the state (n,).
         :param now: steady clock [s].
         :param clock: present time of the clock of the stamps [ns]; None: the age of a state is not
             known.
@@ -396,7 +385,7 @@ class ControlLoop:
 
     def _is_timely(self, stamp: int, clock: int | None) -> bool:
         timeout = self._next.rules.stamp_timeout
-        self.lag = None if clock is None else compute_lag(stamp, clock)
+        self.lag = None if clock is None else (clock - stamp) * NS
         if not timeout or self.lag is None or abs(self.lag) <= timeout:
             return True
         kind, words = ('old', 'before') if self.lag > 0.0 else ('ahead', 'after')
@@ -419,7 +408,9 @@ class ControlLoop:
             self.counts['repeated'] += 1
         elif order.tick is Tick.RESTART:
             self.counts['restarted'] += 1
-            self._restart(order.by)
+            self._pace.forget()
+            self._intervals.clear()
+            self._step(Event.RESTART, f'time went back by {order.by:g} s: the loop was restarted')
         elif order.tick is Tick.OUTAGE:
             self._intervals.append(order.by)
             self._cause = f'after {order.by:.3g} s without a state'
@@ -431,11 +422,6 @@ class ControlLoop:
             self._cause = 'after a new beginning of the source of the states'
             self._step(Event.JUMP, f'{self._cause} the control law begins anew')
         self._restarts = restarts
-
-    def _restart(self, by: float) -> None:
-        self._pace.forget()
-        self._intervals.clear()
-        self._step(Event.RESTART, f'time went back by {by:g} s: the loop was restarted')
 
     def _step(self, event: Event, sentence: str, reason: str = '') -> None:
         """Switch the mode by the table; collect the effects, and say what has happened."""
@@ -452,14 +438,9 @@ class ControlLoop:
         if not change.effects.isdisjoint((Effect.DROP, Effect.CLEAR)):
             self._plans, self.run = (), self.run + 1
         if Effect.DROP in change.effects:
-            self._drop_all(sentence)
-
-    def _drop_all(self, sentence: str) -> None:
-        """Give up the references."""
-        self._effects = NO_EFFECTS
-        self._begin_set_point(self._clock.last or 0)
-        for _ in self._itinerary.drop(self._next.legs):
-            self.refused.append(sentence)
+            self._effects = NO_EFFECTS
+            self._begin_set_point(self._clock.last or 0)
+            self.refused.extend([sentence] * self._itinerary.drop(self._next.legs))
 
     # The answer to a state
 
@@ -717,10 +698,8 @@ class ControlLoop:
 
     def _find_followed(self, stamp: int) -> Followed:
         """Return what is followed at a stamp [ns]."""
-        for each in reversed(self._course):
-            if each.since <= stamp:
-                return each
-        return self._course[0]
+        return next((each for each in reversed(self._course) if each.since <= stamp),
+                    self._course[0])
 
     def _resolve(self, control: Control, setpoint: HeldSetPoint, followed: Followed
                  ) -> FollowedLaw:
@@ -818,7 +797,7 @@ class ControlLoop:
         self._setpoint = self._carry_set_point(new, stamp, x, is_withdrawn)
         if not (new.C and self._control.C):
             self._integral = Integral(len(new.rest))
-        self._integral.clear_excess()
+        self._integral.note((), ())
         self._control = new
         self._step(Event.ADOPT, '')
         if is_withdrawn:

@@ -90,28 +90,21 @@ _Row = dict[Mode, Switch]
 def _row(**changes: Switch) -> _Row:
     """Return the changes of an event by the first letters of the modes; others change nothing."""
     modes = dict(zip('IWSRPZX', Mode, strict=True))
-    return {mode: changes.get(letter, Switch(mode)) for letter, mode in modes.items()}
+    of = {letter: change for letters, change in changes.items() for letter in letters}
+    return {mode: of.get(letter, Switch(mode)) for letter, mode in modes.items()}
 
 
-_LOST_TRACK = _row(W=Switch(_W, _CLEAR), S=Switch(_S, _MOVED | _CLEAR),
-                   R=Switch(_R, _MOVED | _JUDGE | _CLEAR), P=Switch(_S, _MOVED | _CLEAR),
-                   Z=Switch(_Z, _JUDGE | _CLEAR))
-_NEW_WORLD = _row(I=Switch(_I, _DROP), W=Switch(_W, _DROP), S=Switch(_W, _DROP),
-                  R=Switch(_W, _DROP), P=Switch(_W, _DROP), Z=Switch(_W, _DROP),
-                  X=Switch(_X, _DROP))
+_LOST_TRACK = _row(W=Switch(_W, _CLEAR), SP=Switch(_S, _MOVED | _CLEAR),
+                   R=Switch(_R, _MOVED | _JUDGE | _CLEAR), Z=Switch(_Z, _JUDGE | _CLEAR))
+_NEW_WORLD = _row(I=Switch(_I, _DROP), WSRPZ=Switch(_W, _DROP), X=Switch(_X, _DROP))
 
 TABLE: dict[Event, _Row] = {
-    Event.ACTIVATE: _row(I=Switch(_W), S=Switch(_W, _DROP), R=Switch(_W, _DROP),
-                         P=Switch(_W, _DROP), Z=Switch(_W, _DROP)),
-    Event.DEACTIVATE: _row(W=Switch(_I, _DROP), S=Switch(_I, _DROP), R=Switch(_I, _DROP),
-                           P=Switch(_I, _DROP), Z=Switch(_I, _DROP), X=Switch(_X, _DROP)),
-    Event.STOP: _row(I=Switch(_X, _DROP), W=Switch(_X, _DROP), S=Switch(_X, _DROP),
-                     R=Switch(_X, _DROP), P=Switch(_X, _DROP), Z=Switch(_X, _DROP),
-                     X=Switch(_X, _DROP)),
+    Event.ACTIVATE: _row(I=Switch(_W), SRPZ=Switch(_W, _DROP)),
+    Event.DEACTIVATE: _row(WSRPZ=Switch(_I, _DROP), X=Switch(_X, _DROP)),
+    Event.STOP: _row(IWSRPZX=Switch(_X, _DROP)),
     Event.START: _row(X=Switch(_W)),
     Event.STATE: _row(W=Switch(_S, _BEGIN)),
-    Event.LOST: _row(W=Switch(_Z, _CLEAR), S=Switch(_Z, _CLEAR), R=Switch(_Z, _CLEAR),
-                     P=Switch(_Z, _CLEAR)),
+    Event.LOST: _row(WSRP=Switch(_Z, _CLEAR)),
     Event.BACK: _row(Z=Switch(_S, _BEGIN | _JUDGE | _CLEAR)),
     Event.OUTAGE: _LOST_TRACK,
     Event.RESTART: _NEW_WORLD,
@@ -119,12 +112,12 @@ TABLE: dict[Event, _Row] = {
     Event.REPLACED: _LOST_TRACK,
     Event.FRAME: _NEW_WORLD,
     Event.ADOPT: _row(S=Switch(_S, _FADE), R=Switch(_R, _FADE), P=Switch(_P, _FADE)),
-    Event.BEGIN: _row(S=Switch(_R, _FADE), R=Switch(_R, _FADE), P=Switch(_R, _FADE)),
+    Event.BEGIN: _row(SRP=Switch(_R, _FADE)),
     Event.END: _row(R=Switch(_S, _FADE)),
-    Event.WITHDRAWN: _row(S=Switch(_S, _BEGIN), R=Switch(_S, _BEGIN)),
+    Event.WITHDRAWN: _row(SR=Switch(_S, _BEGIN)),
     Event.PLANNED: _row(S=Switch(_P, _FADE)),
     Event.UNPLANNED: _row(P=Switch(_S, _BEGIN)),
-    Event.SUSPEND: _row(S=Switch(_Z, _CLEAR), R=Switch(_Z, _CLEAR), P=Switch(_Z, _CLEAR)),
+    Event.SUSPEND: _row(SRP=Switch(_Z, _CLEAR)),
     Event.RESUME: _row(Z=Switch(_S, _BEGIN | _JUDGE)),
 }
 

@@ -9,8 +9,6 @@ from obc_ros.core.closed_loop.clock import NS
 from obc_ros.core.closed_loop.control import Control, Leg, Reference
 from obc_ros.core.text.digits import format_distinct
 
-AllowedErrors = tuple[tuple[float, float], ...]
-
 
 class Itinerary:
     """
@@ -33,18 +31,14 @@ class Itinerary:
         lost = {each for each in (self.followed, self.held)
                 if each is not None and find_leg(legs, each) is None}
         self._over.update(lost)
-        self.followed = None if self.followed in lost else self.followed
-        self.held = None if self.held in lost else self.held
+        self.followed, self.held = (None if each in lost else each
+                                    for each in (self.followed, self.held))
         return bool(lost)
-
-    def is_pending(self, leg: Leg) -> bool:
-        """Return whether a reference may still begin."""
-        return leg.reference is not self.followed and leg.reference not in self._over
 
     def find_due(self, legs: Sequence[Leg], stamp: int) -> Iterator[Leg]:
         """Yield the references that are to begin at a stamp [ns] or were before."""
         for leg in legs:
-            if self.is_pending(leg):
+            if leg.reference is not self.followed and leg.reference not in self._over:
                 begin = self.find_begin(leg.reference)
                 if begin is None or begin <= stamp:
                     yield leg
@@ -75,9 +69,9 @@ class Itinerary:
         """Let a reference never begin."""
         self._over.add(leg.reference)
 
-    def drop(self, legs: Sequence[Leg]) -> list[Reference]:
-        """Give up all references; return those that were followed or were still to come."""
-        dropped = [leg.reference for leg in legs if leg.reference not in self._over]
+    def drop(self, legs: Sequence[Leg]) -> int:
+        """Give up all references; return how many were followed or were still to come."""
+        dropped = sum(leg.reference not in self._over for leg in legs)
         self._over.update(leg.reference for leg in legs)
         if self.followed is not None:
             self._over.add(self.followed)
@@ -95,35 +89,25 @@ class Itinerary:
 
 def find_leg(legs: Sequence[Leg], reference: Reference | None) -> Leg | None:
     """Return the law along a reference, or None."""
-    for leg in legs:
-        if leg.reference is reference:
-            return leg
-    return None
+    return next((leg for leg in legs if leg.reference is reference), None)
 
 
 def explain_distance(control: Control, leg: Leg, t: float, x: Sequence[float],
                      wanted: Sequence[float]) -> str:
-    """Return `describe_miss` of a state (n,) at the time t [s] of a reference."""
-    if not leg.allowed:
-        return ''
-    return describe_miss(control.limits.error(x, wanted), wanted, min(t, leg.reference.duration),
-                         leg.allowed, control.names, leg.units)
-
-
-def describe_miss(error: Sequence[float], wanted: Sequence[float], t: float,
-                  allowed: AllowedErrors,
-                  names: Sequence[str], units: Sequence[str]) -> str:
     """
     Return a message on the states that are too far from a reference; empty: none is.
 
-    :param error, wanted: (n,) x - xr and xr.
     :param t: time of the reference [s]; 0: its start.
-    :param allowed: (n,) bounds of the error.
-    :param names, units: (n,) names and units of the states.
+    :param wanted: xr (n,) then.
     """
+    if not leg.allowed:
+        return ''
+    t = min(t, leg.reference.duration)
     where = "the plan's start {}" if t == 0.0 else f'{{}} of the plan at t = {t:.4g} s'
     sentences = []
-    for e, xr, (low, high), name, unit in zip(error, wanted, allowed, names, units, strict=True):
+    for e, xr, (low, high), name, unit in zip(
+            control.limits.error(x, wanted), wanted, leg.allowed, control.names, leg.units,
+            strict=True):
         if not is_within(e, low, high):
             distance, most = format_distinct(abs(e), -low if e < 0.0 else high, unit=unit)
             place, = format_distinct(xr, unit=unit)

@@ -203,14 +203,6 @@ class HorizonProgram:
         return ca.vertcat(ca.repmat(stage, N, 1), ca.DM(last + n, r), *end)
 
     @cached_property
-    def limited(self) -> RowPlaces:
-        """Return the soft row of each row that is not 0 in `one_sided`."""
-        up, down, up_last, down_last = self.sides
-        last = np.array(self.problem.soft.of_states, dtype=int)
-        return np.concatenate([np.tile(np.concatenate([up, down]), self.sizes[0]),
-                               last[up_last], last[down_last]])
-
-    @cached_property
     def box(self) -> tuple[Array, Array]:
         """Return the bounds of the unknowns; those of e_0 are to be set."""
         N, n, m, r, last = self.sizes

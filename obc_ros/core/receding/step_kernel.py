@@ -4,20 +4,31 @@
 The numbers of a step: its iterate, the program about it, and what the program answers.
 
 All functions work on one memory, so that a number is neither copied nor converted between them.
+They are compiled to machine code, which is kept in a directory. The name of a file is a hash of
+the C code, of the version of CasADi and of the machine. Beside it is the hash of the file itself,
+so that a damaged one is not loaded. A file of another user is built again.
 """
 
 from collections.abc import Callable
 from dataclasses import dataclass
+import hashlib
 import math
+import os
 from pathlib import Path
+import platform
+import shutil
+import subprocess
+import tempfile
 from typing import Any
 
 import casadi as ca
 import numpy as np
 from obc_ros.core.numerics.arrays import Array
-from obc_ros.core.receding.compiled_functions import compile_function
 from obc_ros.core.receding.horizon_program import HorizonProgram
 
+# -O2 takes ten times as long for a plant of twelve states, and the code is not faster.
+_FLAGS = ('-O1', '-shared', '-fPIC')
+_LONGEST = 120.0   # [s] for the compiler
 
 @dataclass(frozen=True, eq=False)
 class HorizonMotion:
@@ -27,8 +38,7 @@ class HorizonMotion:
     :ivar E, V: (N + 1, n) and (N, m), errors about the set point, and inputs less those of the set
         point.
     :ivar cost: without the penalty.
-    :ivar excess: (r,), sum of the excesses of each soft row.
-    :ivar worst: (r,), the largest excess of each soft row.
+    :ivar excess, worst: (r,), the sum and the largest of the excesses of each soft row.
     """
 
     E: Array
@@ -36,10 +46,6 @@ class HorizonMotion:
     cost: float
     excess: Array
     worst: Array
-
-    def find_value(self, penalties: Array) -> float:
-        """Return the cost with the penalties (r,) of the excesses."""
-        return self.cost + float(penalties @ self.excess)
 
 
 class BufferedFunction:
@@ -79,8 +85,6 @@ class StepKernel:
     """
     The functions of a problem and their memory.
 
-    :param directory: directory of compiled functions; None: the default one.
-    :param compiled: whether functions are compiled if there is a compiler.
     :ivar words: a sentence on the compilation.
     :ivar E, V: (N + 1, n) and (N, m), the iterate, to be written before `linearize` and `follow`.
     :ivar lam, mu: (N, n) and (N, r), the multipliers in the Hessian.
@@ -114,7 +118,6 @@ class StepKernel:
         self._found = stages[:, :n], memory['x'][len(memory['x']) - n - last:][:n], \
             stages[:, n:n + m]
         one_sided, box = self._program.one_sided, self._program.box
-        self._soft = one_sided != 0.0
         memory['lbx'][:], memory['ubx'][:] = box
         # The least and the largest multiplier: 0 if the limit is infinite.
         self._signs = (np.where(one_sided > 0.0, 0.0, -np.inf),
@@ -176,13 +179,6 @@ class StepKernel:
             self.mu[:, row] += lam_a[soft[:, column]]
 
     @property
-    def multipliers(self) -> Array:
-        """Return the largest multiplier of each soft row, shape (r,)."""
-        found = np.zeros(self._program.sizes[3])
-        np.maximum.at(found, self._program.limited, np.abs(self._memory['lam_a'][self._soft]))
-        return found
-
-    @property
     def gap(self) -> float:
         """Return the largest gap between the iterate and the model, relative to its size."""
         memory = self._memory
@@ -215,3 +211,78 @@ _OPTIONS: dict[str, Any] = {
     'print_time': False, 'inf': 1e5, 'error_on_fail': False, 'inputs_check': False, 'hpipm': {
         'iter_max': 60, 'mode': 'speed', 'res_g_max': 1e-8, 'res_b_max': 1e-8,
         'res_d_max': 1e-8, 'res_m_max': 1e-8}}
+
+
+@dataclass(frozen=True)
+class CompiledFunction:
+    """A function, whether it is compiled, and a sentence on it."""
+
+    function: ca.Function
+    compiled: bool
+    words: str
+
+
+def find_cache_directory() -> Path:
+    """Return $XDG_CACHE_HOME/obc_ros, by default ~/.cache/obc_ros."""
+    given = os.environ.get('XDG_CACHE_HOME', '')
+    base = Path(given) if os.path.isabs(given) else Path(os.path.expanduser('~')) / '.cache'
+    return base / 'obc_ros'
+
+
+def compile_function(function: ca.Function, directory: Path | None = None) -> CompiledFunction:
+    """
+    Compile a function, or load it if it was compiled before.
+
+    :param function: its operations must have C code.
+    :param directory: where it is kept; default: `find_cache_directory`.
+    :return: the function as given if it cannot be compiled; the sentence says why.
+    """
+    compiler = shutil.which('cc')
+    if compiler is None:
+        return CompiledFunction(function, False, 'interpreted: there is no C compiler (cc)')
+    kept = find_cache_directory() if directory is None else directory
+    try:
+        kept.mkdir(parents=True, exist_ok=True, mode=0o700)
+        with tempfile.TemporaryDirectory(dir=kept) as folder:
+            return _compile(function, compiler, kept, Path(folder))
+    except (OSError, RuntimeError, subprocess.SubprocessError) as error:
+        first = str(error).strip().splitlines()[0] if str(error).strip() else type(error).__name__
+        return CompiledFunction(function, False, f'interpreted: {first}')
+
+
+def _compile(function: ca.Function, compiler: str, kept: Path, folder: Path) -> CompiledFunction:
+    """Return the loaded function; raise OSError or SubprocessError if that cannot be done."""
+    name = function.name()
+    generator = ca.CodeGenerator(f'{name}.c')
+    generator.add(function)
+    generator.generate(f'{folder}{os.sep}')
+    source = folder / f'{name}.c'
+    key = hashlib.sha256('\n'.join((source.read_text(), ca.CasadiMeta.version(),
+                                    platform.platform(),
+                                    platform.machine(), *_FLAGS)).encode()).hexdigest()[:32]
+    library = kept / f'{name}_{key}.so'
+    sound = _is_sound(library)
+    if not sound:
+        built = folder / 'built.so'
+        subprocess.run([compiler, *_FLAGS, str(source), '-o', str(built), '-lm'], check=True,
+                       capture_output=True, timeout=_LONGEST)
+        digest = folder / 'built.sha256'
+        digest.write_text(_hash(built))
+        os.replace(digest, library.with_suffix('.sha256'))
+        os.replace(built, library)
+    found = ca.external(name, str(library))
+    return CompiledFunction(found, True, f'compiled: {library.name}'
+                                         f'{", from the cache" if sound else ""}')
+
+
+def _hash(path: Path) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+def _is_sound(library: Path) -> bool:
+    """Return whether a file is there, is ours and is what was written."""
+    try:
+        ours = library.stat().st_uid == os.getuid()
+        return ours and library.with_suffix('.sha256').read_text() == _hash(library)
+    except (OSError, UnicodeDecodeError):
+        return False

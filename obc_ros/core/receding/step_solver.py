@@ -20,7 +20,6 @@ import numpy as np
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.receding.formulation import RecedingProblem
 from obc_ros.core.receding.horizon_program import HorizonProgram
-from obc_ros.core.receding.plan import Plan
 from obc_ros.core.receding.step_kernel import HorizonMotion, StepKernel
 from obc_ros.core.text.errors import StatementError
 
@@ -41,6 +40,36 @@ _WORDS = {
 
 
 @dataclass(frozen=True, eq=False)
+class Plan:
+    """
+    A motion of the model over the horizon, whose input is held over each period.
+
+    :ivar stamp: time of the first state [s].
+    :ivar period: time between two samples [s].
+    :ivar x, u: (N + 1, n) and (N, m), states, which follow from x[0] and the inputs in the model;
+        inputs, within their bounds. An angle is continuous along the plan, within half a turn of
+        the set point at its start.
+    :ivar cost: cost of the horizon, without the penalty.
+    """
+
+    stamp: float
+    period: float
+    x: Array
+    u: Array
+    cost: float
+
+    @property
+    def end(self) -> float:
+        """Return the time of the last state [s]."""
+        return self.stamp + len(self.u) * self.period
+
+    @property
+    def is_finite(self) -> bool:
+        """Return whether all states and inputs are finite numbers."""
+        return bool(np.isfinite(self.x).all() and np.isfinite(self.u).all())
+
+
+@dataclass(frozen=True, eq=False)
 class StepResult:
     """
     What a step of the receding horizon came to.
@@ -51,10 +80,7 @@ class StepResult:
     :ivar iterations: quadratic programs solved.
     :ivar residual: relative residual of the optimality conditions of the plan, computed from the
         problem and the multipliers without the solver of the quadratic program; inf if unknown.
-    :ivar slack: largest excess of each softened limit that is exceeded.
-    :ivar penalty: weight sigma of the excess of each softened limit; exact if it is above its
-        `multiplier`.
-    :ivar multiplier: largest multiplier of each softened limit.
+    :ivar slack: largest excess of each softened limit that is exceeded, in its unit.
     :ivar seconds: wall time.
     """
 
@@ -64,8 +90,6 @@ class StepResult:
     iterations: int
     residual: float
     slack: dict[str, float]
-    penalty: dict[str, float]
-    multiplier: dict[str, float]
     seconds: float
 
 
@@ -80,7 +104,6 @@ class StepSolver:
     def __init__(self, problem: RecedingProblem, cache_dir: Path | None = None, *,
                  compiled: bool = True) -> None:
         self.problem = problem
-        self.words = 'not prepared'
         self._directory, self._compiled = cache_dir, compiled
         self._kernel: StepKernel | None = None
         soft = problem.soft
@@ -92,17 +115,12 @@ class StepSolver:
         self._multipliers: tuple[float, Array, Array] | None = None
 
     def prepare(self) -> str:
-        """
-        Build, compile and run everything once; return a sentence on the compilation.
-
-        :return: also in `words`.
-        """
+        """Build, compile and run everything once; return a sentence on the compilation."""
         if self._kernel is None:
             self._kernel = StepKernel(HorizonProgram(self.problem), self._directory,
                                       self._compiled)
-            self.words = self._kernel.words
             self.solve(self.problem.xe)
-        return self.words
+        return self._kernel.words
 
     def solve(self, x0: Array, start: Plan | None = None, deadline: float = math.inf,
               stamp: float = 0.0) -> StepResult:
@@ -187,7 +205,7 @@ class _Search:
     def run(self, start: HorizonMotion | None, deadline: float, begun: float) -> StepResult:
         """Improve a start until it is optimal or the time is over."""
         if start is None:
-            return StepResult(None, 'diverged', _WORDS['diverged'], 0, math.inf, {}, {}, {},
+            return StepResult(None, 'diverged', _WORDS['diverged'], 0, math.inf, {},
                               time.monotonic() - begun)
         best, kernel = start, self.kernel
         status, longest, kept = 'iterations', 0.0, math.inf
@@ -217,7 +235,7 @@ class _Search:
         else:
             motions = [self.follow(*each) for each in tried]
             best = min([best, *(each for each in motions if each is not None)],
-                       key=lambda each: each.find_value(self.penalties))
+                       key=lambda each: each.cost + float(self.penalties @ each.excess))
         return self._report(best, status, kept, begun)
 
     def _exceeds(self, motion: HorizonMotion) -> bool:
@@ -266,10 +284,6 @@ class _Search:
                                               for name, value in slack.items())
         # v + ue is rounded.
         u = np.clip(at.V + problem.ue, problem.limits.u_lower, problem.limits.u_upper)
-        plan = Plan(self.stamp, problem.period, at.E + self.shifts + problem.xe, u, at.cost,
-                    slack, residual,
-                    float(at.E[-1] @ problem.P @ at.E[-1]))
-        penalty, multiplier = (dict(zip(soft.names, each.tolist(), strict=True))
-                               for each in (self.penalties, self.kernel.multipliers))
-        return StepResult(plan, status, words, self.count, residual, slack, penalty, multiplier,
+        plan = Plan(self.stamp, problem.period, at.E + self.shifts + problem.xe, u, at.cost)
+        return StepResult(plan, status, words, self.count, residual, slack,
                           time.monotonic() - begun)

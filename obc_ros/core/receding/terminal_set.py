@@ -51,33 +51,23 @@ _LONGEST = 100.0       # norm of the exponent of a series
 _EXTREME = 200.0       # logarithm of V of a unit of a state: no underflow matters below it
 
 
-@dataclass(frozen=True)
-class TerminalProof:
+@dataclass(frozen=True, eq=False)
+class TerminalSet:
     """
-    The numbers of a proof.
+    The set {e'P e <= level} of errors e about the set point (n,), with its proof.
 
     :ivar limit: what determines the level: a limit by its name, or 'decrease of V'.
-    :ivar linear_level: the largest level in which the linear limits hold.
     :ivar decrease, offset: sqrt(V(e+)) <= decrease sqrt(V(e)) + offset for all e of the set, with
         decrease < 1. The offset is 0 if f at the set point is proved to be exactly 0 (or its
         drift).
-    :ivar words: the result in a sentence.
     """
-
-    limit: str
-    linear_level: float
-    decrease: float
-    offset: float
-    words: str
-
-
-@dataclass(frozen=True, eq=False)
-class TerminalSet:
-    """The set {e'P e <= level} of errors e about the set point (n,), with its proof."""
 
     P: Array
     level: float
-    proof: TerminalProof
+    limit: str
+    decrease: float
+    offset: float
+    words: str
 
     def measure(self, e: Array) -> float:
         """Return V over the level at an error e (n,): at most 1 in the set."""
@@ -92,8 +82,8 @@ def find_terminal_set(problem: RecedingProblem) -> TerminalSet:
     In it the input bounds, the state bounds and the path constraints hold at every sample, and V
     decreases from sample to sample, down to the rounding of the set point.
 
-    :param problem: the problem. If its set point moves, the errors are those about the moving set
-        point.
+    If the set point moves, the errors are those about the moving one.
+
     :raises RefusedDesignError: if there is no such set: a limit is reached at the set point or by
         its motion, V does not decrease in any ellipsoid that is not tiny, or P is too
         ill-conditioned for a proof.
@@ -107,7 +97,7 @@ def find_terminal_set(problem: RecedingProblem) -> TerminalSet:
     low = top = min(linear, _LARGEST)
     found = bounds.prove(top)
     if found is not None:
-        return _state(problem, top, limit if linear < _LARGEST else 'none', linear, found)
+        return _state(problem, top, limit if linear < _LARGEST else 'none', found)
     while found is None and low > _SMALLEST:
         high, low = low, low / 4.0
         found = bounds.prove(low)
@@ -121,7 +111,7 @@ def find_terminal_set(problem: RecedingProblem) -> TerminalSet:
         better = bounds.prove(middle)
         low, high, found = (low, middle, found) if better is None else (middle, high, better)
     why = 'path constraints' if bounds.paths_reached(high) else 'decrease of V'
-    return _state(problem, low, why, linear, found)
+    return _state(problem, low, why, found)
 
 
 def _list_linear_levels(problem: RecedingProblem, bounds: '_PeriodBounds') -> dict[str, float]:
@@ -331,8 +321,8 @@ def _check_motion(problem: RecedingProblem) -> None:
                 f'of {name} cannot hold for all time; the horizon works without a terminal set')
 
 
-def _state(problem: RecedingProblem, level: float, limit: str, linear: float,
-           found: tuple[float, float]) -> TerminalSet:
+def _state(problem: RecedingProblem, level: float, limit: str, found: tuple[float, float]
+           ) -> TerminalSet:
     """Return the set with its sentence."""
     decrease, offset = found
     about = 'the moving set point' if problem.drift.any() else 'the set point'
@@ -342,4 +332,4 @@ def _state(problem: RecedingProblem, level: float, limit: str, linear: float,
              f'period of {problem.period:g} s{but}')
     if limit != 'none':
         words += f'; the level is determined by {limit}'
-    return TerminalSet(problem.P, level, TerminalProof(limit, linear, decrease, offset, words))
+    return TerminalSet(problem.P, level, limit, decrease, offset, words)

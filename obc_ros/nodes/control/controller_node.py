@@ -282,8 +282,8 @@ class ControllerNode(LifecycleNode):  # type: ignore[misc] # rclpy's classes are
 
     def _on_start(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         response.success = True
-        response.message = (f'started again; it was stopped {self._loop.stopped}'
-                            if self._loop.stopped else 'it was not stopped')
+        response.message = (f'started again; it was stopped {self._loop.reason}'
+                            if self._loop.is_stopped else 'it was not stopped')
         self._log.info('start', f'~/start: {response.message}')
         self._loop.start()
         return response

@@ -12,9 +12,9 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticStatus
 import numpy as np
 from obc_ros.core.closed_loop.control import Control
+from obc_ros.core.closed_loop.feedback import convert_rows
 from obc_ros.core.closed_loop.laws import PlanLaw
 from obc_ros.core.closed_loop.loop import ControlLoop
-from obc_ros.core.closed_loop.sampled_plan import make_sampled_plan
 from obc_ros.core.systems.system import System
 from obc_ros.msg import Trajectory
 from obc_ros.ros.diagnostics import make_status
@@ -31,9 +31,9 @@ def make_plan(reply: Packet, period: int, control: Control) -> PlanLaw:
     :param reply: a plan: ``stamp`` of its first sample [ns], arrays x (N + 1, n) and u (N, m).
     :param period: time between two samples [ns].
     """
-    along = make_sampled_plan(period, reply.arrays['x'], reply.arrays['u'], control.regulator.K)
-    # It begins half a period before its first sample, see `SampledPlan`.
-    return PlanLaw(along, int(reply.plain['stamp']) - period // 2)
+    return PlanLaw(
+        int(reply.plain['stamp']) - period // 2, period, convert_rows(reply.arrays['x']),
+        convert_rows(reply.arrays['u']), control.regulator.K)
 
 
 def make_plan_message(reply: Packet, period: int, system: System, frame: str) -> Trajectory:

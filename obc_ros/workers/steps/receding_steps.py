@@ -11,8 +11,7 @@ import numpy as np
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.receding.first_plan import check_first_plan
 from obc_ros.core.receding.formulation import RecedingProblem, state_receding_problem
-from obc_ros.core.receding.plan import Plan
-from obc_ros.core.receding.step_solver import StepResult, StepSolver
+from obc_ros.core.receding.step_solver import Plan, StepResult, StepSolver
 from obc_ros.core.receding.terminal_set import find_terminal_set
 from obc_ros.core.systems.registry import get_system
 from obc_ros.core.text.errors import DynamicsError
@@ -70,7 +69,7 @@ class RecedingSteps:
     def ready(self) -> Packet:
         """Return the terminal set."""
         found = self._set
-        return Packet({'level': found.level, 'sentence': f'{found.proof.words}; {self._words}'},
+        return Packet({'level': found.level, 'sentence': f'{found.words}; {self._words}'},
                       {'P': found.P})
 
     def answer(self, request: Packet) -> Packet:
@@ -123,13 +122,10 @@ class RecedingSteps:
         """Return a plan from the state x (n,) with no more excess than at present."""
         self._place(x, 0.0)
         found = self._solver.solve(x - self._moved, stamp=0.0)
-        report = check_first_plan(self._problem, found, self._set, must_end_in_set=False,
-                                  present=present)
-        if found.plan is None or not report.accepted:
-            raise DynamicsError('no plan from the present state keeps all limits: '
-                                f'{"; ".join(report.reasons)}')
+        words = check_first_plan(self._problem, found, self._set, present)
+        assert found.plan is not None
         self._last, self._origin = found.plan, None
-        return Packet({**_describe(found), 'words': report.words},
+        return Packet({**_describe(found), 'words': words},
                       {'x': found.plan.x + self._moved, 'u': found.plan.u})
 
 

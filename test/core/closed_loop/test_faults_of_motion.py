@@ -20,7 +20,6 @@ from obc_ros.core.closed_loop.feedback import (
 from obc_ros.core.closed_loop.laws import PlanLaw
 from obc_ros.core.closed_loop.loop import ControlLoop
 from obc_ros.core.closed_loop.modes import Mode
-from obc_ros.core.closed_loop.sampled_plan import SampledPlan
 from obc_ros.core.lqr.lqr import lqr
 from obc_ros.core.systems import registry
 from obc_ros.core.systems.equilibrium import find_equilibrium, linearize
@@ -32,8 +31,7 @@ NARROW = ((-3.0, 3.0), (-math.inf, math.inf))
 
 def push(stamp: int, x: tuple[float, float], u: float = 1.0) -> PlanLaw:
     """Return a plan whose first sample is at a stamp [ns] in a state (2,), with a constant u."""
-    law = SampledPlan(20 * MS, (x,) * 51, ((u,),) * 50, K)
-    return PlanLaw(law, stamp - 10 * MS)
+    return PlanLaw(stamp - 10 * MS, 20 * MS, (x,) * 51, ((u,),) * 50, K)
 
 
 class Steady:

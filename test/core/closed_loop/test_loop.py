@@ -256,7 +256,8 @@ def test_on_envelope_acts_outside_x_limits(
         [6.2], outside, back]
     assert loop.counts['outside'] == 1
     assert 'the error of px is 2.1, outside [-1, 2]' in loop.news[0]
-    assert loop.stopped == ('' if action != 'stop' else 'the error of px is 2.1, outside [-1, 2]')
+    assert loop.is_stopped is (action == 'stop')
+    assert not loop.is_stopped or loop.reason == 'the error of px is 2.1, outside [-1, 2]'
 
 
 # Random sequences of events

@@ -7,31 +7,29 @@ from dataclasses import replace
 from hypothesis import given, strategies
 import numpy as np
 from obc_ros.core.closed_loop.control import Control, Rules
-from obc_ros.core.closed_loop.feedback import InputLimits, Region, StateFeedback
+from obc_ros.core.closed_loop.feedback import convert_rows, InputLimits, Region, StateFeedback
 from obc_ros.core.closed_loop.laws import PlanLaw
 from obc_ros.core.closed_loop.loop import ControlLoop
-from obc_ros.core.closed_loop.sampled_plan import make_sampled_plan
 import pytest
 
 PERIOD = 20_000_000   # [ns]
 X, U = np.array([[0.0], [1.0], [3.0], [4.0]]), np.array([[10.0], [20.0], [30.0]])
-PLAN = make_sampled_plan(PERIOD, X, U, ((2.0,),))
+PLAN = PlanLaw(-PERIOD // 2, PERIOD, convert_rows(X), convert_rows(U), ((2.0,),))
 
 
 @given(k=strategies.integers(0, 2), jitter=strategies.floats(-0.49, 0.49))
 def test_a_stamp_selects_the_nearest_sample(k, jitter):
-    point = PLAN.at((k + jitter + 0.5) * 0.02)
+    point = PLAN.at(round((k + jitter) * PERIOD))
     assert point.u == (U[k, 0],)
     states = np.interp(k + jitter, range(4), X[:, 0])
     if k + jitter >= 0.0:
-        assert point.x[0] == pytest.approx(states, abs=1e-9)
+        assert point.x[0] == pytest.approx(states, abs=1e-7)   # stamps are in ns
 
 
 def test_before_and_after_its_samples_a_plan_goes_on_in_a_line_and_rests():
-    assert PLAN.at(0.0).x[0] == pytest.approx(-0.5)   # half a period before the first sample
-    assert PLAN.at(9.0).x == (4.0,)
-    assert PLAN.at(9.0).u == (30.0,)
-    assert PLAN.duration == pytest.approx(0.06)
+    assert PLAN.at(PLAN.begin).x[0] == pytest.approx(-0.5)
+    assert PLAN.at(450 * PERIOD).x == (4.0,)
+    assert PLAN.at(450 * PERIOD).u == (30.0,)
 
 
 def make_control(level):
@@ -45,7 +43,7 @@ def make_control(level):
 def test_a_plan_then_the_feedback_in_its_region_then_the_rule(action, outside):
     control = make_control(4.0)
     loop = ControlLoop(replace(control, rules=Rules(on_unplanned=action)))
-    assert loop.add_plan(PlanLaw(PLAN, -PERIOD // 2), 0)
+    assert loop.add_plan(PLAN, 0)
     given = [0.1, 1.0, 3.5, 1.5, 3.0, 1.0]
     sent = [loop.answer(k * PERIOD, (x,), 0.02 * k)[0] for k, x in enumerate(given)]
     along = [U[k, 0] - 2.0 * (given[k] - X[k, 0]) for k in range(3)]

@@ -6,7 +6,7 @@ from pathlib import Path
 import shutil
 
 import casadi as ca
-from obc_ros.core.receding.compiled_functions import compile_function, find_cache_directory
+from obc_ros.core.receding.step_kernel import compile_function, find_cache_directory
 import pytest
 
 needs_compiler = pytest.mark.skipif(shutil.which('cc') is None, reason='there is no C compiler')

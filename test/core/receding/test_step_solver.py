@@ -77,8 +77,7 @@ def test_limits_hold_and_the_plan_is_a_motion_of_the_model() -> None:
     plan = result.plan
     assert plan is not None and result.status == 'optimal' and result.residual <= STEP_TOLERANCE
     assert np.abs(plan.x[:, 2]).max() == pytest.approx(0.3, abs=1e-6)
-    assert np.abs(plan.u[:, 0]).max() <= 3.0 and plan.slack == {}
-    assert 0.0 < result.multiplier['theta'] < result.penalty['theta']
+    assert np.abs(plan.u[:, 0]).max() <= 3.0 and result.slack == {}
     for k, u in enumerate(plan.u):
         e = np.array(problem.model(plan.x[k] - problem.xe, u - problem.ue)).ravel()
         np.testing.assert_allclose(plan.x[k + 1], problem.xe + e, atol=1e-9)
@@ -101,22 +100,22 @@ def test_a_start_outside_a_state_bound_is_told_by_name() -> None:
     assert 'exceeds v by 1' in result.words
 
 
-def test_an_excess_that_cannot_be_avoided_does_not_raise_the_penalty() -> None:
-    """The penalty depends on the distance of the state alone, not on earlier steps."""
+def test_an_excess_that_cannot_be_avoided_is_no_obstacle() -> None:
+    """The answers do not depend on earlier steps."""
     solver = StepSolver(integrator(state_bounds={'v': [-1, 1]}), compiled=False)
     found = [solver.solve(np.array([0.0, v])) for v in (2.0, 2.0, -2.0, 2.0)]
-    assert len({each.penalty['v'] for each in found}) == 1
+    costs = [each.plan.cost for each in found if each.plan is not None]
+    assert costs == pytest.approx([costs[0]] * 4, rel=1e-6)
     assert all(each.status == 'optimal' for each in found)
 
 
 @pytest.mark.parametrize('p', [-3.0, -30.0, -300.0, -3e4])
-def test_the_penalty_is_above_the_multiplier_however_far_the_set_point_is(p: float) -> None:
+def test_the_penalty_is_exact_however_far_the_set_point_is(p: float) -> None:
     """The speed limit holds over the whole plan."""
     result = StepSolver(integrator(state_bounds={'v': [-1, 1]}), compiled=False).solve(
         np.array([p, 0.9]))
     assert result.plan is not None and result.status == 'optimal' and result.slack == {}
     assert result.plan.x[:, 1].max() == pytest.approx(1.0, abs=1e-6)
-    assert 0.0 < result.multiplier['v'] < result.penalty['v']
 
 
 def test_a_plan_that_can_keep_its_limits_does_so_to_rounding() -> None:
@@ -136,14 +135,15 @@ def test_a_limit_that_disturbances_exceed_a_little_is_no_reason_for_a_fall(
         aircraft.system(), horizon=20, period=0.02,
         limits={'state_bounds': {'theta': [-0.2, 0.2], 'vx': [-0.4, 0.4], **loose},
                 'input_bounds': {'f1': [-6, 6], 'f2': [20, 60]}}), compiled=False)
-    rng, plans = np.random.default_rng(0), []
+    rng, plans, excesses = np.random.default_rng(0), [], []
     result = solver.solve(np.array([1.0, 0.5, 0, 0, 0, 0]))
     for _ in range(120):   # the limit is reached after 1.2 s
         assert result.plan is not None
         plans.append(result.plan)
+        excesses.append(result.slack.get('vx', 0.0))
         result = solver.solve(result.plan.x[1] + 1e-4 * rng.standard_normal(6), result.plan,
                               stamp=result.plan.stamp + result.plan.period)
-    assert 0.0 < max(each.slack.get('vx', 0.0) for each in plans) < 3e-3
+    assert 0.0 < max(excesses) < 3e-3
     assert min(each.u[0, 1] for each in plans) > 0.9 * 39.2
 
 

@@ -68,8 +68,8 @@ def test_the_level_of_a_scalar_with_a_bounded_input_is_its_closed_form() -> None
         'input_bounds': {'u': [-1, 2]}}, horizon=5, period=0.1)
     found = find_terminal_set(problem)
     assert found.level == pytest.approx(problem.P[0, 0] / problem.K[0, 0]**2, rel=1e-6)
-    assert found.proof.limit == 'u' and found.proof.offset == 0.0
-    assert found.proof.decrease == pytest.approx(abs(1 - 0.1 * problem.K[0, 0]), rel=1e-6)
+    assert found.limit == 'u' and found.offset == 0.0
+    assert found.decrease == pytest.approx(abs(1 - 0.1 * problem.K[0, 0]), rel=1e-6)
 
 
 @pytest.mark.parametrize('problem', [
@@ -93,7 +93,7 @@ def test_no_start_leaves_the_set_and_all_limits_hold(problem: RecedingProblem) -
         assert (x <= problem.limits.x_upper)[:, free].all()
         e = steps(e.T, v.T).full().T
         following = np.einsum('ki,ij,kj->k', e, found.P, e)
-        assert (following <= V * found.proof.decrease**2 + 1e-14 * found.level).all()
+        assert (following <= V * found.decrease**2 + 1e-14 * found.level).all()
         V = following
 
 
@@ -115,7 +115,7 @@ def test_the_decrease_of_a_linear_plant_is_proved_in_real_numbers(rates: dict[st
         L, loop = mpmath.cholesky(P), flow[:2, :2] - flow[:2, 2] * K
         image = L.T * loop * mpmath.inverse(L).T
         exact = mpmath.sqrt(max(mpmath.eigsy(image.T * image, eigvals_only=True)))
-        assert exact <= mpmath.mpf(found.proof.decrease) <= exact * (1 + mpmath.mpf(1e-6))
+        assert exact <= mpmath.mpf(found.decrease) <= exact * (1 + mpmath.mpf(1e-6))
 
 
 def test_no_level_is_proved_from_which_a_start_leaves() -> None:
@@ -139,14 +139,14 @@ def test_a_set_point_beside_the_equilibrium_is_part_of_the_bound() -> None:
     problem = move_set_point(FLYING, 1e-6)
     found = find_terminal_set(problem)
     moved = problem.model(np.zeros(6), np.zeros(2)).full()[:, 0]
-    assert 0.0 < np.sqrt(moved @ found.P @ moved) <= found.proof.offset
+    assert 0.0 < np.sqrt(moved @ found.P @ moved) <= found.offset
     for e in draw(found, 50):
         before = np.sqrt(e @ found.P @ e)
         e = problem.model(e, -problem.K @ e).full()[:, 0]
         reached = np.sqrt(e @ found.P @ e)
-        assert reached <= found.proof.decrease * before + found.proof.offset + 1e-10
+        assert reached <= found.decrease * before + found.offset + 1e-10
         assert reached <= np.sqrt(found.level)
-    assert 'since the set point is rounded' in found.proof.words
+    assert 'since the set point is rounded' in found.words
 
 
 def test_a_set_point_far_from_the_equilibrium_is_refused() -> None:
@@ -166,8 +166,8 @@ def test_a_cost_to_go_that_is_too_ill_conditioned_is_refused() -> None:
 def test_an_exact_set_point_adds_no_offset() -> None:
     """The rate 0.3 x^2 + u is exactly 0 at 0: V falls to 0."""
     found = find_terminal_set(state_scalar('0.3*x**2 + u'))
-    assert found.proof.offset == 0.0 and found.proof.limit == 'decrease of V'
-    assert 'rounded' not in found.proof.words
+    assert found.offset == 0.0 and found.limit == 'decrease of V'
+    assert 'rounded' not in found.words
 
 
 @pytest.mark.parametrize('rate', [
@@ -199,7 +199,7 @@ def test_a_path_constraint_makes_the_set_smaller() -> None:
     problem = state('aircraft', weights={'Qx': [10, 10, 1, 1, 1, 1], 'Qu': [0.1, 0.1]},
                     limits=near)
     found, free = find_terminal_set(problem), find_terminal_set(FLYING)
-    assert found.level < free.level and found.proof.limit == 'path constraints'
+    assert found.level < free.level and found.limit == 'path constraints'
     e = draw(found, STARTS)
     assert ((e[:, 0] - 0.05)**2 + e[:, 1]**2 >= 0.04**2).all()
 

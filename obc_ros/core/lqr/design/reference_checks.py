@@ -11,8 +11,9 @@ from collections.abc import Sequence
 import math
 
 import numpy as np
+from obc_ros.core.closed_loop.control import AllowedErrors
 from obc_ros.core.closed_loop.feedback import InputLimits
-from obc_ros.core.closed_loop.references import AllowedErrors, is_within
+from obc_ros.core.closed_loop.references import is_within
 from obc_ros.core.lqr.design.design import Design
 from obc_ros.core.lqr.design.reference_tracking import Course
 from obc_ros.core.numerics.arrays import Array

@@ -4,6 +4,7 @@
 
 from dataclasses import replace
 import math
+from types import SimpleNamespace
 from typing import Any
 
 from loop_bench import answers, control, K, leg, S
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 from obc_ros.core.closed_loop.control import Leg, Prediction, Reference, Rules
 from obc_ros.core.closed_loop.feedback import InputLimits, StateFeedback
 from obc_ros.core.closed_loop.loop import ControlLoop
-from obc_ros.core.closed_loop.references import describe_miss
+from obc_ros.core.closed_loop.references import explain_distance
 from obc_ros.core.lqr.design.design import ALWAYS, Design, design, linearize_plant, Sampling
 from obc_ros.core.lqr.design.reference_checks import check, compute_allowed_error
 from obc_ros.core.lqr.design.reference_tracking import Course, read_course
@@ -109,8 +110,10 @@ def test_a_value_and_its_limit_are_never_printed_alike() -> None:
     with pytest.raises(RefusedReferenceError, match=(
             r'v is 10\.0001 m/s at t = 0 s, the limit is 10 m/s$')):
         check(along, regulator(), limits, WIDE)
-    bounds, names = ((-1.0, 1.0), (-0.31437, 0.31437)), ('px', 'py')
-    assert describe_miss((0.0, -0.31441), (0.0, 2.0), 0.0, bounds, names, ('m', 'm')) == (
+    known: Any = SimpleNamespace(limits=InputLimits((), ()), names=('px', 'py'))
+    near: Any = SimpleNamespace(allowed=((-1.0, 1.0), (-0.31437, 0.31437)), units=('m', 'm'),
+                                reference=Reference(None, 1.0))
+    assert explain_distance(known, near, 0.0, (0.0, 2.0 - 0.31441), (0.0, 2.0)) == (
         "py is 0.31441 m from the plan's start 2 m, allowed 0.31437 m")
 
 
@@ -257,7 +260,7 @@ def test_a_reference_far_ahead_after_an_outage_is_dropped() -> None:
     assert list(loop.refused) == [
         'after 1 s without a state, px is 0.9 m from 1.4 m of the plan at t = 1.4 s, allowed '
         '0.5 m; stopped until ~/start']
-    assert loop.stopped.startswith('after 1 s without a state, px is 0.9 m')
+    assert loop.is_stopped and loop.reason.startswith('after 1 s without a state, px is 0.9 m')
     loop.start()
     assert answers(loop, (1.6, [0.25, 0.0])) == [[6.75]]
     assert len(loop.refused) == 1
@@ -270,16 +273,17 @@ def test_a_reference_close_after_an_outage_continues() -> None:
     answers(loop, *before)
     assert resumed(loop, *after) == answers(plain, *before, *after)[2:]
     assert not loop.refused
-    assert not loop.stopped
+    assert not loop.is_stopped
 
 
 def test_a_gap_between_stamps_is_an_outage_without_on_stale() -> None:
     """If the whole machine stalls, on_stale cannot act."""
     loop = ControlLoop(control(legs=(moving(),)))
     answers(loop, (0.4, [0.4, 1.0]), (0.8, [0.0, 1.0]))   # 0.4 s is no outage
-    assert not loop.stopped
+    assert not loop.is_stopped
     answers(loop, (1.4, [0.5, 0.0]))
-    assert loop.stopped.startswith('after 0.6 s without a state, px is 0.9 m from 1.4 m')
+    assert loop.is_stopped
+    assert loop.reason.startswith('after 0.6 s without a state, px is 0.9 m from 1.4 m')
 
 
 def test_after_an_outage_the_end_of_the_reference_is_checked() -> None:
@@ -292,7 +296,7 @@ def test_after_an_outage_the_end_of_the_reference_is_checked() -> None:
     answers(loop, (1.7, [1.7, 1.0]), (2.1, [2.0, 0.0]))
     assert resumed(loop, (9.0, [1.0, 0.0])) == [[1.5]]    # 0.5 - (1 - 2)
     assert not loop.refused
-    assert not loop.stopped
+    assert not loop.is_stopped
 
 
 def test_the_next_reference_begins_after_an_outage_if_close() -> None:
@@ -301,7 +305,7 @@ def test_the_next_reference_begins_after_an_outage_if_close() -> None:
         loop = ControlLoop(control(legs=(moving(), held(S, 5.0)), u=7.0, rest=(7.0,)))
         answers(loop, (0.4, [0.4, 1.0]))
         u = resumed(loop, (3.0, [px, 0.0]))
-        assert bool(loop.stopped) is is_refused
+        assert loop.is_stopped is is_refused
         assert len(loop.refused) == 2 * is_refused
         assert u == [pytest.approx([7.0 if is_refused else -0.6])]
 
@@ -311,7 +315,8 @@ def test_skipped_states_do_not_skip_the_check() -> None:
     loop = ControlLoop(control(legs=(moving(),), rules=Rules(period=S, state_timeout=0.5)))
     answers(loop, (0.0, [0.0, 1.0]))
     assert resumed(loop, (0.6, [0.0, 0.0]), (1.0, [0.0, 0.0])) == [None, [0.0]]
-    assert loop.stopped.startswith('after 0.6 s without a state, px is 1 m from 1 m')
+    assert loop.is_stopped
+    assert loop.reason.startswith('after 0.6 s without a state, px is 1 m from 1 m')
 
 
 def test_a_reference_does_not_begin_again_after_a_reset() -> None:
