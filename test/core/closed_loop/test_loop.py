@@ -35,9 +35,8 @@ def test_control_law_is_the_clipped_matrix_product(n: int, m: int, seed: int) ->
                                         convert_rows(gain)), e)
     expected = ur - gain @ (x - xr)
     np.testing.assert_allclose(u, expected, rtol=1e-13, atol=1e-13)
-    clipped = limits.clip(u)
+    limits.clip(u)
     np.testing.assert_allclose(u, np.clip(expected, -1.0, 0.5), rtol=1e-13, atol=1e-13)
-    assert clipped == np.count_nonzero((expected < -1.0) | (expected > 0.5))
 
 
 @given(strategies.floats(-1e6, 1e6), strategies.floats(-10.0, 10.0))
