@@ -90,12 +90,7 @@ class SentCommands:
 
     def predict(self, prediction: Prediction, e: Sequence[float], ur: Sequence[float], p: int,
                 stamp: int) -> tuple[list[float], Sequence[float]]:
-        """
-        Return the error after the delay, and the growth of the p integrals until then.
-
-        :param e: x - xr (n,) at the stamp [ns].
-        :param ur: (m,).
-        """
+        """Return the error after the delay, and the growth of the p integrals until then."""
         whole = [*e, *[0.0] * p]
         for u in self._recall(prediction, stamp)[:len(prediction.Gammas)]:
             whole += map(sub, u, ur)

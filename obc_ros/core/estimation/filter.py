@@ -139,8 +139,7 @@ def compute_band(degrees: float, count: int = 1) -> tuple[float, float]:
     """
     Return the interval that holds the mean of normalised squares with 95 %, with equal tails.
 
-    :param degrees: degrees of freedom of each.
-    :param count: number of independent ones.
+    :param degrees, count: degrees of freedom of each, and number of independent ones.
     """
     low, high = (compute_chi_square_quantile(p, degrees * count) for p in (_TAIL, 1.0 - _TAIL))
     return low / count, high / count

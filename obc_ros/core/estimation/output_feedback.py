@@ -102,7 +102,6 @@ class Recovery:
     Process noise that recovers the margins of the whole state.
 
     :ivar Qw: (n, n), the suggested intensity Qw + q B B'.
-    :ivar q: the added noise.
     :ivar before, loop: with the given noise, and with the suggested one.
     :ivar recovered: whether the wanted share of the margins is reached.
     """
@@ -120,7 +119,6 @@ def recover_loop_transfer(regulator: LqrDesign, C: Array, Qw: Array, Rv: Array, 
     Return the least added process noise for which margins of the full state are recovered.
 
     :param regulator: in continuous time.
-    :param C, Qw, Rv: (q, n), (n, n), (q, q), outputs and noise, as for `lqe`.
     :param share: wanted share of the disk margins of the full state.
     :return: if the share is not reached (a plant that is not of minimum phase), the best that was
         found, with `recovered` False.
@@ -139,11 +137,8 @@ def recover_sampled_loop(A: Array, B: Array, K: Array, C: Array, Qw: Array, Rv: 
     """
     Return the least added process noise for which margins of u_k = -K xe_k are recovered.
 
-    :param A, B, K: (n, n), (n, m) and (m, n), the plant in continuous time, and the gain of the
-        regulator.
-    :param C, Qw, Rv, period, outputs: as for `sampled_lqe`.
-    :param share: as for `recover_loop_transfer`.
-    :return: of the loop in filter form.
+    The loop is in filter form, the plant in continuous time; see `recover_loop_transfer`.
+
     :raises StatementError, RefusedDesignError: as `sampled_lqe` for the given noise;
         StatementError also if K has a wrong size or does not stabilise the sampled plant.
     """

@@ -29,7 +29,6 @@ def explain_no_gain(A: Array, F: Array, Q: Array, *, stability: float = 0.0, per
 
     :param A, F, Q: (n, n), (n, m), (n, n), dx/dt = A x + F u (or x+ = A x + F u) with the cost x'Q
         x + u'u; A and F contain the shift by `stability`.
-    :param period: sampling period [s]; 0: continuous time.
     :param error: relative error of the Riccati solution; nan: there is no solution.
     :param has_cross: whether the cost has a cross term N, so that A is A - B Qu^-1 N'.
     """
@@ -80,8 +79,6 @@ def explain_no_estimator(A: Array, C: Array, Qw: Array, outputs: tuple[str, ...]
 
     :param A, C, Qw: (n, n), (q, n), (n, n), dx/dt = A x + w (or x+ = A x + w), y = C x + v; Qw is
         the covariance of w.
-    :param outputs: names of y.
-    :param period: sampling period [s]; 0: continuous time.
     """
     rows = C / np.maximum(np.linalg.norm(C, axis=1), TINY)[:, None]
     A, F, Q = _balanced(A.T, rows.T, Qw)   # the dual plant

@@ -44,7 +44,6 @@ def compute_step_figures(A: Array, B: Array, K: Array, poles: Complex, period: f
     Return the step figures of the feedback u = -K x of dx/dt = A x + B u, or x+ = A x + B u.
 
     :param poles: (n,), those of the loop in the s plane.
-    :param period: sampling period [s]; 0: continuous time.
     :param states: number of states whose steps are evaluated: those before the states of the
         controller.
     """

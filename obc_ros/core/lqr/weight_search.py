@@ -32,12 +32,11 @@ _MET = 1.0 + 1e-6
 @dataclass(frozen=True)
 class StepSpecifications:
     """
-    Specifications of unit steps of the set point of the positions.
+    Largest figures of unit steps of the set point of the positions; 0 or empty: not specified.
 
-    :ivar rise_time: maximum 10 % to 90 % rise time of the slowest position [s]; 0: not specified.
-    :ivar overshoot: maximum overshoot, as a fraction; 0: not specified.
-    :ivar peak_input: (m,) maximum |u - ue|, in the units of the inputs; empty, or an entry of 0:
-        not specified.
+    :ivar rise_time: from 10 % to 90 %, of the slowest position [s].
+    :ivar overshoot: as a fraction.
+    :ivar peak_input: (m,) |u - ue|, in the units of the inputs.
     """
 
     rise_time: float = 0.0
@@ -87,7 +86,6 @@ def suggest(A: Array, B: Array, wanted: StepSpecifications, *, x_max: Sequence[f
 
     :param x_max, u_max: initial scales (n,) and (m,) in the units of states and inputs; empty: 1
         each.
-    :param inputs: names of the inputs, for the message.
     :return: the nearest weights, also if not all specifications are met.
     :raises StatementError: if a specification or a scale cannot be used, or no state can be held
         at another value.

@@ -43,8 +43,7 @@ class RecedingProblem:
     """
     A receding horizon about a set point.
 
-    :ivar design: the sampled regulator at the set point, whose weights, gain and cost-to-go are
-        used.
+    :ivar design: the sampled regulator, whose weights, gain and cost-to-go are used.
     :ivar limits: bounds and path constraints, in its symbols and with its numbers.
     :ivar horizon: number N of periods.
     """
@@ -206,10 +205,8 @@ def state_receding_problem(system: System, *, horizon: int, period: float,
                            setpoint: Sequence[float] = (), setpoint_input: Sequence[float] = (),
                            limits: Mapping[str, Any] | None = None) -> RecedingProblem:
     """
-    State a receding horizon for a system.
+    State a receding horizon of some periods [s] for a system.
 
-    :param horizon: number of periods, 1 to 1000.
-    :param period: time for which an input is held [s].
     :param weights: as for the regulator: Qx, Qu, cross, or others of `weights.choose`.
     :param setpoint, setpoint_input: state (n,) and input (m,); empty: those of the system.
     :param limits: `state_bounds`, `input_bounds`, `path_constraints` as in a problem file.
@@ -235,8 +232,6 @@ def add_limits(found: Design, horizon: int, limits: Mapping[str, Any]) -> Recedi
     """
     Return the receding horizon of a sampled regulator within limits.
 
-    :param found: the regulator.
-    :param horizon: number of periods.
     :param limits: `state_bounds`, `input_bounds`, `path_constraints` as in a problem file.
     :raises StatementError: if a limit cannot be read, or the set point violates it.
     """

@@ -45,7 +45,6 @@ class Restatement:
         empty: none, and those of the system.
     :ivar path_constraints: expressions of states, inputs and parameters of the system that are at
         most 0.
-    :ivar horizon: the final time [s].
     :ivar replaced: what of the problem is replaced, in words; empty: nothing.
     """
 
@@ -65,7 +64,7 @@ def check_restatable(problem: Problem, statement: Mapping[str, Any]) -> None:
     """
     Raise StatementError for what a receding horizon cannot take; the message begins with the key.
 
-    :param statement: the keys and values from which it was built.
+    `statement` has the keys and values from which the problem was built.
     """
     if problem.phases is not None:
         raise StatementError('phases: a receding horizon has one phase; give one final_time')
@@ -92,7 +91,6 @@ def restate_problem(problem: Problem, statement: Mapping[str, Any], system: Syst
     """
     Return what a receding horizon takes of a problem that `check_restatable` accepts.
 
-    :param statement: the keys and values from which it was built.
     :param system: its plant, with the parameters of the statement.
     :raises StatementError: if the running cost is not quadratic about a set point that the plant
         holds, or an input has no weight. The message begins with the key.

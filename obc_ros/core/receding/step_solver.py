@@ -42,14 +42,12 @@ _WORDS = {
 @dataclass(frozen=True, eq=False)
 class Plan:
     """
-    A motion of the model over the horizon, whose input is held over each period.
+    A motion of the model over the horizon, whose input is held over each period [s].
 
     :ivar stamp: time of the first state [s].
-    :ivar period: time between two samples [s].
-    :ivar x, u: (N + 1, n) and (N, m), states, which follow from x[0] and the inputs in the model;
-        inputs, within their bounds. An angle is continuous along the plan, within half a turn of
-        the set point at its start.
-    :ivar cost: cost of the horizon, without the penalty.
+    :ivar x, u: (N + 1, n) and (N, m), the inputs within their bounds. An angle is continuous along
+        the plan, within half a turn of the set point at its start.
+    :ivar cost: without the penalty.
     """
 
     stamp: float
@@ -76,7 +74,6 @@ class StepResult:
 
     :ivar plan: a motion of the model with admissible inputs; None if none is finite.
     :ivar status: 'optimal', 'time', 'iterations', 'failed' or 'diverged'.
-    :ivar words: the status in words, with the limits that the plan exceeds.
     :ivar iterations: quadratic programs solved.
     :ivar residual: relative residual of the optimality conditions of the plan, computed from the
         problem and the multipliers without the solver of the quadratic program; inf if unknown.
@@ -127,7 +124,6 @@ class StepSolver:
         """
         Return the plan from a state.
 
-        :param x0: (n,), state at `stamp`.
         :param start: a plan to start from, such as the one before; it may begin earlier and end
             earlier or later. Without it the regulator is the start.
         :param deadline: time of `time.monotonic` at which the result is returned [s]. A quadratic

@@ -72,10 +72,9 @@ class Design:
     """
     A feedback of a plant at its set point, with verified stability.
 
-    :ivar weights: the cost without the weights of the integrals.
-    :ivar lqr: the design of the plant, with the integrals of the outputs `C` as further states.
-    :ivar C: (p, n), outputs with integral action.
-    :ivar cost: the cost with the weights of the integrals.
+    :ivar weights, cost: the cost without and with the weights of the integrals.
+    :ivar lqr: the design of the plant, with the integrals of the outputs C (p, n) as further
+        states.
     """
 
     plant: LinearizedPlant
