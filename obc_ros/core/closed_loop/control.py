@@ -14,7 +14,6 @@ from obc_ros.core.closed_loop.feedback import (
     StateFeedback,
     Vector,
 )
-from obc_ros.core.closed_loop.laws import SetPointLaw
 
 AllowedErrors = tuple[tuple[float, float], ...]   # (n,) lower and upper bounds
 
@@ -47,7 +46,7 @@ class Leg:
 
     reference: Reference
     along: ReferenceLaw
-    after: SetPointLaw
+    after: StateFeedback
     allowed: AllowedErrors = ()
     units: tuple[str, ...] = ()
 

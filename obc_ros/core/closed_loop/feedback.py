@@ -41,12 +41,7 @@ class ReferenceLaw(Protocol):
 
 @dataclass(frozen=True)
 class Region:
-    """
-    The errors e with e'P e <= level: an ellipsoid about a set point.
-
-    :ivar P: (n, n), symmetric and positive definite.
-    :ivar level: above 0.
-    """
+    """The errors e with e'P e <= level: an ellipsoid about a set point."""
 
     P: Rows
     level: float
@@ -55,37 +50,6 @@ class Region:
         """Return e'P e of an error e (n,)."""
         return sum([float(value * sum(map(mul, row, e)))
                     for value, row in zip(e, self.P, strict=True)])
-
-
-@dataclass(frozen=True)
-class StateFeedback:
-    """
-    State feedback about a set point that is constant or moves at a constant rate.
-
-    :ivar x, u: set point xe (n,) at t = 0, and its input ue (m,).
-    :ivar K: gain (m, n).
-    :ivar drift: dxe/dt (n,).
-    :ivar Ki: gain (m, p) of the integrals; empty without integral action.
-    :ivar region: the errors for which the feedback is used; None: for all.
-    """
-
-    x: Vector
-    u: Vector
-    K: Rows
-    drift: Vector
-    Ki: Rows = ()
-    region: Region | None = None
-
-    def at(self, t: float) -> ReferencePoint:
-        """Return the set point at time t [s]."""
-        if not any(self.drift):
-            return self._start
-        return self._start._replace(
-            x=tuple([a + v * t for a, v in zip(self.x, self.drift, strict=True)]))
-
-    @cached_property
-    def _start(self) -> ReferencePoint:
-        return ReferencePoint(self.x, self.u, self.K, self.Ki)
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,27 +79,40 @@ class Gains:
         return K, Ki
 
 
-@dataclass(frozen=True, eq=False)
-class BlendedFeedback:
-    """A state feedback with a time-varying gain."""
+@dataclass(frozen=True)
+class StateFeedback:
+    """
+    State feedback about a set point that is constant or moves at a constant rate.
 
-    regulator: StateFeedback
-    gains: Gains
+    :ivar x, u: set point xe (n,) at t = 0, and its input ue (m,).
+    :ivar K: gain (m, n).
+    :ivar drift: dxe/dt (n,).
+    :ivar Ki: gain (m, p) of the integrals; empty without integral action.
+    :ivar region: the errors for which the feedback is used; None: for all.
+    :ivar gains: gains over time in place of K and Ki; None: they are constant.
+    """
 
-    @property
-    def x(self) -> Vector:
-        """Return the set point (n,) at t = 0."""
-        return self.regulator.x
-
-    @property
-    def drift(self) -> Vector:
-        """Return its rate (n,)."""
-        return self.regulator.drift
+    x: Vector
+    u: Vector
+    K: Rows
+    drift: Vector
+    Ki: Rows = ()
+    region: Region | None = None
+    gains: Gains | None = None
 
     def at(self, t: float) -> ReferencePoint:
         """Return the set point at time t [s]."""
-        K, Ki = self.gains.at(t)
-        return self.regulator.at(t)._replace(K=K, Ki=Ki)
+        point = self._start
+        if any(self.drift):
+            point = point._replace(x=move(self.x, self.drift, t))
+        if self.gains is not None:
+            K, Ki = self.gains.at(t)
+            point = point._replace(K=K, Ki=Ki)
+        return point
+
+    @cached_property
+    def _start(self) -> ReferencePoint:
+        return ReferencePoint(self.x, self.u, self.K, self.Ki)
 
 
 @dataclass(frozen=True)
@@ -171,6 +148,11 @@ class InputLimits:
 def compute_feedback(point: ReferencePoint, e: Sequence[float]) -> list[float]:
     """Return ur - K e, shape (m,), without limits."""
     return [u - sum(map(mul, row, e)) for u, row in zip(point.u, point.K, strict=True)]
+
+
+def move(x: Sequence[float], drift: Vector, t: float) -> Vector:
+    """Return x + drift t."""
+    return tuple([a + v * t for a, v in zip(x, drift, strict=True)]) if any(drift) else tuple(x)
 
 
 def interpolate_vectors(a: Vector, b: Vector, part: float) -> Vector:

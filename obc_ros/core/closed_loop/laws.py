@@ -16,6 +16,7 @@ from typing import Protocol
 from obc_ros.core.closed_loop.clock import NS
 from obc_ros.core.closed_loop.feedback import (
     interpolate_vectors,
+    move,
     ReferenceLaw,
     ReferencePoint,
     Rows,
@@ -24,18 +25,6 @@ from obc_ros.core.closed_loop.feedback import (
 )
 
 MeasureError = Callable[[Sequence[float], Sequence[float]], list[float]]
-
-
-class SetPointLaw(ReferenceLaw, Protocol):
-    """A reference that is constant or moves at a constant rate."""
-
-    @property
-    def x(self) -> Vector:
-        """Return the set point (n,) at t = 0."""
-
-    @property
-    def drift(self) -> Vector:
-        """Return its rate (n,)."""
 
 
 class FollowedLaw(Protocol):
@@ -50,13 +39,12 @@ class HeldSetPoint:
     """
     A set point, where it is now.
 
-    :ivar law: as designed.
     :ivar x: where it is at `origin`, (n,): a moving one begins at the plant.
     :ivar origin: stamp of t = 0 of the law [ns].
     :ivar is_designed: whether it is that of the parameters and not the end of a reference.
     """
 
-    law: SetPointLaw
+    law: StateFeedback
     x: Vector
     origin: int
     is_designed: bool = True
@@ -71,7 +59,7 @@ class HeldSetPoint:
     @cached_property
     def _constant(self) -> ReferencePoint | None:
         """Return the target at all stamps; None: it moves, or its gains change."""
-        if isinstance(self.law, StateFeedback) and not any(self.law.drift):
+        if self.law.gains is None and not any(self.law.drift):
             return self.law.at(0.0)._replace(x=tuple(self.x))
         return None
 
@@ -90,11 +78,11 @@ class HeldSetPoint:
         here = free_drift(x, move(self.x, drift, t), drift, error)
         return replace(self, x=move(here, drift, (origin - stamp) * NS), origin=origin)
 
-    def is_of(self, law: SetPointLaw) -> bool:
+    def is_of(self, law: StateFeedback) -> bool:
         """Return whether a law has the set point and the rate of this one, whatever its gains."""
         return (law.x, law.drift) == (self.law.x, self.law.drift)
 
-    def carry(self, law: SetPointLaw, stamp: int, restarts: bool) -> 'HeldSetPoint':
+    def carry(self, law: StateFeedback, stamp: int, restarts: bool) -> 'HeldSetPoint':
         """
         Return another law at the present place of this one.
 
@@ -130,9 +118,7 @@ class PlanLaw:
 
     :ivar begin: stamp half a period before the first sample [ns].
     :ivar period: time between two samples [ns].
-    :ivar x: N + 1 states (n,).
-    :ivar u: N inputs (m,), each held over a period.
-    :ivar K: gain (m, n).
+    :ivar x, u: N + 1 states (n,), and N inputs (m,), each held over a period.
     """
 
     begin: int
@@ -159,11 +145,6 @@ class PlanLaw:
 def select_plan(plans: Sequence[PlanLaw], stamp: int) -> PlanLaw | None:
     """Return the last of some plans that covers a stamp [ns], or None."""
     return next((each for each in reversed(plans) if each.covers(stamp)), None)
-
-
-def move(x: Sequence[float], drift: Vector, t: float) -> Vector:
-    """Return x + drift t."""
-    return tuple([a + v * t for a, v in zip(x, drift, strict=True)]) if any(drift) else tuple(x)
 
 
 def free_drift(x: Sequence[float], xe: Vector, drift: Vector, error: MeasureError) -> Vector:

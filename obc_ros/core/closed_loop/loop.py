@@ -14,6 +14,7 @@ The module is long because all methods share the memory of one run.
 from collections import Counter, deque
 from collections.abc import Sequence
 from copy import deepcopy
+from dataclasses import replace
 import math
 from operator import add, mul, sub
 from threading import RLock
@@ -21,7 +22,7 @@ from typing import NamedTuple
 
 from obc_ros.core.closed_loop.clock import NS, Order, Pace, StampClock, Tick
 from obc_ros.core.closed_loop.control import Control, Leg, Reference, Schedule
-from obc_ros.core.closed_loop.feedback import BlendedFeedback, compute_feedback, ReferencePoint
+from obc_ros.core.closed_loop.feedback import compute_feedback, ReferencePoint, StateFeedback
 from obc_ros.core.closed_loop.laws import (
     Along,
     FollowedLaw,
@@ -29,7 +30,6 @@ from obc_ros.core.closed_loop.laws import (
     HeldSetPoint,
     PlanLaw,
     select_plan,
-    SetPointLaw,
 )
 from obc_ros.core.closed_loop.memory import CommandGate, Integral, SentCommands
 from obc_ros.core.closed_loop.modes import (
@@ -227,7 +227,7 @@ class ControlLoop:
         Use a plan for the states that it covers; the one that covers the last state is kept.
 
         :param run: `run` at the state from which it was made.
-        :return: False: the law has begun anew since then, and the plan is not used.
+        :return: whether it is used: the law has not begun anew since then.
         """
         with self._lock:
             if run != self.run or self.mode in (Mode.INACTIVE, Mode.STOPPED):
@@ -284,7 +284,6 @@ class ControlLoop:
         :param now: steady clock [s].
         :param clock: present time of the clock of the stamps [ns]; None: the age of a state is not
             known.
-        :param measured: the scheduling variable, if it is measured.
         :param restarts: how often the source of the states has begun anew.
         :return: None: the state is dropped or skipped, or the rules ask for silence.
         """
@@ -814,8 +813,8 @@ class ControlLoop:
 _WARNED = (Event.RESTART, Event.OUTAGE, Event.JUMP, Event.REPLACED, Event.FRAME)
 
 
-def _design_law(control: Control) -> SetPointLaw:
+def _design_law(control: Control) -> StateFeedback:
     """Return the law of the set point of a control, with the gains of its horizon if any."""
     if control.horizon is None:
         return control.regulator
-    return BlendedFeedback(control.regulator, control.horizon.gains)
+    return replace(control.regulator, gains=control.horizon.gains)

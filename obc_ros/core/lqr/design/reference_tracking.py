@@ -10,12 +10,11 @@ P of the design at its end. A set point with a horizon is the special case of a 
 
 from bisect import bisect_right
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from obc_ros.core.closed_loop.control import Horizon, Leg, Reference
 from obc_ros.core.closed_loop.feedback import (
-    BlendedFeedback,
     convert_rows,
     convert_vector,
     Gains,
@@ -25,7 +24,6 @@ from obc_ros.core.closed_loop.feedback import (
     StateFeedback,
     Vector,
 )
-from obc_ros.core.closed_loop.laws import SetPointLaw
 from obc_ros.core.lqr.design.design import Design, design_again, linearize_plant, LinearizedPlant
 from obc_ros.core.lqr.sampled import discretize_cost
 from obc_ros.core.numerics.arrays import Array
@@ -183,14 +181,12 @@ def _terminal(found: Design, P1: Array | None) -> Array:
 
 
 def _settling(gains: Gains, after: StateFeedback, at_end: Design,
-              P1: Array | None) -> SetPointLaw:
+              P1: Array | None) -> StateFeedback:
     """Return the feedback after the end; its gain begins with the last one of the reference."""
     if P1 is None or after.K != at_end.regulator.K:
         return after
-    end = gains.grid[-1]
-    return BlendedFeedback(after, _continued(
-        Gains((0.0,), *((each[-1],) for each in (gains.K, gains.Ki))), at_end)
-    ) if end else after
+    return replace(after, gains=_continued(
+        Gains((0.0,), gains.K[-1:], gains.Ki[-1:]), at_end)) if gains.grid[-1] else after
 
 
 def _continued(gains: Gains, found: Design) -> Gains:
