@@ -27,9 +27,6 @@ def conclude(task: Task, found: Solution) -> Solution:
 
     If the trace shows a search, the cost may fall without end as inputs grow, so that an extremal
     is no minimum; and the reason is looked for if the result is not certified.
-
-    :param task: the problem.
-    :param found: the result of a method.
     """
     problem, meter = task.problem, task.meter
     late = meter.stopped and (meter.stopped == 'cancelled' or not np.isfinite(found.objective))
@@ -50,8 +47,7 @@ def certify_solution(problem: Problem, found: Solution) -> Solution:
     """
     Return a solution with its certificate and the status and message that follow from it.
 
-    :param problem: as stated.
-    :param found: returned as it is without a path.
+    Without a path it is returned as it is.
     """
     if not found.t.size:
         return found

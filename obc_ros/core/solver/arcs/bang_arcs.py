@@ -25,8 +25,6 @@ def cut_at_bounds(problem: Problem, found: Phased, switching: NDArray[np.bool_],
     """
     Cut the arcs of a path where inputs meet or leave their bounds.
 
-    :param problem: whose input bounds are meant.
-    :param found: the path.
     :param switching: (m,), inputs in which H is linear; the others are ignored.
     :param deciding: (n + l, m), inputs that occur in the derivative of each row of (x, c). On an
         arc along the bound of a row these follow from it and are ignored.
@@ -65,9 +63,6 @@ def cut_at_ends(problem: Problem, program: PhasedProgram, found: Phased, t: Arra
     dH/du vanishes on a singular arc. If it does not at an end of it, the input should be at a
     bound there, up to the time at which dH/du changes its sign.
 
-    :param problem: whose input bounds are meant.
-    :param program: of the structure of the problem.
-    :param found: the path.
     :param t, x, u, Hu: (N,), (N, n), (N, m), (N, m), samples of the path, and dH/du [cost per
         second and unit of the input].
     """
@@ -83,7 +78,6 @@ def close_ends(problem: Problem, arcs: Sequence[Arc], switching: NDArray[np.bool
     """
     Insert short bang arcs at the ends of the singular arcs of a path on a coarse mesh.
 
-    :param problem: whose input bounds are meant.
     :param arcs: as detected from the inputs, in which a bang shorter than an interval does not
         show.
     :param switching, deciding: (m,), (n + l, m), as in `cut_at_bounds`.

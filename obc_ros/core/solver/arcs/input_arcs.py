@@ -57,13 +57,7 @@ class _Span:
 
 
 def find_jumping_inputs(problem: Problem, path: Path) -> tuple[bool, ...]:
-    """
-    Find the inputs that go from bound to bound within one or two intervals.
-
-    :param problem: whose bounds are meant.
-    :param path: of its inputs, the values at mesh points.
-    :return: length m.
-    """
+    """Return which inputs go from bound to bound within one or two intervals, length m."""
     jumps = []
     for i in range(problem.m):
         lower, upper = problem.u_lower[i], problem.u_upper[i]
@@ -234,8 +228,6 @@ def build_arc_mesh(problem: Problem, arcs: Sequence[Arc], stages: int, density: 
     """
     Build a mesh with one phase for each arc.
 
-    :param problem: whose inputs they are.
-    :param arcs: without gaps.
     :param stages: Gauss points in each interval.
     :param density: intervals per second.
     :return: mesh; durations: lengths of the arcs [s].
@@ -254,12 +246,7 @@ def build_arc_mesh(problem: Problem, arcs: Sequence[Arc], stages: int, density: 
 
 
 def close_gaps(arcs: Sequence[Arc], T: float) -> list[Arc]:
-    """
-    Return arcs over [0, T] without gaps, with equal neighbours merged.
-
-    :param arcs: in order of time; their active constraints are dropped.
-    :param T: final time [s].
-    """
+    """Return arcs over [0, T] without gaps or active constraints, equal neighbours merged."""
     rows = [_tidy([_Span(arc.start, arc.end, arc.levels[i]) for arc in arcs], T)
             for i in range(len(arcs[0].levels))]
     return join(rows)
@@ -317,12 +304,7 @@ def limit_shortening(arcs: Sequence[Arc], curved: Mask, least: float) -> Array:
 
 
 def get_signature(arcs: Sequence[Arc]) -> Signature:
-    """
-    Return the levels of arcs and the bounds they are on or touch, without their times.
-
-    :param arcs: in order of time.
-    :return: equal for arcs that differ by their times only.
-    """
+    """Return the levels of arcs and the bounds they are on or touch, without their times."""
     return tuple(tuple(None if math.isnan(v) else v for v in arc.levels) + (
         arc.on if any(arc.on) else ()) + ((None, *arc.met) if any(arc.met) else ())
         for arc in arcs)
@@ -415,12 +397,9 @@ def _vanishes(t: Array, values: Array, near: float) -> float:
 
 def have_moved(arcs: Sequence[Arc], durations: Array, least: float) -> bool:
     """
-    Return whether the ends of arcs moved by more than a part of T.
+    Return whether the ends of arcs moved by more than the part `least` of T.
 
-    :param arcs: the new arcs.
-    :param durations: lengths of the former phases [s]; if there are more or fewer, False is
-        returned.
-    :param least: part of T.
+    `durations`: lengths of the former phases [s]; False if there are more or fewer.
     """
     ends = np.cumsum(durations)
     return len(arcs) == len(ends) and bool(np.any(np.abs(

@@ -43,13 +43,7 @@ def compute_densities(outcome: TranscriptionOutcome, slopes: Array, u: Array) ->
 
 def find_active(problem: Problem, outcome: TranscriptionOutcome,
                 program: PhasedProgram) -> list[StateContact]:
-    """
-    Find the intervals on which path constraints that depend on inputs are active.
-
-    :param problem: the one that was solved.
-    :param outcome: its multipliers are used.
-    :param program: of the structure of the problem.
-    """
+    """Find the intervals on which multipliers show that path constraints of inputs are active."""
     path, n, bounds, t = outcome.path, problem.n, program.bounds, outcome.path.t
     slopes = program.input_slopes(problem, path.x[:-1], path.ua)[:, n:]
     weights = compute_densities(outcome, slopes, path.ua)
@@ -66,10 +60,7 @@ def hold_constraints(arcs: list[Arc], found: Phased, bounds: BoundRates) -> list
     """
     Update the arcs on constraints that depend on inputs from the multipliers of a path on phases.
 
-    :param arcs: the present arcs.
-    :param found: the path found with them.
-    :param bounds: orders of the constraints.
-    :return: `arcs` if no constraint was added or removed.
+    `arcs` itself is returned if no constraint was added or removed.
     """
     rows = np.flatnonzero(bounds.orders == 0)
     points = np.append(0.0, np.cumsum(found.h))
@@ -109,9 +100,6 @@ def move_onto_constraints(problem: Problem, program: PhasedProgram, found: Phase
 
     The polynomials satisfy it at the collocation points only.
 
-    :param problem: whose bounds are meant.
-    :param program: of the structure of the problem.
-    :param found: the path.
     :param x, u: (K, s, n), (K, s, m), s samples in each of its K intervals.
     :return: (K, s, m), inputs; unchanged in phases with no or several such constraints.
     """

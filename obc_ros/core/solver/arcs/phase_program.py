@@ -103,7 +103,6 @@ class PhasedProgram:
         """
         Return which bounds of inputs follow from constraints held on an arc.
 
-        :param problem: in the symbols of this program.
         :param arc: also bounds at which it holds inputs are judged.
         :param path: gives the states and the other inputs.
         :return: (2, m), lower and upper bounds.
@@ -134,13 +133,9 @@ class PhasedProgram:
         """
         Solve the program of some arcs by IPOPT.
 
-        :param problem: in the symbols of this program.
         :param arcs: one for each phase.
         :param meshes: lengths of the intervals of each phase, as parts of it.
-        :param guess: initial guess.
-        :param sizes: scales of states, inputs, time and cost.
         :param pinned: (n,), components of x(T) that psi fixes.
-        :param meter: Limits.
         :param grazing: junctions and rows, as in `Phased.outwards`, at which the path meets or
             leaves a bound tangentially.
         """

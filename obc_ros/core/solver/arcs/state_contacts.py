@@ -46,8 +46,6 @@ def find_contacts(problem: Problem, outcome: TranscriptionOutcome, value: Array,
 
     A phase that was held on a bound before is a contact as a whole.
 
-    :param problem: the one that was solved.
-    :param outcome: on N intervals.
     :param value: (N + 1, n + l), x and the path constraints at the mesh points.
     :param margin: (n + l,), tightening of the bounds.
     :param decided: (n + l,), rows that are considered: those that inputs can hold at a bound.

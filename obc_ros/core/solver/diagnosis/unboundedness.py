@@ -26,12 +26,8 @@ def explain_larger_inputs(problem: Problem, found: Solution, solve: Solver) -> s
     Return a sentence if larger inputs cost much less than those of a certified solution.
 
     If H is linear in an input without bounds, a solution that diverges to infinity has residuals
-    that are small relative to its size.
-
-    :param problem: the problem that was solved.
-    :param found: its certified solution.
-    :param solve: returns a Solution for a problem.
-    :return: '' if larger inputs do not cost much less, or if the cost limits all inputs.
+    that are small relative to its size. '' is returned if larger inputs do not cost much less, or
+    if the cost limits all inputs.
     """
     if not advise_bounds(problem):
         return ''

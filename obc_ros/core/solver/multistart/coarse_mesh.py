@@ -124,7 +124,6 @@ def solve_next_start(bench: Bench, pool: StartPool, *, once: bool,
     """
     Solve on the coarse mesh from the next initial guess.
 
-    :param bench: with the coarse mesh.
     :param pool: the outcome is recorded in its `known_minima`.
     :param once: allow few iterations, in proportion to `bench.typical`, of the faster method only.
     :param hard: with `once`: allow twice as many.

@@ -24,13 +24,7 @@ from obc_ros.core.solver.transcription.program import Nearby, SolveEffort, Trans
 
 
 def descend_from_coarse(bench: Bench, first: TranscriptionOutcome) -> tuple[Candidate, float]:
-    """
-    Improve and refine the best coarse outcome.
-
-    :param bench: with the coarse mesh.
-    :param first: the best one on the coarse mesh.
-    :return: found; floor: cost on the coarse mesh of the outcome that led to it.
-    """
+    """Improve and refine the best coarse outcome; return also its cost on the coarse mesh."""
     first = try_improvements(DescentStage.COARSE, State(bench, first)).outcome
     return descend(bench, first), first.objective
 
@@ -115,9 +109,7 @@ def explore_starts(bench: Bench, pool: StartPool, first: Candidate, floor: float
     and is larger if costs have several local minima or guesses often fail.
 
     :param bench: with the coarse mesh; a certified solution is kept for neighbours.
-    :param pool: the guesses.
-    :param first: of the first descent.
-    :param floor: its cost on the coarse mesh.
+    :param first, floor: of the first descent, and its cost on the coarse mesh.
     :param others: outcomes on the coarse mesh that were not refined yet.
     :param sound: whether coarse outcomes have a small discretisation error: a convex problem then
         needs no further start, certified or not.

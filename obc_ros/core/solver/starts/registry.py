@@ -53,11 +53,8 @@ def try_starts(stage: StartStage, bench: Bench, pool: StartPool, known: Known) -
     """
     Try the starts of a stage in turn, until one has solved the problem on its own mesh.
 
-    :param stage: which starts.
-    :param bench: of the search.
-    :param pool: the initial guesses are added to it.
-    :param known: what the starts use.
-    :return: the outcomes if there are any, and the number of initial guesses that are worth a try.
+    Initial guesses are added to the pool. Return the outcomes if there are any, and the number of
+    initial guesses that are worth a try.
     """
     wanted = 0
     for start in STARTS:
