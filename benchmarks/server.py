@@ -23,8 +23,8 @@ from typing import Any, NoReturn
 from _endless import endless
 from _machine import children
 from obc_ros.action import SolveOptimalControl
-from obc_ros.cli.client import Client, START
-from obc_ros.cli.processes import Children, isolate, reserve_domain
+from obc_ros.cli.client import Client
+from obc_ros.cli.processes import APPEARS, Children, isolate, reserve_domain
 from obc_ros.core.ocp.statement import build_problem
 from obc_ros.msg import LqrWeights
 from obc_ros.ros import messages
@@ -214,7 +214,7 @@ def main() -> int:
         context = rclpy.Context()
         rclpy.init(args=[], context=context)
         client = Client(context, children.check)
-        client.find(START)
+        client.find(APPEARS)
         latency(client)
         precision(client)
         crowd()

@@ -6,7 +6,7 @@ import ast
 from collections.abc import Iterator
 from functools import cache
 import importlib
-from importlib import metadata
+from importlib import metadata, util
 import os
 from pathlib import Path
 import re
@@ -101,6 +101,12 @@ def imports(path: Path) -> Iterator[str]:
             yield str(node.module)
             if node.module == 'obc_ros':
                 yield from (f'obc_ros.{alias.name}' for alias in node.names)
+
+
+def has_name(module: str, name: str) -> bool:
+    """Return whether a module has a name, or is a folder that has a module of this name."""
+    return hasattr(importlib.import_module(module), name) or bool(
+        util.find_spec(f'{module}.{name}'))
 
 
 PYTHON = files('.py')
@@ -258,6 +264,16 @@ def test_the_library_imports_on_every_system():
     for path in [*CORE, *API, *(ROOT / 'obc_ros' / each for each in commands)]:
         reached = {module.split('.')[0] for module in list_reached(path)}
         assert not NOT_EVERYWHERE & reached, name(path)
+
+
+@pytest.mark.ros
+@pytest.mark.slow
+def test_what_benchmarks_import_from_the_package_exists():
+    for path in sorted((ROOT / 'benchmarks').glob('*.py')):
+        for node in ast.walk(tree(path)):
+            if isinstance(node, ast.ImportFrom) and str(node.module).startswith('obc_ros'):
+                for alias in node.names:
+                    assert has_name(str(node.module), alias.name), f'{name(path)}:{node.lineno}'
 
 
 def test_nodes_do_not_import_the_command_line():
