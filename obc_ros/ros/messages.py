@@ -17,7 +17,7 @@ from typing import Any
 from builtin_interfaces.msg import Time
 import numpy as np
 from obc_ros.core.ocp import solution
-from obc_ros.core.ocp.guess import Guess
+from obc_ros.core.ocp.problem import Guess
 from obc_ros.core.text.errors import quote, StatementError
 from obc_ros.msg import (
     Attempt,

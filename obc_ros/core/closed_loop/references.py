@@ -7,7 +7,7 @@ from weakref import WeakKeyDictionary, WeakSet
 
 from obc_ros.core.closed_loop.clock import NS
 from obc_ros.core.closed_loop.control import Control, Leg, Reference
-from obc_ros.core.text.digits import format_distinct
+from obc_ros.core.text.tables import format_distinct
 
 
 class Itinerary:

@@ -17,7 +17,6 @@ from dataclasses import dataclass, field, replace
 import casadi as ca
 import numpy as np
 from obc_ros.core.numerics.arrays import Array, Mask
-from obc_ros.core.ocp.guess import Guess
 from obc_ros.core.ocp.phases import PhaseLayout
 
 SYMBOLIC = 'x', 'u', 'p', 'f', 'L', 'V', 'psi', 'path'   # fields that one structure determines
@@ -52,6 +51,20 @@ class FinalTime:
         :return: (N,).
         """
         return t if self.free else np.where(t < t[-1], np.minimum(t, self.value), self.value)
+
+
+@dataclass(frozen=True, eq=False)
+class Guess:
+    """
+    Initial guess of states, inputs and final time.
+
+    `x` and `u` map a name to its values at equally spaced times in [0, T]. The solver chooses
+    what is left out.
+    """
+
+    x: dict[str, Array] = field(default_factory=dict)
+    u: dict[str, Array] = field(default_factory=dict)
+    final_time: float | None = None
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,6 +12,7 @@ The module is long because the grammar, its checks and its messages follow the s
 
 import ast
 from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass
 import keyword
 import math
 import operator
@@ -20,7 +21,6 @@ from typing import Any, NamedTuple
 
 import casadi as ca
 from obc_ros.core.text.errors import describe_type, quote, StatementError, suggest_name
-from obc_ros.core.text.symbolic import check_symbolic
 
 MAX_LENGTH = 20_000   # characters
 MAX_SYMBOLS = 4_000   # numbers, names, operators and brackets
@@ -35,21 +35,10 @@ class _Function(NamedTuple):
 
 
 FUNCTIONS: dict[str, _Function] = {
-    'sin': _Function(1, ca.sin, math.sin),
-    'cos': _Function(1, ca.cos, math.cos),
-    'tan': _Function(1, ca.tan, math.tan),
-    'asin': _Function(1, ca.asin, math.asin),
-    'acos': _Function(1, ca.acos, math.acos),
-    'atan': _Function(1, ca.atan, math.atan),
-    'atan2': _Function(2, ca.atan2, math.atan2),
-    'sinh': _Function(1, ca.sinh, math.sinh),
-    'cosh': _Function(1, ca.cosh, math.cosh),
-    'tanh': _Function(1, ca.tanh, math.tanh),
-    'exp': _Function(1, ca.exp, math.exp),
-    'log': _Function(1, ca.log, math.log),
-    'sqrt': _Function(1, ca.sqrt, math.sqrt),
-    'abs': _Function(1, ca.fabs, abs),
-}
+    **{name: _Function(1 + (name == 'atan2'), getattr(ca, name), getattr(math, name)) for name in (
+        'sin', 'cos', 'tan', 'asin', 'acos', 'atan', 'atan2', 'sinh', 'cosh', 'tanh', 'exp',
+        'log', 'sqrt')},
+    'abs': _Function(1, ca.fabs, abs)}
 CONSTANTS: dict[str, float] = {'pi': math.pi}
 
 _BINARY: dict[type[ast.operator], Callable[[Any, Any], Any]] = {
@@ -75,6 +64,17 @@ _OTHER_NAMES = {'ln': 'log', 'arcsin': 'asin', 'arccos': 'acos', 'arctan': 'atan
                 'arctan2': 'atan2', 'fabs': 'abs', 'PI': 'pi', 'Pi': 'pi', 'power': '**',
                 'pow': '**', 'log10': 'log(...)/log(10)', 'max': '(a + b + abs(a - b))/2',
                 'min': '(a + b - abs(a - b))/2', 'hypot': 'sqrt(a**2 + b**2)'}
+# The operations of the language of expressions, and what CasADi makes of them.
+_KNOWN = {getattr(ca, f'OP_{name}') for name in (
+    'ADD', 'SUB', 'MUL', 'DIV', 'POW', 'CONSTPOW', 'NEG', 'SQ', 'TWICE', 'INV', 'SQRT', 'SIN',
+    'COS', 'TAN', 'ASIN', 'ACOS', 'ATAN', 'ATAN2', 'SINH', 'COSH', 'TANH', 'EXP', 'LOG', 'FABS',
+    'CONST', 'INPUT', 'OUTPUT', 'ASSIGN')}
+_IN_WORDS = {ca.OP_FMAX: 'fmax(a, b); write (a + b + fabs(a - b))/2',
+             ca.OP_FMIN: 'fmin(a, b); write (a + b - fabs(a - b))/2',
+             ca.OP_HYPOT: 'hypot(a, b); write sqrt(a**2 + b**2)',
+             ca.OP_LOG1P: 'log1p(a); write log(1 + a)', ca.OP_EXPM1: 'expm1(a); write exp(a) - 1'}
+_COMPARISONS = {getattr(ca, f'OP_{name}') for name in (
+    'LT', 'LE', 'EQ', 'NE', 'NOT', 'AND', 'OR', 'IF_ELSE_ZERO')}
 
 
 def parse_expression(text: object, symbols: Mapping[str, ca.SX], where: str) -> ca.SX:
@@ -89,10 +89,10 @@ def parse_expression(text: object, symbols: Mapping[str, ca.SX], where: str) -> 
         finite.
     """
     if isinstance(text, ca.SX):
-        return check_symbolic(text, symbols, where, MAX_NUMBER)
+        return _check_symbolic(text, symbols, where)
     if not isinstance(text, str):
         return ca.SX(_plain_number(text, where))
-    return ca.SX(_value(text, _Symbolic(symbols), where))
+    return ca.SX(_value(text, _Algebra(symbols), where))
 
 
 def parse_lifted(text: object, symbols: Mapping[str, ca.SX],
@@ -106,12 +106,17 @@ def parse_lifted(text: object, symbols: Mapping[str, ca.SX],
     :return: expression: in `symbols` and the symbols of the numbers; literals: symbol and value of
         each number.
     """
-    algebra = _Lifting(symbols, where)
+    literals: list[tuple[ca.SX, float]] = []
+
+    def lift(value: float) -> ca.SX:
+        literals.append((ca.SX.sym(f'{where}#{len(literals) + 1}'), value))
+        return literals[-1][0]
+
     if isinstance(text, ca.SX):
-        return check_symbolic(text, symbols, where, MAX_NUMBER), []
+        return _check_symbolic(text, symbols, where), []
     if not isinstance(text, str):
-        return algebra.constant(_plain_number(text, where)), algebra.literals
-    return ca.SX(_value(text, algebra, where)), algebra.literals
+        return lift(_plain_number(text, where)), literals
+    return ca.SX(_value(text, _Algebra(symbols, lift, lifts=True), where)), literals
 
 
 def parse_number(text: object, values: Mapping[str, float], where: str) -> float:
@@ -128,7 +133,7 @@ def parse_number(text: object, values: Mapping[str, float], where: str) -> float
     """
     if not isinstance(text, str):
         return _plain_number(text, where)
-    return _bounded_number(float(_value(text, _Numeric(values), where)), where)
+    return _bounded_number(float(_value(text, _Algebra(values, float, 'numeric'), where)), where)
 
 
 def insert_numbers(text: object, values: Mapping[str, float]) -> str:
@@ -161,6 +166,47 @@ def check_name(name: object, where: str) -> str:
     if keyword.iskeyword(name) or name in FUNCTIONS or name in CONSTANTS:
         raise StatementError(f"{where}: the name '{name}' is reserved")
     return name
+
+
+def _check_symbolic(value: ca.SX, symbols: Mapping[str, ca.SX], where: str) -> ca.SX:
+    """
+    Return an expression, dense, if it is one that a text over the same symbols could state.
+
+    It is not if it contains another symbol, an operation that a text cannot contain, or a number
+    that is not finite or too large.
+    """
+    if value.shape != (1, 1):
+        rows, columns = value.shape
+        raise StatementError(f'{where}: wanted one expression, found a matrix of {rows} x '
+                             f'{columns}')
+    value = ca.densify(value)
+    known = {symbol.element_hash() for symbol in symbols.values()}
+    for symbol in ca.symvar(value):
+        if symbol.element_hash() not in known:
+            raise StatementError(f"{where}: the symbol '{symbol.name()}' is none of those that "
+                                 'the function was called with')
+    program = ca.Function('expression', list(symbols.values()), [value])
+    for k in range(program.n_instructions()):
+        operation = program.instruction_id(k)
+        if operation not in _KNOWN:
+            raise StatementError(f'{where}: {_describe_operation(operation)}')
+        if operation == ca.OP_CONST:
+            number = float(program.instruction_constant(k))
+            if not math.isfinite(number):
+                raise StatementError(f'{where}: {number} is not a finite number')
+            if abs(number) > MAX_NUMBER:
+                raise StatementError(f'{where}: {number:g} is too large; numbers up to '
+                                     f'{MAX_NUMBER:g} are accepted')
+    return value
+
+
+def _describe_operation(operation: int) -> str:
+    if operation in _COMPARISONS:
+        return 'comparisons and if_else are not supported'
+    if operation in _IN_WORDS:
+        return f'an expression may not contain {_IN_WORDS[operation]}'
+    return ('an operation is not supported; an expression may contain + - * / **, sin, cos, tan, '
+            'asin, acos, atan, atan2, sinh, cosh, tanh, exp, log, sqrt and fabs')
 
 
 def _short(text: str) -> str:
@@ -276,53 +322,27 @@ def _cut(text: str, position: int) -> str:
     return ''.join(found[0] for found in (before, after) if found)
 
 
-class _Symbolic:
-    """Arithmetic of casadi.SX."""
+@dataclass
+class _Algebra:
+    """
+    Arithmetic of casadi.SX or of doubles.
 
-    def __init__(self, names: Mapping[str, ca.SX]) -> None:
-        self.names = names
+    `kind`: field of `_Function`; `lifts`: whether numbers, except in exponents, become symbols.
+    """
 
-    def constant(self, value: float) -> ca.SX:
-        return ca.SX(value)
+    names: Mapping[str, Any]
+    constant: Callable[[float], Any] = ca.SX
+    kind: str = 'symbolic'
+    lifts: bool = False
 
-    def call(self, function: _Function, arguments: list[Any]) -> Any:
-        return function.symbolic(*arguments)
 
-    def finite(self, value: Any) -> bool:
+def _is_finite(value: Any) -> bool:
+    if isinstance(value, ca.SX):
         return not value.is_constant() or math.isfinite(float(value))
+    return isinstance(value, float) and math.isfinite(value)
 
 
-class _Lifting(_Symbolic):
-    """Arithmetic of casadi.SX with a symbol for every number."""
-
-    def __init__(self, names: Mapping[str, ca.SX], where: str) -> None:
-        super().__init__(names)
-        self.where = where
-        self.literals: list[tuple[ca.SX, float]] = []
-
-    def constant(self, value: float) -> ca.SX:
-        symbol = ca.SX.sym(f'{self.where}#{len(self.literals) + 1}')
-        self.literals.append((symbol, value))
-        return symbol
-
-
-class _Numeric:
-    """Arithmetic of doubles."""
-
-    def __init__(self, names: Mapping[str, float]) -> None:
-        self.names = names
-
-    def constant(self, value: float) -> float:
-        return value
-
-    def call(self, function: _Function, arguments: list[Any]) -> Any:
-        return function.numeric(*arguments)
-
-    def finite(self, value: Any) -> bool:
-        return isinstance(value, float) and math.isfinite(value)
-
-
-def _value(text: str, algebra: _Symbolic | _Numeric, where: str) -> Any:
+def _value(text: str, algebra: _Algebra, where: str) -> Any:
     """
     Return the value of an expression; every node of its tree is checked.
 
@@ -330,7 +350,7 @@ def _value(text: str, algebra: _Symbolic | _Numeric, where: str) -> Any:
     """
     text = _bounded(text, where)
     tree = _tree(text, where)
-    exponents = _numbers_in_exponents(tree) if isinstance(algebra, _Lifting) else set()
+    exponents = _numbers_in_exponents(tree) if algebra.lifts else set()
     waiting: list[tuple[ast.expr, bool]] = [(tree, False)]
     values: list[Any] = []
     while waiting:
@@ -346,7 +366,7 @@ def _value(text: str, algebra: _Symbolic | _Numeric, where: str) -> Any:
         try:
             value = (ca.SX(float(piece)) if node in exponents
                      else _apply(node, arguments, algebra, where))
-            fault = '' if algebra.finite(value) else 'is not a finite number'
+            fault = '' if _is_finite(value) else 'is not a finite number'
         except ZeroDivisionError:
             fault = 'divides by zero'
         except OverflowError:
@@ -399,7 +419,7 @@ def _operands(node: ast.expr, piece: str, where: str) -> list[ast.expr]:
                          'numbers, names, + - * / **, brackets and functions')
 
 
-def _apply(node: ast.expr, arguments: list[Any], algebra: _Symbolic | _Numeric,
+def _apply(node: ast.expr, arguments: list[Any], algebra: _Algebra,
            where: str) -> Any:
     if isinstance(node, ast.BinOp):
         return _BINARY[type(node.op)](*arguments)
@@ -407,7 +427,7 @@ def _apply(node: ast.expr, arguments: list[Any], algebra: _Symbolic | _Numeric,
         return _UNARY[type(node.op)](*arguments)
     if isinstance(node, ast.Call):
         assert isinstance(node.func, ast.Name)
-        return algebra.call(FUNCTIONS[node.func.id], arguments)
+        return getattr(FUNCTIONS[node.func.id], algebra.kind)(*arguments)
     if isinstance(node, ast.Constant):
         assert isinstance(node.value, (int, float))
         return algebra.constant(float(node.value))

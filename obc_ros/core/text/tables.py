@@ -1,12 +1,13 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""Tables as plain text and as HTML."""
+"""Numbers as text, and tables as plain text and as HTML."""
 
 from collections.abc import Iterable, Sequence
 from html import escape
 
 from obc_ros.core.text.errors import quote
 
+MOST_DIGITS = 17   # with which two doubles that differ are printed differently
 # Smaller values are printed as 0, or as 'below' it: they are rounding errors. The tolerances of
 # certificates and of the gallery are at least 1e-9.
 ZERO = 1e-9
@@ -39,6 +40,19 @@ def format_value(value: float, digits: int = 10, scale: float = 1.0) -> str:
 def format_residual(value: float) -> str:
     """Return an error or a residual with two digits, in words if it is below `ZERO`."""
     return f'below {ZERO:.0e}' if 0.0 < value < ZERO else f'{value:.2g}'
+
+
+def format_distinct(*values: float, digits: int = 4, unit: str = '') -> list[str]:
+    """
+    Return numbers as text, so that those that differ are printed differently.
+
+    :param digits: significant digits, if they are enough; otherwise the fewest that are.
+    """
+    while True:
+        texts = [f'{value:.{digits}g}' for value in values]
+        if len(set(texts)) >= len(set(values)) or digits >= MOST_DIGITS:
+            return [f'{text} {unit}'.rstrip() for text in texts]
+        digits += 1
 
 
 def _clean(text: str) -> str:

@@ -7,8 +7,8 @@ from functools import lru_cache
 from time import monotonic
 from typing import Any, NamedTuple
 
-from obc_ros.core.text.digits import format_distinct
 from obc_ros.core.text.errors import quote, StatementError
+from obc_ros.core.text.tables import format_distinct
 from obc_ros.ros.messages import check_size, read_nanoseconds, read_parameters
 from obc_ros.ros.service_qos import BEST_EFFORT
 from obc_ros.ros.state_sources import Body, FrameError, NamesError, SOURCES

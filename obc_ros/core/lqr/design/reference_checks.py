@@ -18,8 +18,8 @@ from obc_ros.core.lqr.design.design import Design
 from obc_ros.core.lqr.design.reference_tracking import Course
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.systems.system import System
-from obc_ros.core.text.digits import format_distinct
 from obc_ros.core.text.errors import RefusedReferenceError
+from obc_ros.core.text.tables import format_distinct
 
 PART = 0.1         # allowed error relative to the range of a state along the reference
 _ROUNDING = 1e-6   # excess over a limit relative to the input, by which a solution may exceed it

@@ -5,7 +5,7 @@
 import math
 
 from hypothesis import given, strategies
-from obc_ros.core.text.digits import format_distinct
+from obc_ros.core.text.tables import format_distinct
 
 FINITE = strategies.floats(-1e300, 1e300)
 
