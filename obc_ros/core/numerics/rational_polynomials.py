@@ -11,9 +11,9 @@ different polynomials may also be equal.
 A double is read as its shortest decimal, which is how it was written: 0.1 is 1/10.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from fractions import Fraction
-from math import isfinite
+from math import inf, isfinite
 from typing import TypeVar
 
 import casadi as ca
@@ -241,31 +241,38 @@ def split_affine(a: Polynomial, symbols: int) -> tuple[list[Fraction], Fraction]
     return row, rest
 
 
-def reduce_rows(rows: Sequence[RationalRow]) -> dict[int, RationalRow]:
+def reduce_rows(rows: Iterable[RationalRow], columns: float = inf
+                ) -> tuple[dict[int, RationalRow], list[RationalRow]]:
     """
     Return the reduced row echelon form.
 
-    :return: rows by the column of their pivot, which is 1 and the only entry of that column.
+    :param rows: nonzero entries by column.
+    :param columns: number of the first columns in which pivots may be.
+    :return: echelon: the rows by the columns of their pivots; each pivot is 1, and the only entry
+        of that column; rest: what is left of rows without a pivot, each of them less a sum of
+        earlier ones.
     """
     found: dict[int, RationalRow] = {}
+    rest = []
     for given in rows:
         row = dict(given)
         for pivot in [column for column in row if column in found]:
             row = _add_sparse(row, found[pivot], -row[pivot])
-        if not row:
+        pivot = min((column for column in row if column < columns), default=None)
+        if pivot is None:
+            rest.append(row)
             continue
-        pivot = min(row)
         row = {column: value / row[pivot] for column, value in row.items()}
         for other, each in found.items():
             if pivot in each:
                 found[other] = _add_sparse(each, row, -each[pivot])
         found[pivot] = row
-    return found
+    return found, rest
 
 
-def find_null_space(rows: Sequence[RationalRow], columns: int) -> list[RationalRow]:
-    """Return a basis of the null space of a matrix whose rows are given by column."""
-    found = reduce_rows(rows)
+def find_null_space(rows: Iterable[RationalRow], columns: int) -> list[RationalRow]:
+    """Return a basis of the null space of the first columns of a matrix."""
+    found, _ = reduce_rows(rows, columns)
     return [{free: Fraction(1)} | {pivot: -row[free] for pivot, row in found.items()
                                    if free in row}
             for free in range(columns) if free not in found]

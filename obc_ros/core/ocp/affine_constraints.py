@@ -13,6 +13,7 @@ from obc_ros.core.numerics.rational_polynomials import (
     find_null_space,
     RationalRow,
     read_polynomials,
+    reduce_rows,
     split_affine,
     TooHardError,
 )
@@ -70,13 +71,9 @@ def find_affine_end(problem: Problem) -> End | None:
     if not rows:
         return None
     echelon, clash = eliminate_rows(rows, n)
-    x = [Fraction(0)] * n
-    for pivot in sorted(echelon, reverse=True):   # back substitution; free states are 0
-        row = echelon[pivot]
-        x[pivot] = -(row.get(n, Fraction(0)) + sum((
-            value * x[k] for k, value in row.items() if pivot < k < n), Fraction(0))) / row[pivot]
-    directions = find_null_space([{k: value for k, value in row.items() if k < n}
-                                  for row in rows.values()], n)
+    # States without a pivot are 0.
+    x = [-echelon[k].get(n, Fraction(0)) if k in echelon else Fraction(0) for k in range(n)]
+    directions = find_null_space(rows.values(), n)
     clear = _rank(rows, n) == n - len(directions)
     return End(rows, x, directions, clash, clear and clash is None)
 
@@ -106,29 +103,18 @@ def eliminate_rows(rows: dict[int, RationalRow], n: int) -> tuple[dict[int, Rati
     Bring linear equations into echelon form and find a contradiction between them.
 
     :param rows: the equations A x + b = 0 by their numbers; b is in column n.
-    :return: echelon: independent rows by the columns of their pivots; entries behind column n are
-        weights; clash: the first contradiction, if there is one.
+    :return: echelon: as of `reduce_rows`; entries behind column n are weights; clash: the first
+        contradiction, if there is one.
     """
-    echelon: dict[int, RationalRow] = {}
-    clash = None
-    for number, given in rows.items():
-        row = given | {n + 1 + number: Fraction(1)}   # behind the constant: weights of the rows
-        for pivot in range(n):
-            if pivot in row and pivot in echelon:
-                other = echelon[pivot]
-                factor = row[pivot] / other[pivot]
-                row = {k: value for k in {*row, *other} if (
-                    value := row.get(k, Fraction(0)) - factor * other.get(k, Fraction(0)))}
-        pivot = min((k for k in row if k < n), default=n)
-        if pivot < n:
-            echelon[pivot] = row
-        elif n in row and clash is None:
-            weights = {k - n - 1: value for k, value in row.items() if k > n}
-            size = sum((abs(value * rows[k].get(n, Fraction(0)))
-                        for k, value in weights.items()), Fraction(0))
-            if abs(row[n]) > Fraction(_SLACK) * size:
-                clash = Clash(weights, row[n])
-    return echelon, clash
+    echelon, rest = reduce_rows(
+        (row | {n + 1 + number: Fraction(1)} for number, row in rows.items()), n)
+    for row in rest:
+        weights = {k - n - 1: value for k, value in row.items() if k > n}
+        size = sum((abs(value * rows[k].get(n, Fraction(0))) for k, value in weights.items()),
+                   Fraction(0))
+        if abs(gap := row.get(n, Fraction(0))) > Fraction(_SLACK) * size:
+            return echelon, Clash(weights, gap)
+    return echelon, None
 
 
 def _rank(rows: dict[int, RationalRow], n: int) -> int:

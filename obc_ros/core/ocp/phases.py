@@ -22,7 +22,15 @@ from typing import Any
 import numpy as np
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.text.errors import quote, StatementError, suggest_name
-from obc_ros.core.text.fields import check_keys, list_of, read_mapping, read_names, read_section
+from obc_ros.core.text.fields import (
+    check_keys,
+    Given,
+    list_of,
+    read_list,
+    read_mapping,
+    read_names,
+    read_section,
+)
 
 MOST_PHASES = 20
 Rename = Callable[[str], str]
@@ -90,7 +98,7 @@ class PhaseLayout:
         return self.names[number - 1] if 0 < number <= len(self.names) else str(number)
 
 
-def state_as_one_phase(given: Mapping[Any, Any]) -> tuple[dict[str, Any], PhaseLayout]:
+def state_as_one_phase(given: Given) -> tuple[dict[str, Any], PhaseLayout]:
     """
     Return the statement with one phase that is equivalent to one with phases.
 
@@ -122,7 +130,7 @@ def state_as_one_phase(given: Mapping[Any, Any]) -> tuple[dict[str, Any], PhaseL
     return joined.statement(), PhaseLayout(names, states, inputs, joined.name_rows(names))
 
 
-def state_each_phase(given: Mapping[Any, Any]) -> Iterator[tuple[dict[str, Any], Rename]]:
+def state_each_phase(given: Given) -> Iterator[tuple[dict[str, Any], Rename]]:
     """
     Yield the parts of a statement with phases as statements of their own.
 
@@ -144,7 +152,7 @@ def state_each_phase(given: Mapping[Any, Any]) -> Iterator[tuple[dict[str, Any],
         'terminal_cost', 'terminal_constraints')}, str
 
 
-def _state_phase(given: Mapping[Any, Any], k: int) -> dict[str, Any]:
+def _state_phase(given: Given, k: int) -> dict[str, Any]:
     """Return a phase as a statement without costs and constraints at its end."""
     phase, states = given['phases'][k], read_names(given, 'states')
     duration, guess = phase['duration'], dict(phase.get('initial_guess') or {})
@@ -171,7 +179,7 @@ def _state_phase(given: Mapping[Any, Any], k: int) -> dict[str, Any]:
     return part
 
 
-def _rename_phase(k: int, phase: Mapping[Any, Any], message: str) -> str:
+def _rename_phase(k: int, phase: Given, message: str) -> str:
     key = re.split(r'\W', message, maxsplit=1)[0]
     if key == 'final_time':
         of = 'final_time' if isinstance(phase['duration'], Mapping) else 'final_time.value'
@@ -191,7 +199,7 @@ def _indexed(name: str, k: int) -> str:
 class _Joined:
     """The parts of a joined statement."""
 
-    def __init__(self, given: Mapping[Any, Any], phases: list[Mapping[Any, Any]],
+    def __init__(self, given: Given, phases: list[Given],
                  states: tuple[str, ...], inputs: tuple[str, ...], own: Collection[Any]) -> None:
         self._given, self._phases, self._states, self._inputs = given, phases, states, inputs
         self._timed = 't' not in {*states, *inputs, *own}
@@ -220,7 +228,8 @@ class _Joined:
             'terminal_cost': ' + '.join(
                 f'({self._text(cost, k)})' for k, cost in ends if cost is not None) or 0,
             'initial_cost': self._text(self._given.get('initial_cost') or 0, 0, timed=False),
-            'initial_constraints': self._list(self._given, 'initial_constraints', 0, timed=False),
+            'initial_constraints': [self._text(row, 0, timed=False) for row in read_list(
+                self._given, 'initial_constraints')],
             'terminal_constraints': [
                 self._text(row, k) for _, k, row in self._rows('terminal_constraints')],
             'boundary_constraints': [row for k in count[1:] for _, row in self._links(k)],
@@ -266,7 +275,7 @@ class _Joined:
         value = self._phases[k].get(key)
         return self._given.get(key) if value is None else value
 
-    def _section(self, k: int, key: str) -> Mapping[Any, Any]:
+    def _section(self, k: int, key: str) -> Given:
         value = self._get(k, key)
         return {} if value is None else read_mapping(value, f'phases[{k}].{key}')
 
@@ -285,11 +294,6 @@ class _Joined:
             return _indexed(name, k) if name in names else name
 
         return _IDENTIFIER.sub(rename, text)
-
-    def _list(self, of: Mapping[Any, Any], key: str, k: int, *, timed: bool = True) -> list[Any]:
-        value = of.get(key)
-        return [self._text(each, k, timed=timed)
-                for each in ([] if value is None else list_of(value, key))]
 
     def _known(self, name: object, names: tuple[str, ...], where: str) -> str:
         if name not in names:
@@ -323,8 +327,7 @@ class _Joined:
 
     def _add_guess(self, k: int) -> None:
         where = f'phases[{k}].initial_guess'
-        guess = self._phases[k].get('initial_guess')
-        guess = {} if guess is None else read_mapping(guess, where)
+        guess = read_section(self._phases[k], 'initial_guess', where=where)
         check_keys(guess, ('states', 'inputs', 'parameters'), where=where)
         for key, names in (('states', self._states), ('inputs', self._inputs)):
             for name, value in read_section(guess, key).items():
@@ -338,8 +341,7 @@ class _Joined:
     def _links(self, k: int) -> list[tuple[str, str]]:
         """Return the names and the constraints of the states at the start of a phase."""
         where = f'phases[{k}].link'
-        link = self._phases[k].get('link')
-        link = {} if link is None else read_mapping(link, where)
+        link = read_section(self._phases[k], 'link', where=where)
         for name in link:
             self._known(name, self._states, where)
         rows = {name: link.get(name, name) for name in self._states}
@@ -348,10 +350,8 @@ class _Joined:
 
     def _initial_state(self) -> dict[str, Any]:
         """Return the initial states: those of the first phase are given."""
-        start = self._given.get('initial_state')
-        start = {} if start is None else read_mapping(start, 'initial_state')
         first = {_indexed(name, 0) if name in self._states else name: value
-                 for name, value in start.items()}
+                 for name, value in read_section(self._given, 'initial_state').items()}
         return first | {_indexed(name, k): None for k in range(1, len(self._phases))
                         for name in self._states}
 

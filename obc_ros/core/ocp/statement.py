@@ -32,8 +32,10 @@ from obc_ros.core.text.expressions import check_name, parse_number
 from obc_ros.core.text.fields import (
     check_keys,
     evaluate_limits,
+    Given,
     list_of,
     read_bounds,
+    read_list,
     read_mapping,
     read_names,
     read_section,
@@ -113,7 +115,7 @@ def build_problem(mapping: object) -> Problem:
     return replace(problem, units={**problem.units, **_read_units(given)})
 
 
-def _check_each_phase(given: Mapping[Any, Any]) -> None:
+def _check_each_phase(given: Given) -> None:
     """Raise the error of the first phase, or link, that is invalid by itself."""
     for part, rename in state_each_phase(given):
         try:
@@ -122,7 +124,7 @@ def _check_each_phase(given: Mapping[Any, Any]) -> None:
             raise StatementError(rename(str(error))) from None
 
 
-def _read_units(given: Mapping[Any, Any]) -> dict[str, str]:
+def _read_units(given: Given) -> dict[str, str]:
     """Return the units of a statement; those of names that it does not have change nothing."""
     units = read_section(given, 'units')
     for name, unit in units.items():
@@ -132,13 +134,14 @@ def _read_units(given: Mapping[Any, Any]) -> dict[str, str]:
     return {str(name): unit for name, unit in units.items()}
 
 
-def _build_problem(given: Mapping[Any, Any]) -> Problem:
+def _build_problem(given: Given) -> Problem:
     """Build a problem without phases."""
     _bounded_text(given)
     plant = _registered_plant(given) if given.get('system') is not None else _own_plant(given)
     given = call_functions(given, STATED_FUNCTIONS, *plant.arguments)
-    L = expressions.parse_expression(_or_zero(given, 'running_cost'), plant.known, 'running_cost')
-    V = _cost_at_an_end(given, plant, 'terminal_cost')
+    L = _cost(given, plant, 'running_cost')
+    V = _cost(given, plant, 'terminal_cost')
+    _states_only(V, plant, 'terminal_cost')
     psi, literals = _end_constraints(given, plant, 'terminal_constraints')
     path, path_lower, path_upper = _path_constraints(given, plant)
     x_lower, x_upper = _bounds(given, 'state_bounds', plant.states, plant.values)
@@ -196,19 +199,14 @@ def _column(rows: Iterable[ca.SX]) -> ca.SX:
     return ca.vertcat(ca.SX(0, 1), *rows)
 
 
-def _or_zero(given: Mapping[Any, Any], key: str) -> object:
-    value = given.get(key)
-    return 0 if value is None else value
-
-
-def _name(given: Mapping[Any, Any]) -> str:
+def _name(given: Given) -> str:
     name = given.get('name', 'problem')
     if not isinstance(name, str) or len(name) > 200 or not name.isprintable():
         raise StatementError(f'name: wanted a short text, found {describe_type(name)}')
     return name or 'problem'
 
 
-def _bounded_text(given: Mapping[Any, Any]) -> None:
+def _bounded_text(given: Given) -> None:
     """Raise an error if the expressions are too long in total, before any of them is parsed."""
     total = 0
     for key in ('dynamics', 'parameters', 'terminal_constraints', 'initial_constraints',
@@ -231,7 +229,7 @@ def _unknown(name: object, known: tuple[str, ...], where: str, what: str) -> Sta
                           f"{_short(', '.join(known)) or 'none'}")
 
 
-def _own_plant(given: Mapping[Any, Any]) -> _Plant:
+def _own_plant(given: Given) -> _Plant:
     """Return the plant whose states, inputs and dynamics the statement gives."""
     states, inputs = read_names(given, 'states'), read_names(given, 'inputs')
     for name in inputs:
@@ -278,7 +276,7 @@ def _time(names: Collection[str]) -> ca.SX | None:
     return None if TIME in names else ca.SX.sym(TIME)
 
 
-def _free_names(given: Mapping[Any, Any], signals: Collection[str],
+def _free_names(given: Given, signals: Collection[str],
                 parameters: Collection[str]) -> list[str]:
     """Return the names of the free parameters."""
     names = []
@@ -297,7 +295,7 @@ def _free_names(given: Mapping[Any, Any], signals: Collection[str],
     return names
 
 
-def _registered_plant(given: Mapping[Any, Any]) -> _Plant:
+def _registered_plant(given: Given) -> _Plant:
     """Return the plant of the key `system`, a name or a System, with its own parameters."""
     for key in ('states', 'inputs', 'dynamics'):
         if given.get(key):
@@ -362,14 +360,12 @@ def _states_only(expression: ca.SX, plant: _Plant, where: str) -> None:
                                  'appear in terminal costs and constraints')
 
 
-def _cost_at_an_end(given: Mapping[Any, Any], plant: _Plant, key: str) -> ca.SX:
-    """Return the cost at an end of the path."""
-    cost = expressions.parse_expression(_or_zero(given, key), plant.known, key)
-    _states_only(cost, plant, key)
-    return cost
+def _cost(given: Given, plant: _Plant, key: str) -> ca.SX:
+    value = given.get(key)
+    return expressions.parse_expression(0 if value is None else value, plant.known, key)
 
 
-def _end_constraints(given: Mapping[Any, Any], plant: _Plant, key: str,
+def _end_constraints(given: Given, plant: _Plant, key: str,
                      first: dict[str, ca.SX] | None = None
                      ) -> tuple[list[ca.SX], list[tuple[ca.SX, float]]]:
     """
@@ -379,10 +375,9 @@ def _end_constraints(given: Mapping[Any, Any], plant: _Plant, key: str,
     """
     firsts = first or {}
     names = plant.known | firsts
-    value = given.get(key)
     rows: list[ca.SX] = []
     literals: list[tuple[ca.SX, float]] = []
-    for index, text in enumerate([] if value is None else list_of(value, key)):
+    for index, text in enumerate(read_list(given, key)):
         where = f'{key}[{index}]'
         row = expressions.parse_expression(text, names, where)
         _states_only(row, plant, where)
@@ -395,7 +390,7 @@ def _end_constraints(given: Mapping[Any, Any], plant: _Plant, key: str,
     return rows, literals
 
 
-def _bounds(given: Mapping[Any, Any], key: str, names: tuple[str, ...],
+def _bounds(given: Given, key: str, names: tuple[str, ...],
             values: Mapping[str, float], lower: Array | None = None,
             upper: Array | None = None) -> tuple[Array, Array]:
     low = np.full(len(names), -np.inf) if lower is None else lower.copy()
@@ -411,11 +406,10 @@ def _bounds(given: Mapping[Any, Any], key: str, names: tuple[str, ...],
     return low, high
 
 
-def _path_constraints(given: Mapping[Any, Any], plant: _Plant) -> tuple[ca.SX, Array, Array]:
-    value = given.get('path_constraints')
+def _path_constraints(given: Given, plant: _Plant) -> tuple[ca.SX, Array, Array]:
     rows, lower, upper = [], [], []
     names = plant.x | plant.u | plant.free
-    for index, entry in enumerate([] if value is None else list_of(value, 'path_constraints')):
+    for index, entry in enumerate(read_list(given, 'path_constraints')):
         where = f'path_constraints[{index}]'
         entry = read_mapping(entry, where)
         check_keys(entry, ('expr', 'lower', 'upper'), where=where)
@@ -441,13 +435,14 @@ class _Start:
     those of the rows.
     """
 
-    def __init__(self, given: Mapping[Any, Any], plant: _Plant) -> None:
+    def __init__(self, given: Given, plant: _Plant) -> None:
         self._given, self._plant = given, plant
         self._x0 = _initial_state(given, plant)
         self._free = {name: _box(value, plant.values, f'free_parameters.{name}')
                       for name, value in read_section(given, 'free_parameters').items()}
         at_start = replace(plant, time=None)
-        self._cost = _cost_at_an_end(given, at_start, 'initial_cost')
+        self._cost = _cost(given, at_start, 'initial_cost')
+        _states_only(self._cost, at_start, 'initial_cost')
         self._rows, self.literals = _end_constraints(given, at_start, 'initial_constraints')
         self._periodic = _periodic(given, plant)
         self._first = {} if given.get('boundary_constraints') is None else _first_symbols(plant)
@@ -509,7 +504,7 @@ def _first_symbols(plant: _Plant) -> dict[str, ca.SX]:
     return found
 
 
-def _periodic(given: Mapping[Any, Any], plant: _Plant) -> tuple[str, ...]:
+def _periodic(given: Given, plant: _Plant) -> tuple[str, ...]:
     """Return the names of the periodic states."""
     if given.get('periodic') is None:
         return ()
@@ -520,7 +515,7 @@ def _periodic(given: Mapping[Any, Any], plant: _Plant) -> tuple[str, ...]:
     return names
 
 
-def _initial_state(given: Mapping[Any, Any], plant: _Plant) -> list[tuple[float, float]]:
+def _initial_state(given: Given, plant: _Plant) -> list[tuple[float, float]]:
     """Return the bounds of x(0)."""
     wanted = f"a number for each state: {{{', '.join(f'{name}: 0' for name in plant.states[:9])}}}"
     if given.get('initial_state') is None:
@@ -544,7 +539,7 @@ def _initial_value(value: object, values: Mapping[str, float], where: str) -> tu
     return number, number
 
 
-def _final_time(given: Mapping[Any, Any], values: Mapping[str, float]) -> FinalTime:
+def _final_time(given: Given, values: Mapping[str, float]) -> FinalTime:
     forms = '{free: false, value: 5} or {free: true, lower: 0.1, upper: 20}'
     if given.get('final_time') is None:
         raise StatementError(f'final_time: missing; wanted {forms}')
@@ -582,7 +577,7 @@ def _final_time(given: Mapping[Any, Any], values: Mapping[str, float]) -> FinalT
     return FinalTime(free=True, lower=found['lower'], upper=upper, guess=guess)
 
 
-def _check_durations(phases: Iterable[Mapping[Any, Any]], problem: Problem) -> None:
+def _check_durations(phases: Iterable[Given], problem: Problem) -> None:
     """Raise an error if a duration is not valid as a final time."""
     values = dict(zip(problem.parameters, problem.p_value.tolist(), strict=True))
     for k, phase in enumerate(phases):
@@ -601,7 +596,7 @@ def _positive(value: float, where: str) -> float:
     return value
 
 
-def _guess(given: Mapping[Any, Any], plant: _Plant, final_time: FinalTime) -> Guess:
+def _guess(given: Given, plant: _Plant, final_time: FinalTime) -> Guess:
     entry = read_section(given, 'initial_guess')
     check_keys(entry, ('states', 'inputs', 'parameters', 'final_time'), where='initial_guess')
     final = entry.get('final_time')
@@ -615,12 +610,10 @@ def _guess(given: Mapping[Any, Any], plant: _Plant, final_time: FinalTime) -> Gu
                  u=_profiles(entry, 'inputs', plant.inputs, plant.values), final_time=final)
 
 
-def _profiles(entry: Mapping[Any, Any], key: str, names: tuple[str, ...],
+def _profiles(entry: Given, key: str, names: tuple[str, ...],
               values: Mapping[str, float]) -> dict[str, Array]:
     found = {}
-    part = entry.get(key)
-    for name, value in ({} if part is None
-                        else read_mapping(part, f'initial_guess.{key}')).items():
+    for name, value in read_section(entry, key, where=f'initial_guess.{key}').items():
         where = f'initial_guess.{key}.{_short(name)}'
         if name not in names:
             raise _unknown(name, names, where, f'one of the {key}')

@@ -51,10 +51,16 @@ def list_of(value: object, where: str, wanted: str = 'a list', most: int = MAX_C
     return list(value)
 
 
-def read_section(given: Given, key: str, most: int = MAX_COUNT) -> Given:
+def read_section(given: Given, key: str, most: int = MAX_COUNT, where: str = '') -> Given:
     """Return the mapping at a key; empty if the key is absent or its value is None."""
     value = given.get(key)
-    return {} if value is None else read_mapping(value, key, most=most)
+    return {} if value is None else read_mapping(value, where or key, most=most)
+
+
+def read_list(given: Given, key: str, most: int = MAX_COUNT, where: str = '') -> list[Any]:
+    """Return the list at a key; empty if the key is absent or its value is None."""
+    value = given.get(key)
+    return [] if value is None else list_of(value, where or key, most=most)
 
 
 def check_keys(given: Given, known: Sequence[str], others: Sequence[str] = (), where: str = ''

@@ -11,7 +11,6 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 import math
 import time
-from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -27,8 +26,8 @@ from obc_ros.core.text.expressions import check_name, parse_expression, parse_nu
 from obc_ros.core.text.fields import (
     check_keys,
     Given,
-    list_of,
     read_bounds,
+    read_list,
     read_mapping,
     read_names,
     read_section,
@@ -318,16 +317,10 @@ def _question(statement: object) -> _Question:
 def _column(given: Given, key: str, sign: str, symbols: Mapping[str, ca.SX]
             ) -> tuple[ca.SX, list[str]]:
     """Return a list of expressions as a column, with a name for each in messages."""
-    texts = _list(given, key)
+    texts = read_list(given, key, MAX_COUNT)
     column = ca.vertcat(ca.SX(0, 1), *(
         parse_expression(text, symbols, f'{key}[{i}]') for i, text in enumerate(texts)))
     return column, [f'{key}[{i}] ({quote(str(text))} {sign})' for i, text in enumerate(texts)]
-
-
-def _list(given: Given, key: str) -> list[Any]:
-    """Return a list that may be left out."""
-    value = given.get(key)
-    return [] if value is None else list_of(value, key, most=MAX_COUNT)
 
 
 def _parameters(given: Given, names: tuple[str, ...]) -> dict[str, float]:
@@ -352,7 +345,7 @@ def _bounds(given: Given, names: tuple[str, ...], values: dict[str, float]) -> t
 
 
 def _guess(given: Given, names: tuple[str, ...], values: dict[str, float]) -> Array | None:
-    guess = _list(given, 'guess')
+    guess = read_list(given, 'guess', MAX_COUNT)
     if not guess:
         return None
     if len(guess) != len(names):

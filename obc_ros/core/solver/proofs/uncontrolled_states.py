@@ -205,7 +205,7 @@ def _uncontrollable(problem: Problem) -> tuple[list[RationalRow], Exact, Exact]:
     for _ in range(n):
         before = len(moved)
         more = [{k: value for k, value in enumerate(column) if value} for column in columns]
-        moved = list(reduce_rows([*moved, *more]).values())
+        moved = list(reduce_rows([*moved, *more])[0].values())
         if len(moved) == before:
             break
         columns = make_dense(moved, n) @ A.T
