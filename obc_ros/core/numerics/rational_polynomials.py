@@ -258,15 +258,15 @@ def reduce_rows(rows: Iterable[RationalRow], columns: float = inf
         row = dict(given)
         for pivot in [column for column in row if column in found]:
             row = _add_sparse(row, found[pivot], -row[pivot])
-        pivot = min((column for column in row if column < columns), default=None)
-        if pivot is None:
+        first = min((column for column in row if column < columns), default=None)
+        if first is None:
             rest.append(row)
             continue
-        row = {column: value / row[pivot] for column, value in row.items()}
+        row = {column: value / row[first] for column, value in row.items()}
         for other, each in found.items():
-            if pivot in each:
-                found[other] = _add_sparse(each, row, -each[pivot])
-        found[pivot] = row
+            if first in each:
+                found[other] = _add_sparse(each, row, -each[first])
+        found[first] = row
     return found, rest
 
 
