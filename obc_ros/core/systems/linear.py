@@ -17,7 +17,7 @@ Matrix = Array | Sequence[float] | Sequence[Sequence[float]]
 MAX_STATES = 200
 
 
-def system(A: Matrix = (), B: Matrix = (), states: str = '', inputs: str = '') -> System:
+def define_linear(A: Matrix = (), B: Matrix = (), states: str = '', inputs: str = '') -> System:
     """
     Return x' = A x + B u.
 

@@ -10,32 +10,31 @@ Another package registers a system by an entry point, a callable that returns a 
 """
 
 from collections.abc import Callable, Mapping
-import difflib
 from importlib import metadata
 import inspect
 from pathlib import Path
 from typing import Any
 
-from obc_ros.core.systems import aircraft, linear, textbook, vehicle
+from obc_ros.core.systems import linear, textbook, vehicles
 from obc_ros.core.systems.file import load_system
 from obc_ros.core.systems.system import System
-from obc_ros.core.text.errors import DynamicsError, ObcError, quote
+from obc_ros.core.text.errors import DynamicsError, ObcError, quote, suggest_name
 
 __all__ = ['get_options', 'get_registered', 'get_system', 'is_file', 'list_systems', 'load_system']
 
 GROUP = 'obc_ros.systems'
 
 _OWN: dict[str, Callable[..., System]] = {
-    'aircraft': aircraft.system,
-    'vehicle': vehicle.system,
-    'vehicle_lateral': vehicle.lateral,
-    'two_wheeled': vehicle.define_two_wheeled,
+    'aircraft': vehicles.define_aircraft,
+    'vehicle': vehicles.define_vehicle,
+    'vehicle_lateral': vehicles.define_lateral,
+    'two_wheeled': vehicles.define_two_wheeled,
     'double_integrator': textbook.define_double_integrator,
     'scalar': textbook.define_scalar,
     'cubic': textbook.define_cubic,
     'nonholonomic_integrator': textbook.build_nonholonomic_integrator,
     'brockett': textbook.define_brockett,
-    'linear': linear.system,
+    'linear': linear.define_linear,
 }
 # Errors that code of another package may raise; the message quotes their type and text.
 _FAULTS = (ArithmeticError, AssertionError, AttributeError, ImportError, LookupError, NameError,
@@ -111,11 +110,9 @@ def _factory(name: str) -> Callable[..., System]:
     others = _entry_points()
     if name not in others:
         known = (*_OWN, *sorted(others))
-        near = difflib.get_close_matches(name[:64], known, n=1)
-        hint = f" (did you mean '{near[0]}'?)" if near else ''
-        raise DynamicsError(f"unknown system '{quote(name)}'{hint}; known systems: "
-                            f"{', '.join(known)} (or the path of a YAML file, except in a "
-                            'request)')
+        raise DynamicsError(f"unknown system '{quote(name)}'{suggest_name(name, known)}; known "
+                            f"systems: {', '.join(known)} (or the path of a YAML file, except in "
+                            'a request)')
     entry = others[name]
     try:
         factory = entry.load()

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from obc_ros.core.receding.formulation import RecedingProblem, state_receding_problem
 from obc_ros.core.receding.step_solver import STEP_TOLERANCE, StepSolver
-from obc_ros.core.systems import aircraft
 from obc_ros.core.systems.file import build_system
 from obc_ros.core.systems.registry import get_system
+from obc_ros.core.systems.vehicles import define_aircraft
 from obc_ros.core.text.errors import StatementError
 import pytest
 from receding_problems import make_receding
@@ -29,7 +29,7 @@ def integrator(**change: object) -> RecedingProblem:
 def flying(**limits: object) -> RecedingProblem:
     """Return the aircraft with limits, at 50 Hz."""
     return state_receding_problem(
-        aircraft.system(), horizon=20, period=0.02, limits=limits,
+        define_aircraft(), horizon=20, period=0.02, limits=limits,
         weights={'Qx': [10, 10, 1, 1, 1, 1], 'Qu': [0.1, 0.1]})
 
 
@@ -132,7 +132,7 @@ def test_a_limit_that_disturbances_exceed_a_little_is_no_reason_for_a_fall(
         loose: dict[str, list[float]]) -> None:
     """The thrust stays near the weight while the speed is measured about its limit."""
     solver = StepSolver(state_receding_problem(
-        aircraft.system(), horizon=20, period=0.02,
+        define_aircraft(), horizon=20, period=0.02,
         limits={'state_bounds': {'theta': [-0.2, 0.2], 'vx': [-0.4, 0.4], **loose},
                 'input_bounds': {'f1': [-6, 6], 'f2': [20, 60]}}), compiled=False)
     rng, plans, excesses = np.random.default_rng(0), [], []
