@@ -18,12 +18,7 @@ def compute_gauss_points(stages: int) -> Array:
 
 
 def evaluate_lagrange(points: Array, at: Array | float, order: int = 0) -> Array:
-    """
-    Evaluate the Lagrange polynomials, each of which is 1 at its point and 0 at the others.
-
-    :param order: order of the derivative; 0: the values.
-    :return: (..., s).
-    """
+    """Return values, or derivatives, of the Lagrange polynomials of distinct points, (..., s)."""
     return np.stack([np.polyder(each, order)(at) for each in _polynomials(points)], axis=-1)
 
 
@@ -38,7 +33,6 @@ def build_collocation(stages: int, kind: str = 'legendre') -> tuple[Array, Array
     """
     Return points, weights and differentiation matrix of a collocation method on [0, 1].
 
-    :param stages: number of collocation points s.
     :param kind: 'legendre': Gauss-Legendre points. 'radau': Radau points, the last of which is 1.
     :return: c, b: (s,), points and quadrature weights; D: (s, s + 1), derivatives at the points of
         the polynomial through the values at 0 and the points; e: (s + 1,), its value at 1 is e

@@ -32,7 +32,6 @@ class Instructions:
 
         :param read: returns the value of entry k of input i; called as read(i, k), where it is
             used.
-        :param constant: returns the value of a number.
         :param apply: returns the result of an operation of CasADi; called as apply(operation,
             operands).
         :return: the nonzero entries of each output.
@@ -62,12 +61,7 @@ def apply_to_expressions(operation: int, operands: list[ca.SX]) -> ca.SX:
 
 
 def find_dependence(expressions: ca.SX, symbols: ca.SX) -> Mask:
-    """
-    Return which symbols appear in which expressions.
-
-    :param expressions, symbols: columns of lengths r and k.
-    :return: (r, k).
-    """
+    """Return which of k symbols appear in which of r expressions, (r, k)."""
     found: Mask = np.zeros((expressions.numel(), symbols.numel()), dtype=bool)
     found[ca.jacobian_sparsity(expressions, symbols).get_triplet()] = True
     return found
@@ -81,8 +75,6 @@ def separate_numbers(expressions: ca.SX, arguments: Sequence[ca.SX]
     While it differentiates, CasADi combines numbers in double precision, but no symbols. Powers of
     2 and 0 remain, since their products are exact.
 
-    :param expressions: a column of length r.
-    :param arguments: columns of all symbols that occur.
     :return: the expressions (r,), the symbols (k,) and their numbers (k,).
     """
     symbols: dict[float, ca.SX] = {}
@@ -107,7 +99,6 @@ def make_norms_differentiable(expressions: Sequence[ca.SX], arguments: Sequence[
     derivative of sqrt(a^2 + b^2) a, and one of Clarke's generalized gradients of the root. A
     root of anything else, as sqrt(a), remains.
 
-    :param arguments: columns of all symbols that occur.
     :param but: symbols whose roots remain as they are.
     :return: the same objects if no such root occurs.
     """

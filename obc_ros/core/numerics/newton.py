@@ -17,13 +17,9 @@ def take_damped_steps(now: Point, step: Callable[[Point, float], Step | None],
     """
     Reduce the size of a residual by damped steps.
 
-    :param now: where to start.
     :param step: returns the step from a point, None if no further one is wanted; called as
         step(point, before) with the size of the residual before the last step, at first inf.
     :param move: returns the point after a part of a step; called as move(point, step, part).
-    :param size: returns the size of the residual at a point.
-    :param parts: parts of a step that are tried in turn.
-    :param most: maximum number of steps.
     :return: the last one. A step of which no part reduces the residual ends the iteration.
     """
     before, left = math.inf, size(now)

@@ -205,8 +205,6 @@ def read_polynomials(function: ca.Function, values: Sequence[Sequence[float | No
 
     :param values: the entries of each input: a number, or None for a symbol. Symbols are numbered
         in this order.
-    :return: algebra: the generators of the polynomials; polynomials: one for each nonzero of the
-        output.
     :raises TooHardError: if there are too many terms, or a number is not finite.
     """
     place = {(i, k): number for number, (i, k) in enumerate(
@@ -224,12 +222,7 @@ def read_polynomials(function: ca.Function, values: Sequence[Sequence[float | No
 
 
 def split_affine(a: Polynomial, symbols: int) -> tuple[list[Fraction], Fraction] | None:
-    """
-    Split an affine polynomial into coefficients and constant.
-
-    :return: coefficients of the symbols, and the constant; None if `a` is not affine in the
-        symbols.
-    """
+    """Return coefficients of the symbols and the constant; None if `a` is not affine in them."""
     row, rest = [Fraction(0)] * symbols, Fraction(0)
     for monomial, value in a.items():
         if monomial == _ONE:

@@ -65,12 +65,7 @@ DORMAND_PRINCE = _read(
 
 
 def take_step(tableau: Tableau, f: Slope, x: ca.SX, s: ca.SX, h: ca.SX) -> tuple[ca.SX, ca.SX]:
-    """
-    Return x at s + h, and its difference from the step of lower order.
-
-    :param f: f(x, s), shape (n, 1).
-    :return: x, difference: (n, 1), the difference is 0 if the method has no step of lower order.
-    """
+    """Return x at s + h, and its difference from the step of lower order, 0 without one."""
     slopes: list[ca.SX] = []
     for row, c in zip(tableau.A, tableau.c, strict=True):
         slopes.append(f(x + _moved(row, slopes, h), s + c * h))

@@ -7,12 +7,7 @@ from obc_ros.core.numerics.arrays import Array, Mask
 
 
 def interpolate_columns(at: Array | float, t: Array, values: Array) -> Array:
-    """
-    Interpolate each column linearly; outside of the samples the nearest one is used.
-
-    :param t: (N,), places of the samples, not decreasing.
-    :param values: (N, n), the samples.
-    """
+    """Interpolate each column of values (N, n) at t (N,) linearly, by the nearest outside."""
     return np.stack([np.interp(at, t, column) for column in values.T], axis=-1)
 
 

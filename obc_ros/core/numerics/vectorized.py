@@ -161,12 +161,7 @@ class _ByColumn:
 
 
 class Chain:
-    """
-    A recursion z_(k+1) = F(z_k, w_k), evaluated for the rows w_k of arrays.
-
-    :param given: columns of symbols, together w.
-    :param after: F, an expression of these symbols of the shape of z.
-    """
+    """A recursion z_(k+1) = F(z_k, w_k), evaluated for the rows w_k of arrays."""
 
     def __init__(self, z: ca.SX, given: Sequence[ca.SX], after: ca.SX) -> None:
         steps = ca.Function('step', [z, _stacked(given)], [ca.densify(after)]).mapaccum(_FEW)
@@ -174,19 +169,13 @@ class Chain:
         self._buffer: tuple[Any, Any] = steps.buffer()
 
     def __call__(self, first: Array, *given: Array) -> Array:
-        """
-        Return z after each step, shape (K, length of z).
-
-        :param first: (length of z,), z before the first step.
-        :param *given: (K, length) or (length,), a single row is used for all K steps.
-        """
+        """Return z (K, length of z) after each step from `first`; a single row is used for all."""
         return np.asarray(self.each(first, *given)[0])
 
     def each(self, first: Array, *given: Array) -> Array:
         """
         Return z after each step of R sequences from the same z, shape (R, K, length of z).
 
-        :param first: (length of z,), z before the first step.
         :param *given: (R, K, length) or broadcast to it, R and K are read from the first array.
         """
         courses, count = len(given[0]) if given[0].ndim == 3 else 1, given[0].shape[-2]

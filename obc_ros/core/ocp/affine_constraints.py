@@ -40,7 +40,6 @@ class End:
     :ivar rows: the constraints A x + b = 0 by their numbers; b is in column n.
     :ivar x: a state that meets them, shape (n,), unless there is a clash.
     :ivar directions: a basis of the null space of A.
-    :ivar clash: a contradiction between the constraints.
     :ivar is_clear: whether the rank of A is clear numerically. If rows are nearly dependent,
         states far away nearly meet the constraints.
     """
@@ -59,12 +58,7 @@ class End:
 
 
 def find_affine_end(problem: Problem) -> End | None:
-    """
-    Find the states that satisfy all affine terminal constraints.
-
-    :return: None if there are no affine constraints, or if they are too large for exact
-        arithmetic.
-    """
+    """Return the states that satisfy all affine terminal constraints, if exact arithmetic can."""
     n = problem.n
     psi = ca.Function('psi', [problem.x, problem.p], [ca.densify(problem.psi)])
     rows = read_affine_rows(psi, [[None] * n, problem.p_value]) if problem.q else {}

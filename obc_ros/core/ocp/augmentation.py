@@ -144,7 +144,6 @@ def restore_added_states(problem: Problem, solution: Solution) -> Solution:
     """
     Return a solution with the states of the problem, from one with those of the statement.
 
-    :param solution: as `hide_added_states` returns it.
     :return: the costates of additional states are 0. They act on no other costate and on no input.
         With phases, the solution as it is.
     """

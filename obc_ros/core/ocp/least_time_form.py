@@ -53,11 +53,7 @@ class _Form:
 
 
 def find_target(problem: Problem) -> Target | None:
-    """
-    Return the target of a minimum-time problem.
-
-    :return: None for a problem that is not of this form.
-    """
+    """Return the target of a minimum-time problem; None for another problem."""
     if not (problem.final_time.free and problem.boxed.all() and problem.q) or problem.constrained:
         return None
     form = _form(problem)
@@ -72,11 +68,7 @@ def find_target(problem: Problem) -> Target | None:
 
 
 def find_affine_dynamics(problem: Problem) -> Affine | None:
-    """
-    Return the coefficients of affine dynamics.
-
-    :return: None if the dynamics are not affine in (x, u), or not finite at 0.
-    """
+    """Return the coefficients of affine dynamics; None if they are not, or not finite at 0."""
     form = _form(problem)
     if not form.is_affine:
         return None
@@ -116,12 +108,7 @@ def _new_form(problem: Problem) -> _Form:
 
 
 def get_final_time(problem: Problem) -> float:
-    """
-    Return the given final time [s], or the initial guess of a free one.
-
-    :return: T [s]; if it is free, the guess of the problem, clipped to the bounds. Without a
-        guess, the geometric mean of the bounds.
-    """
+    """Return T [s] if it is given, else its guess, or the geometric mean of its bounds."""
     final = problem.final_time
     if not final.free:
         return final.value

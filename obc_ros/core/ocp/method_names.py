@@ -9,11 +9,7 @@ NAMES = (AUTO, 'riccati', 'time_optimal', 'reeds_shepp', 'transcription', 'arcs'
 
 
 def get_method(value: object) -> str:
-    """
-    Return the name of a method as a user wrote it; None and '' mean 'auto'.
-
-    :raises StatementError: if there is no such method.
-    """
+    """Return the name of a method as a user wrote it; None and '' mean 'auto'."""
     if value is None or value == '':
         return AUTO
     if not isinstance(value, str):

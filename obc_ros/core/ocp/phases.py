@@ -74,8 +74,6 @@ class PhaseLayout:
         """
         Return samples of all phases, one phase after the other.
 
-        :param times: (N,), normalised times, from 0 to 1.
-        :param durations: (phases,), of the phases [s].
         :param *columns: (N, phases * m), values of the phases side by side.
         :return: t: (phases * N,), times [s]; *values: (phases * N, m).
         """
@@ -99,12 +97,7 @@ class PhaseLayout:
 
 
 def state_as_one_phase(given: Given) -> tuple[dict[str, Any], PhaseLayout]:
-    """
-    Return the statement with one phase that is equivalent to one with phases.
-
-    :return: statement: without it; layout: what its states and inputs are.
-    :raises StatementError: if the phases are invalid.
-    """
+    """Return the statement with one phase that is equivalent to one with phases."""
     for key in _UNUSED:
         if given.get(key) is not None:
             raise StatementError(f'{key}: not for a problem with phases; ' + (
@@ -136,7 +129,6 @@ def state_each_phase(given: Given) -> Iterator[tuple[dict[str, Any], Rename]]:
 
     An error in one of them is an error of the statement, in its own names and texts.
 
-    :param given: with the key `phases`, which `state_as_one_phase` accepts.
     :yield: statement: without it: a phase, a link, or the end of the last phase; rename: returns a
         message about this part as one about the whole statement.
     """

@@ -43,13 +43,7 @@ class FinalTime:
         return self.upper if self.free else self.value
 
     def place_end(self, t: Array) -> Array:
-        """
-        Return times whose last one is a given T exactly, not the rounded sum of intervals.
-
-        :param t: (N,), times of a path [s], nondecreasing; those that equal the last one go with
-            it.
-        :return: (N,).
-        """
+        """Return times (N,) with the given T exactly in place of the rounded sum of intervals."""
         return t if self.free else np.where(t < t[-1], np.minimum(t, self.value), self.value)
 
 

@@ -113,7 +113,6 @@ class Certificate:
                 for key, tolerance in self.tolerances.items()]
 
     def __str__(self) -> str:
-        """Return a table of the conditions."""
         return format_table(('condition', 'residual', 'tolerance', 'verdict'), self.rows())
 
     def _size(self, key: str) -> float:

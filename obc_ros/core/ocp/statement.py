@@ -98,7 +98,6 @@ def build_problem(mapping: object) -> Problem:
     :return: parameters are symbols, and so are the numbers in terminal constraints (except
         exponents), which follow the named parameters in `p`. Hence problems that differ only in
         parameters, initial state, goal, bounds or final time have the same `structure`.
-    :raises StatementError: if the statement is invalid; the message begins with the key at fault.
     """
     given = read_mapping(mapping, 'problem')
     check_keys(given, FOR_THE_SOLVER, OF_A_PLANT + FOR_PEOPLE)
@@ -177,12 +176,7 @@ def _build_problem(given: Given) -> Problem:
 
 
 def load_file(path: str | Path) -> list[dict[str, Any]]:
-    """
-    Read the mappings in a YAML file: one, or a list of them.
-
-    :raises StatementError: if the file cannot be read, is too long, is not YAML, or contains a key
-        twice, or if an entry is not a mapping.
-    """
+    """Read the mappings in a YAML file, one or a list of them, all of them valid entries."""
     mappings = []
     for _, entry in read_entries(path):
         if isinstance(entry, StatementError):

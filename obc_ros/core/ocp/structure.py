@@ -22,10 +22,7 @@ def find_switching_inputs(problem: Problem) -> tuple[bool, ...]:
 
 def find_idle_inputs(problem: Problem) -> tuple[bool, ...]:
     """
-    Return for each input whether it appears neither in L nor in a rate that matters at T.
-
-    :return: length m, True if the input appears neither in L nor in dx_i/dt of a state x_i in V or
-        psi.
+    Return for each input whether it appears neither in L nor in a rate of a state in V or psi.
     """
     x, u = problem.x, problem.u
     ends = find_dependence(ca.vertcat(problem.V, problem.psi), x).any(axis=0)
@@ -52,22 +49,14 @@ def find_shared_inputs(problem: Problem) -> Mask:
 
 
 def find_mixed_equalities(problem: Problem) -> Mask:
-    """
-    Return the inputs of each path constraint that is an equality of states and inputs.
-
-    :return: (k, m), a row for each of the k equalities.
-    """
+    """Return the inputs of each path equality of states and inputs, (equalities, m)."""
     inputs = np.asarray(find_dependence(problem.path, problem.u))
     mixed = inputs.any(axis=1) & find_dependence(problem.path, problem.x).any(axis=1)
     return np.asarray(inputs[(problem.path_lower == problem.path_upper) & mixed])
 
 
 def find_clocks(problem: Problem) -> Mask:
-    """
-    Return the states with a given x(0) whose rates are constant, for example a time.
-
-    :return: (n,), with T given, such a state is a known function of time.
-    """
+    """Return the states with a given x(0) and a constant rate, for example a time, (n,)."""
     z = ca.vertcat(problem.x, problem.u)
     steady = [not ca.depends_on(rate, z) for rate in ca.vertsplit(problem.f)]
     return np.array(steady) & problem.given_at_start
@@ -91,7 +80,6 @@ def make_differentiable(problem: Problem) -> Problem:
     """
     Return a problem in whose expressions norms of states have derivatives at 0.
 
-    :param problem: any problem, as one with the drag sqrt(vx^2 + vy^2) vx that begins at rest.
     :return: to be differentiated, not for proofs: a norm that is 0 becomes 1e-150. `problem`
         itself if no norm of states alone occurs.
     """

@@ -54,11 +54,7 @@ def describe_sum(terms: Iterable[tuple[str, float]], times: str = '*') -> str:
 
 
 def find_affine_rows(problem: Problem) -> AffineRows | None:
-    """
-    Return the coefficients of the affine terminal constraints.
-
-    :return: None if there are no terminal constraints. Rows of nonlinear ones have no meaning.
-    """
+    """Return the coefficients of the affine terminal constraints; None without constraints."""
     if not problem.q:
         return None
     slope = ca.jacobian(problem.psi, problem.x)

@@ -104,11 +104,7 @@ class PlantFlow:
         return snap_to_grid(gust.start / dt), snap_to_grid((gust.start + gust.duration) / dt)
 
     def run(self, now: float, stop: float) -> None:
-        """
-        Integrate from now to stop [steps]; inputs and gust must not jump in between.
-
-        :raises DynamicsError: if the adaptive integrator cannot keep to the tolerance.
-        """
+        """Integrate from now to stop [steps]; inputs and gust must not jump in between."""
         gusty = bool(self.edges) and self.edges[0] <= now < self.edges[1]
         if gusty not in self._kernels:
             self._kernels[gusty] = self._compiled(gusty)

@@ -60,11 +60,7 @@ class Pacing:
 
 
 def choose_step(dt: float, publish_rate: float) -> tuple[float, int]:
-    """
-    Return the step, at most dt, and the number of steps in a publishing period.
-
-    :raises StatementError: if there are more than `MOST_STEPS` steps.
-    """
+    """Return the step [s], at most dt, and the number of steps in a publishing period."""
     steps = max(1, math.ceil(1.0 / (publish_rate * dt) - 1e-9))
     if steps > MOST_STEPS:
         raise StatementError(f'dt = {dt:g} s requires {steps} steps per published state at '
@@ -76,16 +72,13 @@ class PacedPlant:
     """
     A simulator that a node polls; the first state must be published at once.
 
-    :ivar sample: (n,), the last published state, with noise.
     :ivar stamp: its stamp [ns].
     :ivar answered: whether a command for it has arrived.
-    :ivar fault: why the plant has stopped; empty: it has not.
     :ivar behind: delay of the published states after their stamps [s].
     :ivar published, resent, unanswered: numbers of states: published, published again, and
         replaced by the next one before their command arrived (from the first command on).
     :ivar accepted, repeated, rests, held_up: numbers of accepted commands, of further commands for
         the same state, of time-outs of the commands, and of delays of the plant.
-    :ivar dropped: dropped commands by reason.
     """
 
     def __init__(self, simulator: Simulator, pacing: Pacing, now: float, wall: int) -> None:
@@ -182,10 +175,9 @@ class PacedPlant:
 
     def command(self, stamp: int, u: Sequence[float] | Array, now: float) -> str:
         """
-        Receive a command.
+        Receive a command; return why it is dropped, or ''.
 
         :param stamp: stamp of the state that the command is for [ns]; 0: none.
-        :return: why it is dropped; empty: it is accepted.
         """
         reason = self._stale(stamp)
         if reason:

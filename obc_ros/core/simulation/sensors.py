@@ -61,9 +61,7 @@ class Sensors:
     """
     The sensors of a plant whose states come at a fixed rate.
 
-    :param outputs: by the name of the output; outputs without a rate are not measured.
     :param state_rate: states per simulated second [Hz], a multiple of each rate.
-    :param seed: seed of noise and drop-outs.
     :ivar settings: what the measurements depend on, to compare two objects.
     """
 
@@ -81,11 +79,9 @@ class Sensors:
         self.reset()
 
     def __repr__(self) -> str:
-        """Return what the measurements depend on."""
         return f'Sensors{self.settings}'
 
     def __len__(self) -> int:
-        """Return the number of sensors."""
         return len(self._sensors)
 
     def reset(self) -> None:
@@ -100,7 +96,6 @@ class Sensors:
 
         :param count: number of the state since the start; one that was taken before gives nothing.
         :param stamp: of the state [ns].
-        :param x, u: (n,), (m,), state and input, without noise.
         """
         if count == self._last or not self._sensors:
             return []

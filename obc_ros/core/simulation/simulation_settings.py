@@ -47,7 +47,6 @@ class Conditions:
     :ivar input_delay: from a command to its effect [s].
     :ivar noise: (n,) standard deviation of each published state.
     :ivar disturbance: (n,) constant addition to each state's derivative.
-    :ivar seed: seed of the noise; not negative.
     """
 
     dt: float = 1e-3

@@ -29,7 +29,6 @@ class Simulator:
     :param x0: (n,), optional, initial state; the system's set point if left out.
     :param u0: (m,), optional, input until the first command; `compute_resting_input` of x0 if left
         out.
-    :raises ObcError: if an argument has a wrong length or value.
     :ivar system, conditions: those in use; the lists of the conditions have their full length.
     :ivar steps: steps since the start.
     :ivar target: (m,) the command in effect, within the limits.
@@ -118,12 +117,7 @@ class Simulator:
             self._take_effect(self.steps, values)
 
     def advance(self, steps: int = 1) -> None:
-        """
-        Integrate a number of steps.
-
-        :raises DynamicsError: if the state exceeds the range of double precision or the tolerance
-            cannot be kept; state and time are unchanged.
-        """
+        """Integrate a number of steps; with a DynamicsError, state and time are unchanged."""
         flow, before = self._flow, self._flow.x[:]
         now, end = float(self.steps), float(self.steps + steps)
         try:

@@ -26,7 +26,6 @@ def build_lateral_reference(y: Array, dy: Array, ddy: Array, speed: float, lengt
     :param y, dy, ddy: (N,), position across the road [m] and its derivatives.
     :param speed, length: v [m/s] and wheelbase l [m].
     :return: x: (N, 2), py [m], theta [rad]; u: (N, 1), phi [rad].
-    :raises StatementError: if |dy| reaches the speed of the vehicle.
     """
     if not np.abs(dy).max(initial=0.0) < speed:
         raise StatementError(f'the course requires a lateral speed of {np.abs(dy).max():.3g} '

@@ -71,11 +71,7 @@ def find_equilibrium(
 
 
 def find_nearest_equilibrium(system: System, x: Array, u: Array) -> Equilibrium:
-    """
-    Find the equilibrium next to a state that nearly is one, such as the end of a solution.
-
-    Newton's method solves first for the inputs alone, then for states and inputs.
-    """
+    """Find the equilibrium next to a state that nearly is one, first by the inputs alone."""
     inputs, held = np.arange(system.n + system.m) >= system.n, ~_may_move_on(system)
     best = _solve(system, np.concatenate([x, u]), inputs, held)
     best = _newton(system, np.concatenate([best.x, best.u]), inputs | True, held)
@@ -83,11 +79,7 @@ def find_nearest_equilibrium(system: System, x: Array, u: Array) -> Equilibrium:
 
 
 def linearize(system: System, x: Array, u: Array) -> tuple[Array, Array]:
-    """
-    Return A = df/dx (n, n) and B = df/du (n, m), all finite.
-
-    :raises DynamicsError: if a derivative is not finite there.
-    """
+    """Return A = df/dx (n, n) and B = df/du (n, m); a DynamicsError if one is not finite."""
     A, B = system.jacobians(x, u)
     for matrix, by in ((A, system.states), (B, system.inputs)):
         for i, j in np.argwhere(~np.isfinite(matrix)):

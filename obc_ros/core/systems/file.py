@@ -61,11 +61,7 @@ def load_system(path: str | Path) -> System:
 
 
 def load_plant(path: str | Path) -> dict[str, Any]:
-    """
-    Read the keys of a system from a YAML file, for `build_system` in another process.
-
-    :return: keys of a system without those of a task; they are valid, and ``name`` is among them.
-    """
+    """Read the keys of a system, without those of a task, for `build_system` elsewhere."""
     system, given = _load(path)
     return {key: given[key] for key in PLANT if key in given} | {'name': system.name}
 
@@ -84,14 +80,7 @@ def _load(path: str | Path) -> tuple[System, Given]:
 
 
 def build_system(statement: object) -> System:
-    """
-    Return the system of a mapping with the keys of a system file.
-
-    :param statement: the mapping. `dynamics` may be a Python function of named CasADi symbols
-        (`stated_functions`).
-    :raises StatementError: if a key is unknown, or a value is malformed. The message begins with
-        the key.
-    """
+    """Return the system of a mapping with the keys of a system file; see `stated_functions`."""
     return _system(read_mapping(statement, 'system'), 'system', {})
 
 

@@ -53,10 +53,6 @@ def get_system(name: str, parameters: Mapping[str, Any] | None = None, **options
     :param name: a name that ends in ``.yaml`` or ``.yml`` is a path; see `load_system`. Use
         `get_registered` for a name in a request: a client must not be able to read files.
     :param parameters: values of parameters other than the defaults; it may contain options too.
-    :param options: arguments that define the system: A and B of ``linear``, m of ``brockett``.
-    :raises DynamicsError: if the system is unknown or cannot be loaded, or a parameter is unknown
-        or out of range.
-    :raises StatementError: if a file is malformed.
     """
     if not is_file(name):
         return get_registered(name, parameters, **options)

@@ -51,7 +51,6 @@ class RobotFields:
 
     :ivar commands: of each message in `COMMANDS` that carries the inputs: expression by field.
     :ivar odometry: index of the state and sign, by field.
-    :ivar plane: as in `System`.
     """
 
     commands: Mapping[str, Mapping[str, ca.SX]] = field(default_factory=dict)

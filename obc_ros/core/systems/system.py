@@ -52,17 +52,14 @@ class System:
         the actuator.
     :ivar parameters: in the order of p, with the values in use.
     :ivar x, u, p: symbols, columns of length n, m and number of parameters.
-    :ivar xdot: f(x, u; p), shape (n, 1).
     :ivar setpoint, setpoint_input: default set point (n,) and initial guess of the input there
         (m,).
-    :ivar description: one line for lists of systems.
     :ivar plane: plane of px, py and theta: 'horizontal' (seen from above, py to the left of px) or
         'vertical' (py up); theta counter-clockwise from px to py. Empty: not a rigid body.
     :ivar rebuild: returns this system with other parameter values. It is needed if limits or the
         set point depend on parameters; None: only `p_value` changes.
     :ivar outputs: what sensors measure, in the order of y (q,). Empty: all states.
     :ivar y: h(x, u; p), shape (q, 1). Without `outputs` it is x.
-    :ivar robot: which fields of the messages of robots the states and inputs are.
     """
 
     name: str
@@ -176,12 +173,7 @@ class System:
         return y.full().ravel(), hx.full()
 
     def with_parameters(self, values: Mapping[str, float]) -> 'System':
-        """
-        Return this system with other parameter values.
-
-        :param values: new values by name; the other parameters keep theirs.
-        :raises DynamicsError: if a name is unknown or a value is not finite or out of its range.
-        """
+        """Return this system with other values of some parameters."""
         known = {parameter.name: parameter for parameter in self.parameters}
         for name in values:
             if name not in known:
@@ -218,15 +210,10 @@ def define(
     :param name, description, plane, rebuild: as in `System`.
     :param dynamics: called with the symbols of states, inputs and parameters; returns the n
         expressions dx/dt.
-    :param setpoint, setpoint_input: default: zeros.
-    :param outputs: in the order of y (q,); empty: all states.
     :param output_map: called as `dynamics`; returns the q expressions y. An output that is a state
         with an angle is an angle.
     :param ros: which fields of messages the states and inputs are, as for `read_robot_fields`. The
         state that is the heading of a body in a plane is an angle.
-    :raises DynamicsError: if `dynamics` or `output_map` does not return as many expressions as
-        needed, or a parameter is out of its range.
-    :raises StatementError: if `ros` is malformed.
     """
     x, u, p = (ca.vertcat(*(ca.SX.sym(each.name) for each in signals)) if signals else ca.SX(0, 1)
                for signals in (states, inputs, parameters))

@@ -13,11 +13,7 @@ MAX_M = 50
 
 
 def define_scalar() -> System:
-    """
-    Return x' = a x + b u.
-
-    Book, Example 2.2; Exercise 2.9; with -a for a, Exercise 2.4.
-    """
+    """Return x' = a x + b u (Example 2.2; Exercise 2.9; with -a for a, Exercise 2.4)."""
     return define(
         'scalar',
         states=(Signal('x'),),
@@ -28,11 +24,7 @@ def define_scalar() -> System:
 
 
 def define_cubic() -> System:
-    """
-    Return x' = -a x^3 + b u.
-
-    Book, Exercise 2.5.
-    """
+    """Return x' = -a x^3 + b u (Exercise 2.5)."""
     return define(
         'cubic',
         states=(Signal('x'),),
@@ -43,11 +35,7 @@ def define_cubic() -> System:
 
 
 def define_double_integrator() -> System:
-    """
-    Return the double integrator x1' = x2, x2' = u.
-
-    Book, Examples 2.3 and 2.4.
-    """
+    """Return the double integrator x1' = x2, x2' = u (Examples 2.3 and 2.4)."""
     return define(
         'double_integrator',
         states=(Signal('x1', 'm', description='position'),
@@ -59,11 +47,7 @@ def define_double_integrator() -> System:
 
 
 def build_nonholonomic_integrator() -> System:
-    """
-    Return the nonholonomic integrator x1' = u1, x2' = u2, x3' = x2 u1 with |ui| <= 1.
-
-    Book, Example 2.6.
-    """
+    """Return x1' = u1, x2' = u2, x3' = x2 u1 with limits 1 of both inputs (Example 2.6)."""
     return define(
         'nonholonomic_integrator',
         states=(Signal('x1'), Signal('x2'), Signal('x3')),

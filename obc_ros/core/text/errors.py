@@ -37,11 +37,7 @@ class RefusedReferenceError(ObcError):
 
 
 def quote(text: str, longest: int | None = 60) -> str:
-    """
-    Return a text from outside in a form that is safe in a message.
-
-    :param longest: largest number of characters kept; None: all.
-    """
+    """Return a text from outside on one line, escaped and at most `longest` characters long."""
     if longest is not None and len(text) > longest:
         text = text[:longest - 3] + '...'
     if text.isprintable():

@@ -83,10 +83,6 @@ def parse_expression(text: object, symbols: Mapping[str, ca.SX], where: str) -> 
 
     :param text: Python arithmetic over the names of `symbols`, ``pi`` and ``FUNCTIONS``; or an
         expression in `symbols`, which a Python function returned.
-    :param symbols: the symbol of each name.
-    :param where: the key of the text, e.g. ``dynamics.v``; every message begins with it.
-    :raises StatementError: if the text is not such an expression, or a constant part of it is not
-        finite.
     """
     if isinstance(text, ca.SX):
         return _check_symbolic(text, symbols, where)
@@ -102,9 +98,6 @@ def parse_lifted(text: object, symbols: Mapping[str, ca.SX],
 
     Two texts that differ only in these numbers give the same expression. Numbers in exponents, and
     those of an expression of CasADi, are not replaced.
-
-    :return: expression: in `symbols` and the symbols of the numbers; literals: symbol and value of
-        each number.
     """
     literals: list[tuple[ca.SX, float]] = []
 
@@ -124,12 +117,6 @@ def parse_number(text: object, values: Mapping[str, float], where: str) -> float
     Return the finite number of a text or number.
 
     ``1e-3``, which YAML reads as text, is a number here.
-
-    :param text: as in `parse_expression`.
-    :param values: the number of each name.
-    :param where: as in `parse_expression`.
-    :raises StatementError: if the text is not an expression of the names of `values`, or its value
-        is not finite or beyond ``MAX_NUMBER``.
     """
     if not isinstance(text, str):
         return _plain_number(text, where)
@@ -137,13 +124,7 @@ def parse_number(text: object, values: Mapping[str, float], where: str) -> float
 
 
 def insert_numbers(text: object, values: Mapping[str, float]) -> str:
-    """
-    Return an expression in which numbers stand in place of some names.
-
-    :param text: a valid expression, as in `parse_expression`.
-    :param values: the number of each of these names.
-    :return: on one line.
-    """
+    """Return a valid expression, on one line, with numbers in place of some names."""
     def write(token: re.Match[str]) -> str:
         name = token['name']
         return f'({values[name]!r})' if name in values else token[0]
@@ -152,12 +133,7 @@ def insert_numbers(text: object, values: Mapping[str, float]) -> str:
 
 
 def check_name(name: object, where: str) -> str:
-    """
-    Return `name` if it is a valid name of a state, input or parameter.
-
-    :raises StatementError: if it is not an ASCII identifier of at most 64 characters, or is a
-        keyword of Python, a function or a constant.
-    """
+    """Return `name` if it is a valid name of a state, input or parameter, not a reserved one."""
     if not isinstance(name, str):
         raise StatementError(f'{where}: a name is text, not {describe_type(name)}')
     if len(name) > 64 or not re.fullmatch(r'[A-Za-z_][A-Za-z0-9_]*', name):

@@ -103,12 +103,7 @@ def read_bounds(value: object, values: Mapping[str, float], where: str) -> tuple
 
 def evaluate_limits(lower: object, upper: object, values: Mapping[str, float], where: str
                     ) -> tuple[float, float]:
-    """
-    Return the values of two bounds.
-
-    :param lower, upper: numbers, expressions of `values`, or None for no bound.
-    :return: lower, upper: -inf and inf for no bound.
-    """
+    """Return the values of two bounds, expressions of `values`; -inf and inf for None."""
     for bound, side in ((lower, 'lower'), (upper, 'upper')):
         if isinstance(bound, float) and math.isinf(bound):
             raise StatementError(f'{where}: {side} bound {bound}: write null for no bound')

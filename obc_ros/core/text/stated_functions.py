@@ -33,12 +33,7 @@ _Symbols = Mapping[str, ca.SX]
 
 
 class NamedSymbols:
-    """
-    Symbols by name: ``x.p`` or ``x['p']``; iteration yields them in order.
-
-    :param what: what they are, in the singular: 'state'.
-    :param symbols: in order.
-    """
+    """Symbols by name: ``x.p`` or ``x['p']``; iteration yields them in order."""
 
     __slots__ = ('_symbols', '_what')
 
@@ -46,11 +41,9 @@ class NamedSymbols:
         self._what, self._symbols = what, dict(symbols)
 
     def __getattr__(self, name: str) -> ca.SX:
-        """Return the symbol of a name."""
         return self[name]
 
     def __getitem__(self, name: str) -> ca.SX:
-        """Return the symbol of a name."""
         if name not in self._symbols:
             known = ', '.join(self._symbols) or 'none'
             raise StatementError(f"'{quote(str(name))}' is not the name of {self._what}"
@@ -59,11 +52,9 @@ class NamedSymbols:
         return self._symbols[name]
 
     def __iter__(self) -> Iterator[ca.SX]:
-        """Yield the symbols in their order."""
         return iter(self._symbols.values())
 
     def __len__(self) -> int:
-        """Return the number of symbols."""
         return len(self._symbols)
 
 
@@ -73,10 +64,7 @@ def call_functions(given: Mapping[Any, Any], keys: Collection[str], x: _Symbols,
     Return a statement in which functions are replaced by what they return.
 
     :param keys: the keys that may be functions: 'dynamics' or `STATED_FUNCTIONS`.
-    :param x, u, p: the symbols of states, inputs and parameters, in order.
     :param t: the time; None if its name has another meaning.
-    :raises StatementError: if a function has other arguments, raises an error, or returns
-        something else. The message begins with the key.
     """
     symbols = {'x': NamedSymbols('a state', x), 'u': NamedSymbols('an input', u),
                'p': NamedSymbols('a parameter', p), 't': t}

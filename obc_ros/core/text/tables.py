@@ -43,11 +43,7 @@ def format_residual(value: float) -> str:
 
 
 def format_distinct(*values: float, digits: int = 4, unit: str = '') -> list[str]:
-    """
-    Return numbers as text, so that those that differ are printed differently.
-
-    :param digits: significant digits, if they are enough; otherwise the fewest that are.
-    """
+    """Return numbers with as many digits as show which of them differ."""
     while True:
         texts = [f'{value:.{digits}g}' for value in values]
         if len(set(texts)) >= len(set(values)) or digits >= MOST_DIGITS:

@@ -129,12 +129,7 @@ def _measure(node: yaml.Node, known: dict[int, int | None]) -> int:
 
 
 def read_text(text: str, where: str) -> Any:
-    """
-    Return the contents of a YAML text, as `read_yaml` those of a file.
-
-    :param where: what an error begins with.
-    :raises StatementError: if it is too long, is not YAML, or has a key twice.
-    """
+    """Return the contents of a YAML text, as `read_yaml` those of a file."""
     return _load(text.encode('utf-8', 'surrogatepass'), where)
 
 
@@ -145,19 +140,12 @@ def read_entries(path: str | Path) -> list[tuple[str, FileEntry]]:
     :return: the place is the file, with the number of the entry in a list: ``several.yaml, entry
         2``. A mapping without `name` gets that of the file, with its number in a list. An entry
         that is not a mapping is returned as an error.
-    :raises StatementError: if the file cannot be read, is too long, is not YAML, or has a key
-        twice.
     """
     return _list_entries(read_yaml(path), str(path), Path(path).stem)
 
 
 def read_text_entries(text: str) -> list[tuple[str, FileEntry]]:
-    """
-    Return the mappings of a YAML text, as `read_entries` those of a file.
-
-    :param text: one mapping or a list of mappings.
-    :raises StatementError: if it is too long, is not YAML, or has a key twice.
-    """
+    """Return the mappings of a YAML text, as `read_entries` those of a file."""
     if not isinstance(text, str):
         raise StatementError(f'text: wanted YAML, found {describe_type(text)}')
     return _list_entries(read_text(text, 'the text'), 'the text', 'problem')

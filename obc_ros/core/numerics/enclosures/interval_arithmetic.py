@@ -38,12 +38,7 @@ WHOLE = Interval(-inf, inf)
 
 def enclose_outputs(function: ca.Function | Instructions,
                     boxes: list[tuple[Array, Array]]) -> list[Interval]:
-    """
-    Return an interval for each nonzero of the output, for bounds of each argument.
-
-    :param function: a function of SX with columns as inputs and one output; its instructions are
-        faster.
-    """
+    """Return an interval for each nonzero of the output, for bounds of each argument."""
     def apply(operation: int, operands: list[Interval]) -> Interval:
         enclose = _OPERATIONS.get(operation)
         found = enclose(*operands) if enclose else WHOLE

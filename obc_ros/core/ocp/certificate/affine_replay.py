@@ -98,12 +98,7 @@ class AffineReplay:
                 ca.densify(part) for part in (slopes, rate, curvature, slope, problem.L)])
 
     def rates(self, p: Array, scale: Array, w: Array, h: Array) -> Rates | None:
-        """
-        Return the matrices for values of the parameters; None if the problem is not affine.
-
-        :param scale: (n,), scaling factors of x.
-        :param w: (., k), some values of w, for its units.
-        """
+        """Return the matrices for parameters p, scales of x and lengths h; None if not affine."""
         if self._read is None:
             return None
         slopes, rate, curvature, slope, cost = (
@@ -131,7 +126,6 @@ def replay_affine(rates: Rates, h: Array, x: Array, w: tuple[Array, Array], lam:
     """
     Return (x, lam, J) at equal parts of K intervals, shape (K, parts + 1, 2 n + 1).
 
-    :param h: (K,), Lengths.
     :param x, w: (K, n), pair of (K, k), the states at the start; w at the start and at the end.
     :param lam: (K, n), the costates at the end if `back`, else at the start.
     :param parts: number of equal parts.

@@ -118,11 +118,7 @@ class _Sizes:
 
 
 def split_sum(scalar: ca.SX) -> list[ca.SX]:
-    """
-    Return the summands of an expression, without zeros.
-
-    :param scalar: a scalar. A sum times or over something that is no sum is multiplied out.
-    """
+    """Return the summands of a scalar, without zeros; products with one sum are multiplied out."""
     summands, left = list[ca.SX](), [(scalar, ca.SX(1))]
     while left:
         part, factor = left.pop()

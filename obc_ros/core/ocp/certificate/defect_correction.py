@@ -32,7 +32,6 @@ def find_correction(problem: Problem, x: Array, u: Array, h: Array, jumps: Array
     :param x, u: (K, n), (K, m), states and inputs in the middle of each interval.
     :param jumps: (K, n), jumps of x at the ends of the intervals.
     :param ends: (q, n), (q,), slopes of the terminal constraints, and their sizes.
-    :param u_scale: (m,), scaling factors of u.
     :return: in units of `u_scale`; infinite if the linearised dynamics are not finite.
     """
     smooth = make_differentiable(problem)

@@ -58,7 +58,6 @@ class StaticProgram:
     """
     A static problem: symbols and expressions.
 
-    :ivar x: variables, a column of length n.
     :ivar F, G, g: cost, equalities (k, 1) and inequalities (l, 1).
     :ivar lower, upper: (n,), the box; -inf and inf for none.
     """
@@ -143,7 +142,6 @@ def certify_minimum(program: StaticProgram, point: KktPoint) -> Certificate:
     """
     Return the residuals of the conditions at the head of this file.
 
-    :param point: its x, lam and mu are read, nothing else.
     :return: stationarity and signs are relative to the largest term of grad l, complementarity to
         this term and the size of g, second_order to the Hessian. attained is the Newton step
         relative to 1 + |x|; it is large where F decreases towards an infimum that is not attained.
@@ -179,11 +177,7 @@ def certify_minimum(program: StaticProgram, point: KktPoint) -> Certificate:
 
 
 def measure_violation(program: StaticProgram, x: Array, c: Array, J: Array) -> float:
-    """
-    Return the largest violation of a constraint or bound, relative to the size of its terms.
-
-    :param c, J: (k + l,), (k + l, n), values of (G, g) there, and their Jacobian.
-    """
+    """Return the largest violation of a constraint or bound, relative to the size of its terms."""
     k = program.k
     excess = np.concatenate((np.abs(c[:k]), np.maximum(c[k:], 0))) / _sizes(x, J)
     outside = np.maximum(program.lower - x, x - program.upper) / (1 + np.abs(x))

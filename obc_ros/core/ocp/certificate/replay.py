@@ -157,8 +157,6 @@ class ReplayIntegrator:
         """
         Return values whose costates are integrated from the ends if that is the stable way.
 
-        :param course: what `replay` returned.
-        :param intervals, p, scale, tolerance, least: as in `replay`.
         :param lam_end: (K, n), the solution's costates at the ends of the intervals.
         :param back: integrate from the ends even if the costates of `course` stay bounded.
         :return: (K, n), the values, and the defect of lam: at the end of each interval, or at its
