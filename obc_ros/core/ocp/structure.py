@@ -21,9 +21,7 @@ def find_switching_inputs(problem: Problem) -> tuple[bool, ...]:
 
 
 def find_idle_inputs(problem: Problem) -> tuple[bool, ...]:
-    """
-    Return for each input whether it appears neither in L nor in a rate of a state in V or psi.
-    """
+    """Return for each input whether it is neither in L nor in the rate of a state in V or psi."""
     x, u = problem.x, problem.u
     ends = find_dependence(ca.vertcat(problem.V, problem.psi), x).any(axis=0)
     moved = ca.vertcat(problem.L, problem.f[np.flatnonzero(ends).tolist()])
