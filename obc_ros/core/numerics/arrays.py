@@ -24,13 +24,10 @@ class DeferredModule:
 
     def __init__(self, name: str) -> None:
         self._name = name
-        self._module: Any = None
 
     def load(self) -> Any:
         """Import the module, unless it has been imported, and return it."""
-        if self._module is None:
-            self._module = import_module(self._name)
-        return self._module
+        return import_module(self._name)
 
     def __getattr__(self, attribute: str) -> Any:
         return getattr(self.load(), attribute)

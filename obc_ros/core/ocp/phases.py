@@ -213,7 +213,7 @@ class _Joined:
             'states': [_indexed(x, k) for k in count for x in self._states],
             'inputs': [_indexed(u, k) for k in count for u in self._inputs],
             'parameters': self._parameters, 'free_parameters': self._free,
-            'dynamics': {name: rate for k in count for name, rate in self._dynamics(k)},
+            'dynamics': dict(pair for k in count for pair in self._dynamics(k)),
             'running_cost': ' + '.join(
                 f'{_indexed(_DURATION, k)}*({self._text(cost, k)})'
                 for k, cost in costs if cost is not None) or 0,
@@ -230,10 +230,10 @@ class _Joined:
                 row if not isinstance(row, Mapping) else {
                     **row, 'expr': self._text(row.get('expr'), k)}
                 for _, k, row in self._rows('path_constraints')],
-            'input_bounds': {name: pair for k in count
-                             for name, pair in self._bounds(k, 'input_bounds', self._inputs)},
-            'state_bounds': {name: pair for k in count
-                             for name, pair in self._bounds(k, 'state_bounds', self._states)},
+            'input_bounds': dict(pair for k in count for pair in self._bounds(
+                k, 'input_bounds', self._inputs)),
+            'state_bounds': dict(pair for k in count for pair in self._bounds(
+                k, 'state_bounds', self._states)),
             'final_time': {'free': False, 'value': 1},
             'initial_guess': {key: value for key, value in self._guess.items() if value}}
 

@@ -59,7 +59,8 @@ class PlantFlow:
         self._began = 0.0
         self._proposed = conditions.dt
         self._lagging = any(conditions.actuator_lag)
-        self.edges = self._edges()
+        self.edges = tuple(snap_to_grid(time / conditions.dt) for time in (
+            gust.start, gust.start + gust.duration)) if any(gust.amplitude) else ()
         self._kernels: dict[bool, Kernel] = {}
         self._kept: list[object] = []  # kernels have raw pointers to these objects
 
@@ -96,12 +97,6 @@ class PlantFlow:
         s = (now - self._began) * self._conditions.dt
         return tuple(c + (a - c) * math.exp(-s / lag) if lag else c for c, a, lag in zip(
             self._drive[:m], self._drive[m:2 * m], self._conditions.actuator_lag, strict=True))
-
-    def _edges(self) -> tuple[float, ...]:
-        gust, dt = self._conditions.gust, self._conditions.dt
-        if not any(gust.amplitude):
-            return ()
-        return snap_to_grid(gust.start / dt), snap_to_grid((gust.start + gust.duration) / dt)
 
     def run(self, now: float, stop: float) -> None:
         """Integrate from now to stop [steps]; inputs and gust must not jump in between."""

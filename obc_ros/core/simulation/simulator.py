@@ -39,7 +39,6 @@ class Simulator:
         self.system = system
         self.conditions = (conditions or Conditions()).fitted(system)
         self._flow = PlantFlow(system, self.conditions)
-        self._limits = any(math.isfinite(limit) for limit in (*system.u_min, *system.u_max))
         self.reset(system.setpoint if x0 is None else x0, u0)
 
     @property
@@ -103,7 +102,6 @@ class Simulator:
         if conditions.seed != self.conditions.seed:
             self._random = np.random.default_rng(conditions.seed)
         self.system, self.conditions, self._flow = system, conditions, flow
-        self._limits = any(math.isfinite(limit) for limit in (*system.u_min, *system.u_max))
 
     def command(self, u: NumberList) -> None:
         """Receive a command u (m,): clip it, and apply it after the input delay."""
@@ -159,7 +157,7 @@ class Simulator:
             sound = False
         if not sound:  # or so large that only the sum is infinite
             values = tuple(check_numbers('u', u, self.system.input_names))
-        return clip_input(values, self.system) if self._limits else values
+        return clip_input(values, self.system)
 
 
 def compute_resting_input(system: System, x: NumberList) -> Array:

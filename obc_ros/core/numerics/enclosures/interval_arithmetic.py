@@ -109,10 +109,6 @@ def _outward(value: float, towards: float, units: int = 1) -> float:
     return value
 
 
-def _subtract(a: Interval, b: Interval) -> Interval:
-    return add_intervals(a, Interval(-b.high, -b.low))
-
-
 def _divide(a: Interval, b: Interval) -> Interval:
     if b.low <= 0.0 <= b.high:
         return WHOLE
@@ -230,7 +226,7 @@ _HYPERBOLIC = _rising(math.cosh, (0.0, inf), (1.0, inf))
 
 _OPERATIONS: dict[int, Callable[..., Interval]] = {
     ca.OP_ADD: add_intervals,
-    ca.OP_SUB: _subtract,
+    ca.OP_SUB: lambda a, b: add_intervals(a, Interval(-b.high, -b.low)),
     ca.OP_MUL: multiply_intervals,
     ca.OP_DIV: _divide,
     ca.OP_NEG: lambda a: Interval(-a.high, -a.low),

@@ -125,7 +125,8 @@ class Tube:
         for k in range(1, _ORDER + 1):
             last = k == _ORDER
             term = enclose_outputs(self._terms[k - 1], [box if last else (y, y), self._p])
-            factor = Interval(_below(h**k / factorial(k)), _above(h**k / factorial(k)))
+            part = h**k / factorial(k)
+            factor = Interval(part * (1 - _ROUNDING), part * (1 + _ROUNDING))
             series = [add_intervals(each, multiply_intervals(factor, more))
                       for each, more in zip(series, term, strict=True)]
         low, high = np.array([(each.low, each.high) for each in series]).T
@@ -182,11 +183,3 @@ def _balance(matrix: Array) -> Array:
             if row > 0 and column > 0:
                 units[i] *= np.sqrt(row / column)
     return units
-
-
-def _below(value: float) -> float:
-    return float(value * (1 - _ROUNDING))
-
-
-def _above(value: float) -> float:
-    return float(value * (1 + _ROUNDING))

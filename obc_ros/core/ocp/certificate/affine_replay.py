@@ -74,11 +74,6 @@ class Rates:
         E, G, R = back[n:, n:], back[:n, :n], -back[:n, n:]
         return IntervalFlow(E, E[:n, :n].T @ R, G, R, E.T @ cost[:d, d:])
 
-    @property
-    def speed(self) -> float:
-        """Return a norm of the rates of y."""
-        return float(np.linalg.norm(self.Y))
-
 
 class AffineReplay:
     """The matrices of a problem's structure, for any values of its numbers."""
@@ -160,9 +155,9 @@ def _grouped(rates: Rates, h: Array) -> list[tuple[NDArray[np.intp], IntervalFlo
         if not known.size or mantissa > known[-1] * (1 + _SAME):
             known = np.append(known, mantissa)
         shortest[float(known[-1])][exponent].append(k)
-    found = []
+    found, speed = [], float(np.linalg.norm(rates.Y))
     for mantissa, exponents in shortest.items():
-        least = math.floor(math.log2(_SHORT / max(rates.speed * mantissa, 1e-300)))
+        least = math.floor(math.log2(_SHORT / max(speed * mantissa, 1e-300)))
         at = min(least, *exponents)
         flow = rates.flow(math.ldexp(mantissa, at))
         while exponents:

@@ -48,11 +48,6 @@ class _Group:
     searched: tuple[int, ...]
     rows: tuple[int, ...]
 
-    @property
-    def constrained(self) -> bool:
-        """Return whether path constraints hold the inputs."""
-        return bool(self.rows)
-
 
 @dataclass(frozen=True, eq=False)
 class Points:
@@ -146,11 +141,11 @@ class InputMinimum:
             index = list(group.inputs)
             box = _Box(problem.u_lower[index], problem.u_upper[index], scales.u[index], scales.H)
             Q = at.curvature[:, index][:, :, index]
-            if group.constrained:
+            if group.rows:
                 Q = Q * (np.eye(len(index)) * (Q > 0))
             step, value = _descend(at.slope[:, index], Q, at.u[:, index], box)
             gap = -value
-            if group.constrained:
+            if group.rows:
                 gap = gap + _slack(problem, at, list(group.rows))
             elif group.searched:
                 moved = at.u.copy()
@@ -186,7 +181,7 @@ class InputMinimum:
         u[:, index] = np.tile(grid, (K, 1))
         H, c, slopes, curvatures = self._few(np.repeat(at.x, G, axis=0), u,
                                              np.repeat(at.lam, G, axis=0), problem.p_value)
-        value = self._where_met(problem, H[:, 0], c, 1e-6 if group.constrained else np.inf)
+        value = self._where_met(problem, H[:, 0], c, 1e-6 if group.rows else np.inf)
         for k, j in enumerate(self._beside):
             if j not in group.inputs:
                 continue
@@ -198,7 +193,7 @@ class InputMinimum:
         value = np.where(np.isnan(value), np.inf, value).reshape(K, G)
         best = np.argmin(value, axis=1)
         least = value[np.arange(K), best]
-        if group.constrained:
+        if group.rows:
             return np.asarray(at.H - least)
         # A point far from u that is nearly as good on the grid may be better beside the grid.
         start = u.reshape(K, G, -1)[np.arange(K), best]
@@ -257,7 +252,8 @@ def _groups(problem: Problem) -> list[_Group]:
     bent = np.zeros((m, m, m), dtype=bool)
     for entry, j in zip(*varies.get_triplet(), strict=True):
         bent[(*entries[entry], j)] = True
-    kinked = _kinked(problem)
+    kinked = Instructions(ca.Function('H', [problem.x, u, problem.p], [
+        problem.L, problem.f])).have(*_KINKED)
     result = []
     for members in sorted({tuple(int(j) for j in np.flatnonzero(row)) for row in groups}):
         shared = tuple(int(j) for j in np.flatnonzero(rows[:, members].any(axis=1)))
@@ -280,11 +276,6 @@ def _slack(problem: Problem, at: Points, rows: list[int]) -> Array:
     mu, c = at.mu[:, rows], at.c[:, rows]
     room = np.where(mu > 0, problem.path_upper[rows] - c, c - problem.path_lower[rows])
     return np.asarray(np.sum(np.abs(mu) * np.where(mu == 0, 0.0, np.maximum(room, 0.0)), axis=1))
-
-
-def _kinked(problem: Problem) -> bool:
-    function = ca.Function('H', [problem.x, problem.u, problem.p], [problem.L, problem.f])
-    return Instructions(function).have(*_KINKED)
 
 
 def _line(slope: Array, curvature: Array, lower: Array, upper: Array, scale: float,
@@ -319,7 +310,7 @@ def _descend(slope: Array, Q: Array, u: Array, box: _Box) -> tuple[Array, Array]
     if r == 2 and finite:
         return _of_two(slope, Q, low, high, box)
     starts = [np.zeros((K, r))]
-    if (r <= _MOST_AXES and finite and _bends_down(np.nan_to_num(Q))):
+    if r <= _MOST_AXES and finite and np.any(np.linalg.eigvalsh(np.nan_to_num(Q))[:, 0] < 0):
         starts += [np.array(vertex) - u
                    for vertex in itertools.product(*zip(box.lower, box.upper, strict=True))]
     best, least = starts[0], np.zeros(K)
@@ -369,11 +360,6 @@ def _on_edges(first: Array, slope: Array, Q: Array, low: Array, high: Array, box
               + 0.5*np.einsum('ski,kij,skj->sk', steps, Q, steps))
     best = np.argmin(np.where(np.isnan(values), np.inf, values), axis=0)
     return np.asarray(steps[best, np.arange(len(Q))])
-
-
-def _bends_down(Q: Array) -> bool:
-    """Return whether any of the symmetric matrices Q (K, r, r) has a negative eigenvalue."""
-    return bool(np.any(np.linalg.eigvalsh(Q)[:, 0] < 0))
 
 
 def _grid(u: Array, box: _Box) -> Array:
