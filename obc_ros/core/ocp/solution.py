@@ -140,28 +140,16 @@ class Attempt:
     """
     One step of the search for a solution.
 
-    Attributes
-    ----------
-    number : int
-        From 1, in the order in which attempts began.
-    parent : int
-        Number of the attempt that it belongs to; 0: none.
-    method : str
-        What kind of step, for example 'initial guess' or 'mesh'.
-    what : str
-        What was tried, in words.
-    begun, work : int
-        Iterations times intervals: of the whole search before it, and of it with all attempts
-        that belong to it.
-    cost : float
-        nan without a path.
-    loss : float
-        Hamiltonian loss relative to |cost|: how far the cost is above the nearest local minimum,
-        to first order; nan if it was not measured.
-    verdict : Verdict
-    why : str
-        Why the search went on or stopped, in words.
-
+    :ivar number: from 1, in the order in which attempts began.
+    :ivar parent: number of the attempt that it belongs to; 0: none.
+    :ivar method: what kind of step, for example 'initial guess' or 'mesh'.
+    :ivar what: what was tried, in words.
+    :ivar begun, work: iterations times intervals: of the whole search before it, and of it with
+        all attempts that belong to it.
+    :ivar cost: nan without a path.
+    :ivar loss: Hamiltonian loss relative to |cost|: how far the cost is above the nearest local
+        minimum, to first order; nan if it was not measured.
+    :ivar why: why the search went on or stopped, in words.
     """
 
     number: int
@@ -181,18 +169,11 @@ class Optimality:
     """
     Optimality of a certified solution among all paths of its problem.
 
-    Attributes
-    ----------
-    kind : str
-        'global': it is proved that no path costs less. 'local': no cheaper path was found.
-    reason : str
-        The proof, or the extent of the search, as text.
-    starts : int
-        Initial guesses of the search; 0 without a search.
-    minima : tuple of float
-        Costs of distinct local minima found, ascending, at most `MOST_MINIMA`. The first is that
-        of this solution. The others are accurate to the mesh on which they were found.
-
+    :ivar kind: 'global': it is proved that no path costs less. 'local': no cheaper path was found.
+    :ivar reason: the proof, or the extent of the search, as text.
+    :ivar starts: initial guesses of the search; 0 without a search.
+    :ivar minima: costs of distinct local minima found, ascending, at most `MOST_MINIMA`. The first
+        is that of this solution. The others are accurate to the mesh on which they were found.
     """
 
     kind: str
@@ -206,50 +187,28 @@ class Solution:
     """
     States, inputs and costates on a grid, the cost, and the method of solution.
 
-    Attributes
-    ----------
-    status : Status
-        Result of the request.
-    message : str
-        The result in a sentence.
-    objective : float
-        Cost J.
-    t : ndarray, shape (N,)
-        Times [s], nondecreasing; at a jump a time appears twice (before, after).
-    x, u, lam : ndarray, shape (N, n), (N, m), (N, n)
-        States, inputs, costates.
-    hamiltonian : ndarray, shape (N,)
-        H = L + lam' f along the path.
-    nu : ndarray, shape (q,)
-        Multipliers of the terminal constraints.
-    state_multipliers : ndarray, shape (N, n), or None
-        Density of the multipliers of the state bounds in dlam/dt = -dH/dx - state_multipliers
-        (> 0 at an upper bound, < 0 at a lower one); None without state bounds.
-    path_multipliers : ndarray, shape (N, l), or None
-        The same for the path constraints: H is augmented by path_multipliers' c(x, u).
-    interpolation : str
-        Interpolation of u between samples: 'linear' or 'zoh' (constant from each sample on).
-    switching_times : ndarray
-        Times at which an input jumps or changes its arc [s].
-    method : str
-        Method that found it, one of `method_names.NAMES`.
-    iterations : int
-        Iterations of the solver.
-    build_time, solve_time : float
-        Wall-clock times for building and for solving programs [s].
-    certificate : Certificate, or None
-        None if there is no path.
-    optimality : Optimality, or None
-        None for a solution without a certificate that passes.
-    attempts : tuple of Attempt
-        What was tried, at most `MOST_ATTEMPTS`; the most detailed are left out first.
-    free_parameters : mapping of str to float
-        Values of the free parameters, of a solution with the states of the statement only; see
+    :ivar message: the result in a sentence.
+    :ivar objective: cost J.
+    :ivar t: (N,), times [s], nondecreasing; at a jump a time appears twice (before, after).
+    :ivar x, u, lam: (N, n), (N, m), (N, n), states, inputs, costates.
+    :ivar hamiltonian: (N,), H = L + lam' f along the path.
+    :ivar nu: (q,), multipliers of the terminal constraints.
+    :ivar state_multipliers: (N, n), density of the multipliers of the state bounds in
+        dlam/dt = -dH/dx - state_multipliers (> 0 at an upper bound, < 0 at a lower one); None
+        without state bounds.
+    :ivar path_multipliers: (N, l), the same for the path constraints: H is augmented by
+        path_multipliers' c(x, u).
+    :ivar interpolation: of u between samples: 'linear' or 'zoh' (constant from each sample on).
+    :ivar switching_times: times at which an input jumps or changes its arc [s].
+    :ivar method: method that found it, one of `method_names.NAMES`.
+    :ivar build_time, solve_time: wall-clock times for building and for solving programs [s].
+    :ivar certificate: None if there is no path.
+    :ivar optimality: None for a solution without a certificate that passes.
+    :ivar attempts: what was tried, at most `MOST_ATTEMPTS`; the most detailed are left out first.
+    :ivar free_parameters: of a solution with the states of the statement only; see
         `augmentation.hide_added_states`.
-    remark : str
-        What decided a certified solution, with its number, if that was a bound of the search or a
-        missing part of the statement; otherwise empty. The message ends with it.
-
+    :ivar remark: what decided a certified solution, with its number, if that was a bound of the
+        search or a missing part of the statement; otherwise empty. The message ends with it.
     """
 
     status: Status

@@ -112,20 +112,10 @@ def certify(problem: Problem, solution: Solution) -> Certificate:
     """
     Return the residuals of the necessary conditions for a solution.
 
-    Parameters
-    ----------
-    problem : Problem
-        The problem, with the numbers that were solved for.
-    solution : Solution
-        Its t (N,), x (N, n), u (N, m), lam (N, n), nu (q,) or empty, hamiltonian (N,), objective,
-        interpolation and multipliers are read, nothing else.
-
-    Returns
-    -------
-    Certificate
-        Residuals and tolerances, see the head of this file. All residuals are infinite if arrays
-        have wrong shapes or hold a number that is not finite.
-
+    :param solution: its t (N,), x (N, n), u (N, m), lam (N, n), nu (q,) or empty, hamiltonian
+        (N,), objective, interpolation and multipliers are read, nothing else.
+    :return: see the head of this file. All residuals are infinite if arrays have wrong shapes or
+        hold a number that is not finite.
     """
     keys = [key for key in TOLERANCES
             if key is not Condition.FINAL_TIME or problem.final_time.free]
