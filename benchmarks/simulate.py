@@ -18,7 +18,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
-from obc_ros.core.simulation.simulation_settings import Conditions, Gust
+from obc_ros.core.simulation.flow import Conditions, Gust
 from obc_ros.core.simulation.simulator import Simulator
 from obc_ros.core.systems import registry
 from obc_ros.core.systems.equilibrium import find_equilibrium, linearize

@@ -32,6 +32,12 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from nav_msgs.msg import Odometry
+from obc_ros.core.simulation.flow import (
+    Conditions,
+    Gust,
+    INTEGRATORS,
+    SMALLEST_TOLERANCE,
+)
 from obc_ros.core.simulation.paced_plant import (
     ANSWERED,
     choose_step,
@@ -40,12 +46,6 @@ from obc_ros.core.simulation.paced_plant import (
     Pacing,
 )
 from obc_ros.core.simulation.sensors import OutputConditions, Sensors
-from obc_ros.core.simulation.simulation_settings import (
-    Conditions,
-    Gust,
-    INTEGRATORS,
-    SMALLEST_TOLERANCE,
-)
 from obc_ros.core.simulation.simulator import Simulator
 from obc_ros.core.systems.system import System
 from obc_ros.core.text.errors import StatementError

@@ -14,8 +14,8 @@ from diagnostic_msgs.msg import DiagnosticArray
 from nav_msgs.msg import Odometry
 import numpy as np
 from numpy.testing import assert_allclose, assert_array_equal
+from obc_ros.core.simulation.flow import Conditions, Gust
 from obc_ros.core.simulation.paced_plant import HELD_UP
-from obc_ros.core.simulation.simulation_settings import Conditions, Gust
 from obc_ros.core.simulation.simulator import Simulator
 from obc_ros.core.systems import registry
 from obc_ros.msg import Command, State

@@ -14,8 +14,7 @@ import math
 from typing import NamedTuple
 
 from obc_ros.core.closed_loop.clock import NS
-from obc_ros.core.simulation.flow import PlantFlow
-from obc_ros.core.simulation.simulation_settings import Conditions
+from obc_ros.core.simulation.flow import Conditions, PlantFlow
 from obc_ros.core.systems.system import System
 from obc_ros.core.text.errors import DynamicsError, StatementError
 

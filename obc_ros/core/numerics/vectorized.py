@@ -137,7 +137,6 @@ class _ByColumn:
         return self._batches[rows]
 
     def _build(self, rows: int) -> ca.Function:
-        """Return the function from (rows, inputs) to (rows, outputs)."""
         given = ca.MX.sym('given', rows, self._inputs)
         split = ca.horzsplit(given) if self._inputs else []
 

@@ -88,7 +88,6 @@ _forms: OrderedDict[str, _Form] = OrderedDict()
 
 
 def _form(problem: Problem) -> _Form:
-    """Return the form of a problem's structure, from the cache if it is there."""
     form = _forms.pop(problem.structure, None) or _new_form(problem)
     if problem.structure:
         _forms[problem.structure] = form

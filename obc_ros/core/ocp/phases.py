@@ -200,7 +200,6 @@ class _Joined:
         self._guess: dict[str, dict[str, Any]] = {'states': {}, 'inputs': {}, 'parameters': {}}
 
     def statement(self) -> dict[str, Any]:
-        """Return the joined statement."""
         count = range(len(self._phases))
         for k in count:
             self._add_duration(k)
@@ -305,7 +304,6 @@ class _Joined:
                 for name in self._states]
 
     def _add_duration(self, k: int) -> None:
-        """Add the duration of a phase to the parameters."""
         value, name = self._phases[k].get('duration'), _indexed(_DURATION, k)
         if value is None:
             raise StatementError(f'phases[{k}].duration: missing; wanted a number or '

@@ -83,7 +83,6 @@ class _Plant:
 
     @property
     def known(self) -> dict[str, ca.SX]:
-        """Return the symbols of the names in expressions."""
         return self.x | self.u | self.p | self.free | (
             {} if self.time is None else {TIME: self.time})
 
@@ -224,7 +223,6 @@ def _unknown(name: object, known: tuple[str, ...], where: str, what: str) -> Sta
 
 
 def _own_plant(given: Given) -> _Plant:
-    """Return the plant whose states, inputs and dynamics the statement gives."""
     states, inputs = read_names(given, 'states'), read_names(given, 'inputs')
     for name in inputs:
         if name in states:
@@ -272,7 +270,6 @@ def _time(names: Collection[str]) -> ca.SX | None:
 
 def _free_names(given: Given, signals: Collection[str],
                 parameters: Collection[str]) -> list[str]:
-    """Return the names of the free parameters."""
     names = []
     for name in read_section(given, 'free_parameters'):
         name = check_name(name, 'free_parameters')
@@ -499,7 +496,6 @@ def _first_symbols(plant: _Plant) -> dict[str, ca.SX]:
 
 
 def _periodic(given: Given, plant: _Plant) -> tuple[str, ...]:
-    """Return the names of the periodic states."""
     if given.get('periodic') is None:
         return ()
     names = read_names(given, 'periodic')
@@ -510,7 +506,6 @@ def _periodic(given: Given, plant: _Plant) -> tuple[str, ...]:
 
 
 def _initial_state(given: Given, plant: _Plant) -> list[tuple[float, float]]:
-    """Return the bounds of x(0)."""
     wanted = f"a number for each state: {{{', '.join(f'{name}: 0' for name in plant.states[:9])}}}"
     if given.get('initial_state') is None:
         raise StatementError(f'initial_state: missing; wanted {wanted}')

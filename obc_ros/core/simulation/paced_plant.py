@@ -262,7 +262,6 @@ class PacedPlant:
         return now + (self._due - steps) * self.simulator.conditions.dt / self.pacing.speed
 
     def _steps_at(self, now: float) -> int:
-        """Return the number of steps at the time `now`."""
         then, steps = self._anchored
         elapsed = (now - then) * self.pacing.speed / self.simulator.conditions.dt
         return steps + math.floor(elapsed + 1e-6)

@@ -13,8 +13,7 @@ import math
 
 import numpy as np
 from obc_ros.core.numerics.arrays import Array
-from obc_ros.core.simulation.flow import PlantFlow, snap_to_grid
-from obc_ros.core.simulation.simulation_settings import Conditions
+from obc_ros.core.simulation.flow import Conditions, PlantFlow, snap_to_grid
 from obc_ros.core.systems.equilibrium import check_numbers, find_equilibrium
 from obc_ros.core.systems.system import System
 from obc_ros.core.text.errors import DynamicsError, StatementError
@@ -149,7 +148,6 @@ class Simulator:
         self.target = u
 
     def _limited(self, u: NumberList) -> tuple[float, ...]:
-        """Check a command and clip it to the limits of the actuators."""
         try:
             values = tuple(map(float, u))
             sound = len(values) == self.system.m and math.isfinite(sum(values))

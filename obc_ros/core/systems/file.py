@@ -67,7 +67,6 @@ def load_plant(path: str | Path) -> dict[str, Any]:
 
 
 def _load(path: str | Path) -> tuple[System, Given]:
-    """Return the system of a file, and the keys of the file."""
     given = read_yaml(path)
     if isinstance(given, list) and len(given) == 1:
         given = given[0]

@@ -80,7 +80,6 @@ class System:
     robot: RobotFields = field(default=RobotFields(), repr=False)
 
     def __post_init__(self) -> None:
-        """Measure all states if no outputs are given."""
         if not self.outputs:
             object.__setattr__(self, 'outputs', self.states)
             object.__setattr__(self, 'y', self.x)

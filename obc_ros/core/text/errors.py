@@ -16,7 +16,6 @@ class ObcError(ValueError):
     """Base of all errors raised by obc_ros.core; its text is printable, whatever it quotes."""
 
     def __str__(self) -> str:
-        """Return the text on one line, without control characters."""
         return quote(super().__str__(), None)
 
 

@@ -6,8 +6,6 @@ Arithmetic expressions in text, as a user writes them in a file or a request.
 Length, number of symbols and depth of the text are limited before it is parsed. Python's own
 parser then builds a tree, in which only numbers, names, + - * / ** and the functions in
 ``FUNCTIONS`` are accepted. Nothing is evaluated as Python, and every number is a double.
-
-The module is long because the grammar, its checks and its messages follow the same cases.
 """
 
 import ast

@@ -88,7 +88,6 @@ def call_with_symbols(function: Callable[..., Any], *symbols: Any) -> Any:
 
 
 def _call(key: str, function: Callable[..., Any], symbols: Mapping[str, Any]) -> object:
-    """Call a function with the symbols that it takes."""
     required, more = _ARGUMENTS[key]
     letters = required + more
     try:

@@ -9,6 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 import numpy as np
 from numpy.testing import assert_allclose, assert_array_equal
+from obc_ros.core.simulation.flow import Conditions, Gust
 from obc_ros.core.simulation.paced_plant import (
     BEFORE,
     choose_step,
@@ -19,7 +20,6 @@ from obc_ros.core.simulation.paced_plant import (
     REGAIN,
     RESEND,
 )
-from obc_ros.core.simulation.simulation_settings import Conditions, Gust
 from obc_ros.core.simulation.simulator import Simulator
 from obc_ros.core.systems import registry
 from obc_ros.core.text.errors import StatementError

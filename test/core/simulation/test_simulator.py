@@ -6,7 +6,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 import numpy as np
 from numpy.testing import assert_allclose, assert_array_equal
-from obc_ros.core.simulation.simulation_settings import Conditions, Gust
+from obc_ros.core.simulation.flow import Conditions, Gust
 from obc_ros.core.simulation.simulator import compute_resting_input, Simulator
 from obc_ros.core.systems import registry
 from obc_ros.core.systems.equilibrium import find_equilibrium, linearize

@@ -77,7 +77,6 @@ class _Sizes:
         self._given, self.leaves, self.middles = given, list[ca.SX](), list[ca.SX]()
 
     def measure(self, summands: ca.SX) -> ca.SX:
-        """Return the size of each summand."""
         function = ca.Function('summands', self._given, [ca.densify(summands)])
         found = Instructions(function).evaluate(
             self._read, lambda value: (ca.SX(value), ca.SX(value), ca.SX(0)), self._apply)[0]

@@ -56,7 +56,6 @@ def find_correction(problem: Problem, x: Array, u: Array, h: Array, jumps: Array
 
 
 def _exponentials(M: Array) -> Array:
-    """Return the exponential of each matrix, shape (K, n, n)."""
     size = float(np.abs(M).sum(axis=2).max(initial=0.0))
     halvings = max(0, int(np.ceil(np.log2(max(size, 1e-300) / _FINEST))))
     M = M / 2.0**halvings

@@ -12,8 +12,6 @@ each grid point.
 Inputs that share a path constraint c(x, u) <= b are one group, searched where the constraint is
 met. With an active constraint, the gap of H is at most the gap of H + mu' c plus mu' (b - c).
 This distinguishes an input on the boundary of a disc from one on an inscribed polygon.
-
-The module is long because each form of H has its own exact or sampled minimum.
 """
 
 from dataclasses import dataclass

@@ -236,7 +236,6 @@ def _vanishing(program: StaticProgram, x: Array, J: Array) -> Mask:
 
 
 def _has_descent(H: Array) -> bool:
-    """Return whether a symmetric matrix has a negative eigenvalue."""
     if not np.isfinite(H).all():
         return False
     values = np.linalg.eigvalsh((H + H.T) / 2)

@@ -12,7 +12,7 @@ from obc_ros.core.closed_loop.loop import ControlLoop
 from obc_ros.core.lqr.design.design import Design, design, linearize_plant, Sampling
 from obc_ros.core.lqr.design.report import Change, report_fields
 from obc_ros.core.lqr.margins import compute_margins
-from obc_ros.core.simulation.simulation_settings import Conditions
+from obc_ros.core.simulation.flow import Conditions
 from obc_ros.core.simulation.simulator import Simulator
 from obc_ros.core.systems import registry
 from obc_ros.core.text.errors import RefusedDesignError

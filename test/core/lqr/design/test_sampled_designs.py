@@ -13,7 +13,7 @@ from obc_ros.core.closed_loop.feedback import InputLimits
 from obc_ros.core.closed_loop.loop import ControlLoop
 from obc_ros.core.lqr.design.design import Design, design, linearize_plant, Sampling
 from obc_ros.core.lqr.design.reference_tracking import compute_tracking_law, read_course
-from obc_ros.core.simulation.simulation_settings import Conditions
+from obc_ros.core.simulation.flow import Conditions
 from obc_ros.core.simulation.simulator import Simulator
 from obc_ros.core.systems import registry
 from obc_ros.core.text.errors import RefusedDesignError, StatementError
