@@ -372,8 +372,7 @@ def _end_constraints(given: Given, plant: _Plant, key: str,
         where = f'{key}[{index}]'
         row = expressions.parse_expression(text, names, where)
         _states_only(row, plant, where)
-        if not any(ca.depends_on(row, symbol)
-                   for symbol in (plant.x | plant.free | firsts).values()):
+        if not ca.depends_on(row, _column((plant.x | plant.free | firsts).values())):
             raise StatementError(f"{where}: '{_short(text)}' does not depend on any state")
         row, found = expressions.parse_lifted(text, names, where)
         rows.append(row)
@@ -399,7 +398,7 @@ def _bounds(given: Given, key: str, names: tuple[str, ...],
 
 def _path_constraints(given: Given, plant: _Plant) -> tuple[ca.SX, Array, Array]:
     rows, lower, upper = [], [], []
-    names = plant.x | plant.u | plant.free
+    names = _column((plant.x | plant.u | plant.free).values())
     for index, entry in enumerate(read_list(given, 'path_constraints')):
         where = f'path_constraints[{index}]'
         entry = read_mapping(entry, where)
@@ -407,7 +406,7 @@ def _path_constraints(given: Given, plant: _Plant) -> tuple[ca.SX, Array, Array]
         if entry.get('expr') is None:
             raise StatementError(f'{where}: expr is missing')
         row = expressions.parse_expression(entry['expr'], plant.known, f'{where}.expr')
-        if not any(ca.depends_on(row, symbol) for symbol in names.values()):
+        if not ca.depends_on(row, names):
             raise StatementError(f'{where}.expr: depends on no state and no input')
         low, high = evaluate_limits(entry.get('lower'), entry.get('upper'), plant.values, where)
         if math.isinf(low) and math.isinf(high):

@@ -3,7 +3,6 @@
 """Numbers, bounds and terminal constraints of a problem as text for messages."""
 
 from collections.abc import Iterable
-from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
@@ -20,28 +19,19 @@ def format_number(value: float) -> str:
 
 def describe_terminal(problem: Problem, row: int) -> str:
     """Return a terminal constraint: as ``x + 2*v = 9`` if it is affine, else as its key."""
-    rows = find_affine_rows(problem)
-    if rows is None or not rows.affine[row]:
+    A, b, affine = find_affine_rows(problem)
+    if not affine[row]:
         return problem.ends[row]
-    names = [(name, a) for name, a in zip(problem.states, rows.A[row], strict=True) if a]
+    names = [(name, a) for name, a in zip(problem.states, A[row], strict=True) if a]
     if len(names) == 1:
-        return f'{names[0][0]} = {format_number(-rows.b[row] / names[0][1])}'
-    return f'{describe_sum(names)} = {format_number(-rows.b[row])}'
+        return f'{names[0][0]} = {format_number(-b[row] / names[0][1])}'
+    return f'{describe_sum(names)} = {format_number(-b[row])}'
 
 
 def state_bound(problem: Problem, index: int, upper: bool) -> str:
     """Return a state bound as text, such as ``v <= 1``."""
     bound = (problem.x_upper if upper else problem.x_lower)[index]
     return f'{problem.states[index]} {"<=" if upper else ">="} {format_number(bound)}'
-
-
-@dataclass(frozen=True, eq=False)
-class AffineRows:
-    """Terminal constraints A x + b = 0 and whether each is affine; shapes (q, n), (q,), (q,)."""
-
-    A: Array
-    b: Array
-    affine: Mask
 
 
 def describe_sum(terms: Iterable[tuple[str, float]], times: str = '*') -> str:
@@ -53,13 +43,14 @@ def describe_sum(terms: Iterable[tuple[str, float]], times: str = '*') -> str:
     return text[3:] if text.startswith(' + ') else '-' + text[3:]
 
 
-def find_affine_rows(problem: Problem) -> AffineRows | None:
-    """Return the coefficients of the affine terminal constraints; None without constraints."""
-    if not problem.q:
-        return None
+def find_affine_rows(problem: Problem) -> tuple[Array, Array, Mask]:
+    """
+    Return the terminal constraints A x + b = 0, and which of them are affine.
+
+    :return: (q, n), (q,), (q,). Rows of nonlinear ones have no meaning.
+    """
     slope = ca.jacobian(problem.psi, problem.x)
-    bent = np.array([ca.depends_on(slope[row, :], problem.x) for row in range(problem.q)])
+    bent = np.array([ca.depends_on(slope[row, :], problem.x) for row in range(problem.q)], bool)
     at_zero = ca.Function('rows', [problem.x, problem.p], [ca.densify(slope), problem.psi])
     A, b = (value.full() for value in at_zero(np.zeros(problem.n), problem.p_value))
-    good = ~bent & np.isfinite(A).all(axis=1) & np.isfinite(b[:, 0])
-    return AffineRows(A, b[:, 0], good)
+    return A, b[:, 0], ~bent & np.isfinite(A).all(axis=1) & np.isfinite(b[:, 0])

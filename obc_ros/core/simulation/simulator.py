@@ -29,6 +29,7 @@ class Simulator:
     :param u0: (m,), optional, input until the first command; `compute_resting_input` of x0 if left
         out.
     :ivar system, conditions: those in use; the lists of the conditions have their full length.
+    :ivar rest: (m,) the input until the first command.
     :ivar steps: steps since the start.
     :ivar target: (m,) the command in effect, within the limits.
     """
@@ -55,11 +56,6 @@ class Simulator:
         """Return the present output of the actuators, shape (m,)."""
         return np.array(self._flow.delivered(self.steps))
 
-    @property
-    def rest(self) -> tuple[float, ...]:
-        """Return the input (m,) until the first command."""
-        return self._u0
-
     def slope(self, x: Array) -> Array:
         """Return dx/dt, shape (n,), of a state x (n,) with the present input and disturbance."""
         gust = self.conditions.gust
@@ -77,11 +73,11 @@ class Simulator:
         """Return to the initial state, or to another one; forget commands and repeat the noise."""
         if x0 is not None:
             self._x0 = check_numbers('x0', x0, self.system.state_names)
-            self._u0 = clip_input(compute_resting_input(self.system, self._x0) if u0 is None
-                                  else check_numbers('u0', u0, self.system.input_names),
-                                  self.system)
+            self.rest = clip_input(compute_resting_input(self.system, self._x0) if u0 is None
+                                   else check_numbers('u0', u0, self.system.input_names),
+                                   self.system)
         self.steps = 0
-        self.target = self._u0
+        self.target = self.rest
         self._waiting: deque[tuple[float, tuple[float, ...]]] = deque()
         self._random = np.random.default_rng(self.conditions.seed)
         self._flow.restart(self._x0)

@@ -209,12 +209,6 @@ def _rising(function: Callable[[float], float], within: tuple[float, float] = (-
     return enclose
 
 
-def _falling(function: Callable[[float], float], within: tuple[float, float],
-             among: tuple[float, float]) -> Callable[[Interval], Interval]:
-    rising = _rising(lambda x: function(-x), (-within[1], -within[0]), among)
-    return lambda a: rising(Interval(-a.high, -a.low))
-
-
 def _size(a: Interval) -> Interval:
     ends = abs(a.low), abs(a.high)
     return Interval(0.0 if a.low <= 0.0 <= a.high else min(ends), max(ends))
@@ -223,6 +217,7 @@ def _size(a: Interval) -> Interval:
 _LARGEST = float(np.finfo(np.float64).max)
 _PI = nextafter(pi, inf)
 _HYPERBOLIC = _rising(math.cosh, (0.0, inf), (1.0, inf))
+_MIRRORED = _rising(lambda x: math.acos(-x), (-1.0, 1.0), (0.0, _PI))
 
 _OPERATIONS: dict[int, Callable[..., Interval]] = {
     ca.OP_ADD: add_intervals,
@@ -243,7 +238,7 @@ _OPERATIONS: dict[int, Callable[..., Interval]] = {
     ca.OP_COSH: lambda a: _HYPERBOLIC(_size(a)),
     ca.OP_ATAN: _rising(math.atan, among=(-_PI / 2, _PI / 2)),
     ca.OP_ASIN: _rising(math.asin, (-1.0, 1.0), (-_PI / 2, _PI / 2)),
-    ca.OP_ACOS: _falling(math.acos, (-1.0, 1.0), (0.0, _PI)),
+    ca.OP_ACOS: lambda a: _MIRRORED(Interval(-a.high, -a.low)),
     ca.OP_TAN: _tangent,
     ca.OP_SIN: _wave(math.sin, pi / 2),
     ca.OP_COS: _wave(math.cos, 0.0),

@@ -148,17 +148,17 @@ class InputMinimum:
             elif group.searched:
                 moved = at.u.copy()
                 moved[:, index] += np.clip(step, -1e6*box.scale, 1e6*box.scale)
-                gap = at.H - self._value(problem, at.x, moved, at.lam, np.inf)
+                gap = at.H - self._value(problem, at.x, moved, at.lam)
             if group.searched:
                 gap[searched] = np.maximum(gap[searched], self._search(
                     problem, group, at.some(searched), scales))
             total += np.maximum(gap, 0.0)
         return total
 
-    def _value(self, problem: Problem, x: Array, u: Array, lam: Array, slack: float) -> Array:
-        """Return H, infinite where it is undefined or a path constraint is not met."""
+    def _value(self, problem: Problem, x: Array, u: Array, lam: Array) -> Array:
+        """Return H, infinite where it or a path constraint is undefined."""
         H, c, _, _ = self._few(x, u, lam, problem.p_value)
-        return self._where_met(problem, H[:, 0], c, slack)
+        return self._where_met(problem, H[:, 0], c, np.inf)
 
     def _where_met(self, problem: Problem, H: Array, c: Array, slack: float) -> Array:
         """Return H where it is finite and the path constraints are met, else infinity."""
@@ -219,7 +219,7 @@ class InputMinimum:
             for part in (1.0, 0.2):
                 trial = u.copy()
                 trial[:, index] += part * np.clip(step, -1e6*box.scale, 1e6*box.scale)
-                value = self._value(problem, at.x, trial, at.lam, np.inf)
+                value = self._value(problem, at.x, trial, at.lam)
                 better = value < best
                 best, u = np.where(better, value, best), np.where(better[:, None], trial, u)
         return best

@@ -235,18 +235,18 @@ def _in_between(problem: Problem, end: Array, pinned: Mask) -> Iterator[str]:
 
 def _too_soon(problem: Problem) -> Iterator[str]:
     """Yield the minimum time of a linear system with bounded inputs if less time is available."""
-    rows = find_affine_rows(problem) if problem.start is None else None
-    if rows is None or not rows.affine.any() or not problem.boxed.all() or (
+    *_, affine = find_affine_rows(problem)
+    if problem.start is not None or not affine.any() or not problem.boxed.all() or (
             find_affine_dynamics(problem) is None):
         return
     unlimited, none = np.full(problem.n, np.inf), np.zeros(0)
     within = FinalTime(free=True, lower=0.0, upper=problem.final_time.latest)
     found = solve_time_optimal(replace(
-        problem, L=ca.SX(1), V=ca.SX(0), psi=problem.psi[np.flatnonzero(rows.affine).tolist()],
+        problem, L=ca.SX(1), V=ca.SX(0), psi=problem.psi[np.flatnonzero(affine).tolist()],
         path=ca.SX(0, 1), path_lower=none, path_upper=none, x_lower=-unlimited,
         x_upper=unlimited, final_time=within, structure=''))
     if found is not None and found.status is Status.INFEASIBLE:
-        more = problem.constrained or not rows.affine.all()
+        more = problem.constrained or not affine.all()
         yield f'{found.message}{", without regard to the other constraints" if more else ""}'
 
 
