@@ -222,6 +222,16 @@ def _unknown(name: object, known: tuple[str, ...], where: str, what: str) -> Sta
                           f"{_short(', '.join(known)) or 'none'}")
 
 
+def _check_states(given: Given, states: tuple[str, ...], key: str, what: str) -> None:
+    """Raise an error unless the keys of a mapping are the states."""
+    for name in given:
+        if name not in states:
+            raise _unknown(name, states, f'{key}.{_short(name)}', 'a state')
+    for name in states:
+        if name not in given:
+            raise StatementError(f"{key}: no {what} for the state '{name}'")
+
+
 def _own_plant(given: Given) -> _Plant:
     states, inputs = read_names(given, 'states'), read_names(given, 'inputs')
     for name in inputs:
@@ -241,12 +251,7 @@ def _own_plant(given: Given) -> _Plant:
         raise StatementError('dynamics: missing; wanted an equation for each state')
     called = call_functions(given, ('dynamics',), x, u, p | free, time)
     equations = read_mapping(called['dynamics'], 'dynamics')
-    for name in equations:
-        if name not in states:
-            raise _unknown(name, states, f'dynamics.{_short(name)}', 'a state')
-    for name in states:
-        if name not in equations:
-            raise StatementError(f"dynamics: no equation for the state '{name}'")
+    _check_states(equations, states, 'dynamics', 'equation')
     f = _column([expressions.parse_expression(equations[name], known, f'dynamics.{name}')
                  for name in states])
     unlimited = np.full(len(inputs), np.inf)
@@ -509,12 +514,7 @@ def _initial_state(given: Given, plant: _Plant) -> list[tuple[float, float]]:
     if given.get('initial_state') is None:
         raise StatementError(f'initial_state: missing; wanted {wanted}')
     start = read_mapping(given['initial_state'], 'initial_state', wanted)
-    for name in start:
-        if name not in plant.states:
-            raise _unknown(name, plant.states, f'initial_state.{_short(name)}', 'a state')
-    for name in plant.states:
-        if name not in start:
-            raise StatementError(f"initial_state: no value for the state '{name}'")
+    _check_states(start, plant.states, 'initial_state', 'value')
     return [_initial_value(start[name], plant.values, f'initial_state.{name}')
             for name in plant.states]
 

@@ -15,7 +15,7 @@ import inspect
 from pathlib import Path
 from typing import Any
 
-from obc_ros.core.systems import linear, textbook, vehicles
+from obc_ros.core.systems import textbook, vehicles
 from obc_ros.core.systems.file import load_system
 from obc_ros.core.systems.system import System
 from obc_ros.core.text.errors import DynamicsError, ObcError, quote, suggest_name
@@ -34,7 +34,7 @@ _OWN: dict[str, Callable[..., System]] = {
     'cubic': textbook.define_cubic,
     'nonholonomic_integrator': textbook.build_nonholonomic_integrator,
     'brockett': textbook.define_brockett,
-    'linear': linear.define_linear,
+    'linear': textbook.define_linear,
 }
 # Errors that code of another package may raise; the message quotes their type and text.
 _FAULTS = (ArithmeticError, AssertionError, AttributeError, ImportError, LookupError, NameError,
