@@ -25,7 +25,7 @@ _UNIT, _ALL, _MANY = 16, 128, 256
 _PAID = 20_000   # rows so far after which a function of `_MANY` rows pays
 
 # Arguments and results of a batch, the call that evaluates it, and its buffer, to be kept.
-Batch = tuple[Array, Array, Callable[[], None], Any]
+_Batch = tuple[Array, Array, Callable[[], None], Any]
 
 
 class VectorizedFunction:
@@ -88,7 +88,7 @@ class VectorizedFunction:
         return result
 
     @cached_property
-    def _batch(self) -> Batch:
+    def _batch(self) -> _Batch:
         return _bind_buffers(self._function.map(self._few), *(
             np.zeros((self._few, size)) for size in self._shape))
 
@@ -103,7 +103,7 @@ class _ByColumn:
     def __init__(self, function: ca.Function) -> None:
         self._instructions, self._seen = Instructions(function), 0
         self._inputs, self._outputs = function.size1_in(0), function.size1_out(0)
-        self._batches: dict[int, Batch] = {}   # by number of rows
+        self._batches: dict[int, _Batch] = {}   # by number of rows
 
     def __call__(self, arguments: Sequence[Array], result: Array) -> None:
         """Evaluate arguments (rows, length), or (length,) if equal for all rows, into `result`."""
@@ -130,7 +130,7 @@ class _ByColumn:
         return min((size for size in self._batches if left <= size <= most),
                    default=-(-left // _UNIT) * _UNIT)
 
-    def _batch(self, rows: int) -> Batch:
+    def _batch(self, rows: int) -> _Batch:
         if rows not in self._batches:
             self._batches[rows] = _bind_buffers(self._build(rows), np.ones(
                 (self._inputs, rows)), np.empty((self._outputs, rows)))
@@ -196,7 +196,7 @@ class Chain:
         return result[:, :count]
 
 
-def _bind_buffers(function: ca.Function, given: Array, found: Array) -> Batch:
+def _bind_buffers(function: ca.Function, given: Array, found: Array) -> _Batch:
     """
     Bind the input and the output of a function to contiguous arrays.
 

@@ -41,11 +41,8 @@ class Equilibrium:
 
 
 @np.errstate(all='ignore')  # an overflow is not an equilibrium
-def find_equilibrium(
-    system: System,
-    x: Sequence[float] | Array | None = None,
-    u: Sequence[float] | Array | None = None,
-) -> Equilibrium:
+def find_equilibrium(system: System, x: Sequence[float] | Array | None = None,
+                     u: Sequence[float] | Array | None = None) -> Equilibrium:
     """
     Find the equilibrium at a set point by Newton's method.
 

@@ -18,6 +18,9 @@ from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.systems.robot_fields import read_robot_fields, RobotFields
 from obc_ros.core.text.errors import DynamicsError
 
+# Of the symbols of states, inputs and parameters: expressions.
+_Equations = Callable[[list[ca.SX], list[ca.SX], list[ca.SX]], Sequence[Any]]
+
 
 @dataclass(frozen=True)
 class Signal:
@@ -187,37 +190,27 @@ class System:
             for parameter in self.parameters))
 
 
-def define(
-    name: str,
-    states: Sequence[Signal],
-    inputs: Sequence[Signal],
-    parameters: Sequence[Parameter],
-    dynamics: Callable[[list[ca.SX], list[ca.SX], list[ca.SX]], Sequence[Any]],
-    *,
-    setpoint: Sequence[float] | None = None,
-    setpoint_input: Sequence[float] | None = None,
-    description: str = '',
-    plane: str = '',
-    rebuild: Callable[[Mapping[str, float]], System] | None = None,
-    outputs: Sequence[Signal] = (),
-    output_map: Callable[[list[ca.SX], list[ca.SX], list[ca.SX]], Sequence[Any]] | None = None,
-    ros: Mapping[str, Mapping[str, Any]] | None = None,
-) -> System:
+def define(name: str, states: Sequence[Signal], inputs: Sequence[Signal],
+           parameters: Sequence[Parameter], dynamics: _Equations, *,
+           setpoint: Sequence[float] | None = None, setpoint_input: Sequence[float] | None = None,
+           description: str = '', plane: str = '',
+           rebuild: Callable[[Mapping[str, float]], System] | None = None,
+           outputs: Sequence[Signal] = (), output_map: _Equations | None = None,
+           ros: Mapping[str, Mapping[str, Any]] | None = None) -> System:
     """
     Return the system dx/dt = f(x, u; p) whose f is `dynamics`.
 
     :param name, description, plane, rebuild: as in `System`.
-    :param dynamics: called with the symbols of states, inputs and parameters; returns the n
-        expressions dx/dt.
-    :param output_map: called as `dynamics`; returns the q expressions y. An output that is a state
-        with an angle is an angle.
+    :param dynamics: returns the n expressions dx/dt.
+    :param output_map: returns the q expressions y. An output that is a state with an angle is an
+        angle.
     :param ros: which fields of messages the states and inputs are, as for `read_robot_fields`. The
         state that is the heading of a body in a plane is an angle.
     """
     x, u, p = (ca.vertcat(*(ca.SX.sym(each.name) for each in signals)) if signals else ca.SX(0, 1)
                for signals in (states, inputs, parameters))
     symbols = [ca.vertsplit(each) if each.numel() else [] for each in (x, u, p)]
-    xdot = dynamics(*symbols)
+    xdot: Sequence[ca.SX] = dynamics(*symbols)
     if len(xdot) != len(states):
         raise DynamicsError(
             f'{name}: {len(states)} states but {len(xdot)} derivatives')
