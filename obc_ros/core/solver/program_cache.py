@@ -12,14 +12,15 @@ import numpy as np
 from numpy.typing import NDArray
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.ocp.certificate.cost_summands import CostSummands
-from obc_ros.core.ocp.nonconvexity import has_convex_paths, Uneven
 from obc_ros.core.ocp.problem import Problem, SYMBOLIC
 from obc_ros.core.ocp.solution import Optimality
 from obc_ros.core.ocp.structure import (
     find_branching_inputs,
     find_deciding_inputs,
     find_switching_inputs,
+    has_convex_paths,
     make_differentiable,
+    Uneven,
 )
 from obc_ros.core.solver.adjoint.bvp import Indirect
 from obc_ros.core.solver.adjoint.bvp_solution import BoundaryValues

@@ -29,13 +29,11 @@ _TWIST = {'linear.x': 'v', 'angular.z': '(v/l)*tan(phi)'}
 
 def define_vehicle() -> System:
     """
-    Return the vehicle.
+    Return the vehicle of Example 1.1 and Exercise 2.10.
 
     px' = v cos(theta), py' = v sin(theta), theta' = (v / l) tan(phi)
 
     (px, py) is the middle of the rear axle. The default set point moves on along px at 10 m/s.
-
-    Book, Example 1.1 and Exercise 2.10.
     """
     return define(
         'vehicle',
@@ -57,11 +55,9 @@ def define_vehicle() -> System:
 
 def define_lateral() -> System:
     """
-    Return the vehicle at a given speed, without its position along the road.
+    Return the vehicle at a given speed, without its position along the road (Exercise 2.10).
 
     py' = v sin(theta), theta' = (v / l) tan(phi)
-
-    Book, Exercise 2.10.
     """
     return define(
         'vehicle_lateral',
@@ -77,14 +73,12 @@ def define_lateral() -> System:
 
 def define_two_wheeled() -> System:
     """
-    Return the robot, whose limits |v| <= L and |omega| <= M are parameters.
+    Return the robot of Exercise 2.6, whose limits |v| <= L and |omega| <= M are parameters.
 
     px' = v cos(theta), py' = v sin(theta), theta' = omega
 
     (px, py) is the middle of the axle. The default set point moves on along px at L / 2: at rest
     no linear feedback can hold the position.
-
-    Book, Exercise 2.6.
     """
     return _two_wheeled({'L': 1.0, 'M': 1.0})
 
@@ -95,8 +89,7 @@ def _two_wheeled(values: Mapping[str, float]) -> System:
         'two_wheeled',
         states=(
             Signal('px', 'm', description='position of the axle'),
-            Signal('py', 'm', description='position of the axle, to the left'),
-            Signal('theta', 'rad', angle=True, description='heading, counter-clockwise')),
+            Signal('py', 'm', description='position of the axle, to the left'), _THETA),
         inputs=(
             Signal('v', 'm/s', -L, L, description='speed'),
             Signal('omega', 'rad/s', -M, M, description='spinning rate, positive to the left')),

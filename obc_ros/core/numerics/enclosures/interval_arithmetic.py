@@ -118,10 +118,8 @@ def _divide(a: Interval, b: Interval) -> Interval:
 
 
 def _square(a: Interval) -> Interval:
-    ends = abs(a.low), abs(a.high)
-    least = 0.0 if a.low <= 0.0 <= a.high else min(ends)
-    return Interval(max(0.0, _product(least, least, -inf)),
-                    _product(max(ends), max(ends), inf))
+    least, most = _size(a)
+    return Interval(max(0.0, _product(least, least, -inf)), _product(most, most, inf))
 
 
 def _raised(x: float, n: float, towards: float) -> float:

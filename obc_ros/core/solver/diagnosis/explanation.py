@@ -30,9 +30,9 @@ import math
 import casadi as ca
 import numpy as np
 from obc_ros.core.numerics.arrays import Array
-from obc_ros.core.ocp.nonconvexity import has_convex_paths
 from obc_ros.core.ocp.problem import FinalTime, Problem
 from obc_ros.core.ocp.solution import Condition, Solution, Status, Verdict
+from obc_ros.core.ocp.structure import has_convex_paths
 from obc_ros.core.ocp.wording import format_number, state_bound
 from obc_ros.core.solver.diagnosis.feasibility import (
     describe_broken_bound,

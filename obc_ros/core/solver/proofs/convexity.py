@@ -19,9 +19,8 @@ import numpy as np
 from obc_ros.core.numerics.enclosures.interval_arithmetic import enclose_outputs
 from obc_ros.core.numerics.instructions import Instructions
 from obc_ros.core.numerics.rational_polynomials import Polynomial, split_affine, TooHardError
-from obc_ros.core.ocp.nonconvexity import is_semidefinite
 from obc_ros.core.ocp.problem import Problem
-from obc_ros.core.ocp.structure import find_clocks
+from obc_ros.core.ocp.structure import find_clocks, is_semidefinite
 from obc_ros.core.solver.proofs.existence import read_exactly
 
 

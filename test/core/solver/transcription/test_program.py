@@ -7,7 +7,7 @@ import math
 
 import casadi as ca
 import numpy as np
-from obc_ros.core.ocp.nonconvexity import Uneven
+from obc_ros.core.ocp.structure import Uneven
 from obc_ros.core.solver.adjoint.costates import CostateIntegrator
 from obc_ros.core.solver.adjoint.mesh_refinement import Error, refine_mesh
 from obc_ros.core.solver.initial_guess import estimate_scales, Guesser
