@@ -7,15 +7,12 @@ A minimum-time problem minimises rate T + V subject to C x(T) = d, u in a bounde
 constant rate > 0 and V, T free, and without constraints along the path.
 """
 
-from collections import OrderedDict
 from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
 from obc_ros.core.numerics.arrays import Array
-from obc_ros.core.ocp.problem import Problem
-
-_KEPT = 64   # forms in the cache
+from obc_ros.core.ocp.problem import ByStructure, Problem
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,19 +81,7 @@ def _numbers(problem: Problem, form: _Form) -> tuple[Array, Array]:
     return values.full().ravel(), J.full()
 
 
-_forms: OrderedDict[str, _Form] = OrderedDict()
-
-
-def _form(problem: Problem) -> _Form:
-    form = _forms.pop(problem.structure, None) or _new_form(problem)
-    if problem.structure:
-        _forms[problem.structure] = form
-        if len(_forms) > _KEPT:
-            _forms.popitem(last=False)
-    return form
-
-
-def _new_form(problem: Problem) -> _Form:
+def _build_form(problem: Problem) -> _Form:
     z = ca.vertcat(problem.x, problem.u)
     values = ca.vertcat(problem.L, problem.V, problem.psi, problem.f)
     J = ca.jacobian(values, z)
@@ -104,6 +89,9 @@ def _new_form(problem: Problem) -> _Form:
     constant = ca.vertcat(values[:2], ca.vec(J[2:end, :]))
     return _Form(ca.Function('form', [z, problem.p], [values, J]),
                  not ca.depends_on(constant, z), not ca.depends_on(J[end:, :], z))
+
+
+_form = ByStructure(_build_form, 64)
 
 
 def get_final_time(problem: Problem) -> float:

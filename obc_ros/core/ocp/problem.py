@@ -11,13 +11,16 @@ The time, parameters to be found and conditions on x(0) are stated with addition
 are the last ones (`augmentation`).
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from typing import Generic, TypeVar
 
 import casadi as ca
 import numpy as np
 from obc_ros.core.numerics.arrays import Array, Mask
 from obc_ros.core.ocp.phases import PhaseLayout
+
+Kept = TypeVar('Kept')
 
 SYMBOLIC = 'x', 'u', 'p', 'f', 'L', 'V', 'psi', 'path'   # fields that one structure determines
 
@@ -195,3 +198,20 @@ class Problem:
         if self.start is None:
             return self
         return replace(self, start=None, x0=np.where(self.given_at_start, self.x0, x))
+
+
+class ByStructure(Generic[Kept]):
+    """What is built for a problem and serves all of its structure."""
+
+    def __init__(self, build: Callable[[Problem], Kept], most: int) -> None:
+        self._build, self._most = build, most
+        self._kept: dict[str, Kept] = {}   # the one used last is at the end
+
+    def __call__(self, problem: Problem) -> Kept:
+        """Return what is kept for the structure of a problem, or build it; keep the last ones."""
+        found = self._kept.pop(problem.structure, None) or self._build(problem)
+        if problem.structure:
+            self._kept[problem.structure] = found
+            if len(self._kept) > self._most:
+                del self._kept[next(iter(self._kept))]
+        return found

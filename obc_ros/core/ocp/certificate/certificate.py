@@ -61,7 +61,6 @@ cost           e / c, e = |integral of L + V(x(T)) - objective|, both replayed; 
 The module is long because all residuals share these scaling factors.
 """
 
-from collections import OrderedDict
 from dataclasses import dataclass
 from functools import partial
 
@@ -79,7 +78,7 @@ from obc_ros.core.ocp.certificate.replay import (
     PARTS,
     ReplayIntegrator,
 )
-from obc_ros.core.ocp.problem import Problem
+from obc_ros.core.ocp.problem import ByStructure, Problem
 from obc_ros.core.ocp.solution import Certificate, Condition, Solution
 from obc_ros.core.ocp.structure import make_differentiable
 
@@ -95,7 +94,6 @@ REPLAY_ERROR = 1e-7   # estimated integration error of all intervals together, o
 _COSTATE_ERROR = 0.1 * TOLERANCES[Condition.COSTATE]   # of lam; the other is a tenth, too
 LEAST_PART = 1e-2   # scale of a path constraint, relative to the sum of its terms, at least
 ACTIVE = 1e-5   # distance of an active constraint from its bound, relative to its scale
-_KEPT = 32      # problems whose compiled functions are kept
 _FORCELESS = 1e-6  # relative to lam: below it a terminal multiplier counts as 0
 # A summand of L or V below this part of its size counts as 0.
 _VANISHES = LEAST_COST * TOLERANCES[Condition.MINIMUM]
@@ -151,18 +149,7 @@ class _Functions:
                 ca.mtimes(path_x, problem.f) + ca.mtimes(ca.jacobian(problem.path, u), rate)])
 
 
-_cache: OrderedDict[str, _Functions] = OrderedDict()
-
-
-def _functions(problem: Problem) -> _Functions:
-    if not problem.structure:
-        return _Functions(problem)
-    if problem.structure not in _cache:
-        _cache[problem.structure] = _Functions(problem)
-        if len(_cache) > _KEPT:
-            _cache.popitem(last=False)
-    _cache.move_to_end(problem.structure)
-    return _cache[problem.structure]
+_functions = ByStructure(_Functions, 32)
 
 
 def _fits(problem: Problem, solution: Solution) -> bool:
