@@ -270,7 +270,11 @@ def _suspect(where: str, operation: int, operands: list[ca.SX]) -> Suspect | Non
         return Suspect(where, operands[0], 'takes the logarithm of a negative number', False)
     if operation == ca.OP_SQRT:
         return Suspect(where, operands[0], 'takes the root of a negative number', False)
-    if operation in (ca.OP_POW, ca.OP_CONSTPOW) and operands[1].is_constant() and (
-            float(operands[1]) % 1.0):
-        return Suspect(where, operands[0], 'takes a noninteger power of a negative number', False)
+    if operation in (ca.OP_POW, ca.OP_CONSTPOW) and operands[1].is_constant():
+        power = float(operands[1])
+        if power % 1.0:
+            return Suspect(where, operands[0], 'takes a noninteger power of a negative number',
+                           False)
+        if power < 0.0:
+            return Suspect(where, operands[0], 'divides by zero', True)
     return None

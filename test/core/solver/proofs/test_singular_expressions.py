@@ -30,6 +30,8 @@ def undefined(rate, cost='u**2'):
 @pytest.mark.parametrize('rate, words, time', [
     ('u/(x - 0.95)', 'dynamics.v divides by zero', 1.0),
     ('u/(x - one)', 'dynamics.v divides by zero', 1.0),
+    ('u*(x - 0.95)**-3', 'dynamics.v divides by zero', 1.0),
+    ('u*(x - one)**-2', 'dynamics.v divides by zero', 1.0),
     ('u*log(1.55 - x)', 'dynamics.v takes the logarithm of a negative number', 1.6),
     ('u + sqrt(0.45 - x**2)', 'dynamics.v takes the root of a negative number', 0.7),
     ('u + (1 - x)**1.5', 'dynamics.v takes a noninteger power of a negative number', 1.1)])
@@ -57,7 +59,8 @@ def test_a_search_names_the_expression_that_no_path_may_pass(rate, words, place)
 
 
 @pytest.mark.parametrize('rate', [
-    'u', 'u/(x + 1)', 'u*log(x + 1)', 'sqrt(x)', 'x**2', 'x**1.5', '1/(1 + x**2)', 'u/2'])
+    'u', 'u/(x + 1)', 'u*log(x + 1)', 'sqrt(x)', 'x**2', 'x**1.5', '1/(1 + x**2)', '(x + 1)**-2',
+    'u/2'])
 def test_defined_expressions_are_not_reported(rate):
     assert undefined(rate) == ''
 
