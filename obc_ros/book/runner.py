@@ -19,7 +19,7 @@ from obc_ros.book.loop import NodeLoop, reshape_rows, run_loop, UnansweredError,
 from obc_ros.cli.client import Client
 from obc_ros.core.lqr.design.report import read_matrices
 from obc_ros.core.numerics.arrays import Array
-from obc_ros.core.ocp.problem import Guess
+from obc_ros.core.ocp.guess import Guess
 from obc_ros.msg import LqrWeights
 from obc_ros.ros.messages import (
     build_named_bounds,

@@ -17,7 +17,7 @@ from typing import Any
 from builtin_interfaces.msg import Time
 import numpy as np
 from obc_ros.core.ocp import solution
-from obc_ros.core.ocp.problem import Guess
+from obc_ros.core.ocp.guess import Guess
 from obc_ros.core.text.errors import quote, StatementError
 from obc_ros.msg import (
     Attempt,
@@ -143,7 +143,8 @@ def _build_fields(kind: type, mapping: Mapping[str, Any], *left_out: str) -> Any
     message = kind()
     for name, of in message.get_fields_and_field_types().items():
         value = mapping.get(name)
-        if value is not None and name not in left_out:
+        # An empty value says nothing; a cost of 0 is one.
+        if name not in left_out and (value or value == 0 and of == 'string'):
             setattr(message, name, _build_field(name, value, _kind(of), of.startswith('seq')))
     return message
 

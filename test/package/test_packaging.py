@@ -282,6 +282,11 @@ def test_nodes_do_not_import_the_command_line():
         assert not [module for module in imports(path) if module.startswith(above)]
 
 
+def test_nodes_start_without_casadi_but_where_they_compute():
+    """It loads in 0.3 s. The server computes in its workers."""
+    assert 'casadi' not in list_reached(ROOT / 'obc_ros' / 'nodes' / 'trajectory_server.py')
+
+
 @pytest.mark.slow
 def test_every_import_is_a_declared_dependency():
     declared = {element.text for element in PACKAGE if element.tag.endswith('depend')}

@@ -18,6 +18,7 @@ from typing import Generic, TypeVar
 import casadi as ca
 import numpy as np
 from obc_ros.core.numerics.arrays import Array, Mask
+from obc_ros.core.ocp.guess import Guess
 from obc_ros.core.ocp.phases import PhaseLayout
 
 Kept = TypeVar('Kept')
@@ -48,20 +49,6 @@ class FinalTime:
     def place_end(self, t: Array) -> Array:
         """Return times (N,) with the given T exactly in place of the rounded sum of intervals."""
         return t if self.free else np.where(t < t[-1], np.minimum(t, self.value), self.value)
-
-
-@dataclass(frozen=True, eq=False)
-class Guess:
-    """
-    Initial guess of states, inputs and final time.
-
-    `x` and `u` map a name to its values at equally spaced times in [0, T]. The solver chooses
-    what is left out.
-    """
-
-    x: dict[str, Array] = field(default_factory=dict)
-    u: dict[str, Array] = field(default_factory=dict)
-    final_time: float | None = None
 
 
 @dataclass(frozen=True, eq=False)

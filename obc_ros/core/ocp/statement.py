@@ -20,9 +20,10 @@ import casadi as ca
 import numpy as np
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.ocp.augmentation import Augmentation
+from obc_ros.core.ocp.guess import Guess
 from obc_ros.core.ocp.method_names import get_method
 from obc_ros.core.ocp.phases import state_as_one_phase, state_each_phase
-from obc_ros.core.ocp.problem import FinalTime, FreeStart, Guess, Problem
+from obc_ros.core.ocp.problem import FinalTime, FreeStart, Problem
 from obc_ros.core.systems import registry
 from obc_ros.core.systems.file import FOR_PEOPLE, OF_A_PLANT
 from obc_ros.core.systems.system import System

@@ -17,8 +17,9 @@ from numpy.typing import NDArray
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.numerics.samples import interpolate_columns
 from obc_ros.core.numerics.vectorized import VectorizedFunction
+from obc_ros.core.ocp.guess import Guess
 from obc_ros.core.ocp.least_time_form import get_final_time
-from obc_ros.core.ocp.problem import Guess, Problem
+from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.solver.adjoint.costates import CostateIntegrator
 from obc_ros.core.solver.exact.reachable_set import bound_first_reach, bound_reach
 from obc_ros.core.solver.options import DEFAULTS, GuessOptions

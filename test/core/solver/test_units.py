@@ -7,7 +7,7 @@ import math
 
 import casadi as ca
 import numpy as np
-from obc_ros.core.ocp.problem import Guess
+from obc_ros.core.ocp.guess import Guess
 from obc_ros.core.ocp.solution import Status
 from obc_ros.core.solver.program_cache import Cache
 from obc_ros.core.solver.solve import solve

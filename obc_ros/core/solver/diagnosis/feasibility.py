@@ -16,7 +16,8 @@ import casadi as ca
 import numpy as np
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.numerics.samples import interpolate_columns
-from obc_ros.core.ocp.problem import Guess, Problem
+from obc_ros.core.ocp.guess import Guess
+from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.ocp.solution import Condition, Solution
 from obc_ros.core.ocp.structure import find_switching_inputs
 from obc_ros.core.ocp.wording import describe_terminal, format_number, state_bound

@@ -15,7 +15,8 @@ import casadi as ca
 import numpy as np
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.numerics.instructions import apply_to_expressions, Instructions
-from obc_ros.core.ocp.problem import Guess, Problem
+from obc_ros.core.ocp.guess import Guess
+from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.solver.transcription.program import TranscriptionOutcome
 
 _ROUNDNESS = (1e-2, 1e-3, 1e-4, 1e-6)   # eps of each refinement, in the unit of e
