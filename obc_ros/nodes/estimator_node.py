@@ -111,8 +111,8 @@ class EstimatorNode(Node):  # type: ignore[misc] # rclpy's classes are untyped
         limit = self._adopted.settings.stamp_timeout
         if limit and self._ahead > limit * 1e9:
             self._future += 1
-            self._log.warn_once(f'a measurement from the future was dropped: its stamp is '
-                            f'{1e-9 * self._ahead:.3g} s after the local time')
+            self._log.warn_once('a measurement from the future was dropped: its stamp is '
+                                f'{1e-9 * self._ahead:.3g} s after the local time')
             return
         try:
             used = self._filter.measure(stamp, message.names, message.y)
@@ -164,9 +164,9 @@ class EstimatorNode(Node):  # type: ignore[misc] # rclpy's classes are untyped
         if newest is None:
             return
         if settings.stamp_timeout and now - newest > settings.measurement_timeout * 1e9:
-            self._log.warn_once(f'the newest measurement is older than '
-                            f'{settings.measurement_timeout:g} s: no estimate is published until '
-                            'a newer one arrives')
+            self._log.warn_once('the newest measurement is older than '
+                                f'{settings.measurement_timeout:g} s: no estimate is published '
+                                'until a newer one arrives')
             return
         stamp = max(now, newest) if settings.rate and settings.stamp_timeout else newest
         try:

@@ -11,6 +11,7 @@ and ``/diagnostics``. Services: ``~/stop``, ``~/start`` (std_srvs/Trigger), ``~/
 `settings.Settings`. The loop is in `controller_node`.
 """
 
+from copy import copy
 from dataclasses import replace
 import sys
 from time import time_ns
@@ -53,7 +54,7 @@ class LqrNode(ControllerNode):
         super()._create_topics(settings)
         self._created = time_ns()
         self._references = self.create_subscription(
-            Trajectory, 'reference', self._on_reference, LATCHED_QOS,
+            Trajectory, 'reference', self._on_reference, copy(LATCHED_QOS),
             callback_group=self._desk.changes,
             qos_overriding_options=QoSOverridingOptions(OVERRIDES))
 

@@ -18,6 +18,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.service import Service
 
 STEADY = Clock(clock_type=ClockType.STEADY_TIME)   # for timers: simulated time may stand still
+# rclpy writes overrides of parameters into a profile: such a topic takes a copy.
 BEST_EFFORT = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 LATCHED_QOS = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 BURST = QoSProfile(depth=1000)  # for the service and for its clients

@@ -15,6 +15,7 @@ The module is long because a node is one class.
 """
 
 from collections.abc import Sequence
+from copy import copy
 from time import monotonic, time_ns
 from typing import Any
 
@@ -125,7 +126,7 @@ class ControllerNode(LifecycleNode):  # type: ignore[misc] # rclpy's classes are
         self._look_at_clock()
         self._states = self.create_subscription(
             state_sources.SOURCES[settings.state_source], settings.state_source,
-            lambda message: None, BEST_EFFORT, callback_group=Apart(),
+            lambda message: None, copy(BEST_EFFORT), callback_group=Apart(),
             qos_overriding_options=overrides)
         self._monitor.topic = self._states.topic_name
         self._commands = self.create_lifecycle_publisher(

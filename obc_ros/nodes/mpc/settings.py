@@ -184,4 +184,3 @@ def _bounds(given: Vector, names: tuple[str, ...]) -> tuple[Vector, Vector]:
             raise StatementError(f'x_bounds of {name}: [{low:g}, {high:g}]; wanted a lower bound '
                                  'below the upper one')
     return given[::2], given[1::2]
-
