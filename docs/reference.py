@@ -135,7 +135,7 @@ def meaning(row: Row) -> str:
 
 
 def condition(given: tuple[Any, ...]) -> str:
-    """Return a condition on another parameter, in words; see `ros.parameters.conditions`."""
+    """Return a condition on another parameter, in words; see `ros.parameters.table`."""
     name, *wanted = given
     if not wanted:
         return f'one of {name}' if name.endswith('*') else str(name)

@@ -147,7 +147,7 @@ def _fill(quantity: Quantity, rows: Mapping[int, Mapping[str, Any]], size: int) 
         np.full(size, np.nan))
     for index, row in rows.items():
         value = row.get(name, 0 if flags else np.nan)
-        values[index] = flags.index(value) if isinstance(value, str) else value
+        values[index] = flags.index(value) if flags and isinstance(value, str) else value
     return values
 
 
