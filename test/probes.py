@@ -3,6 +3,7 @@
 """A node that tests use to talk to nodes over DDS."""
 
 from collections.abc import Callable, Mapping
+import gc
 import time
 from typing import Any
 
@@ -81,7 +82,10 @@ class Probe:
         with pytest.raises(ObcError) as refused:
             node(context=self.context, parameter_overrides=[
                 Parameter(name, value=value) for name, value in parameters.items()])
-        return str(refused.value)
+        reason = str(refused.value)
+        del refused
+        gc.collect()   # what was created of the node, its participant of DDS above all
+        return reason
 
     def wait_for_node(self, name: str, timeout: float = DEADLINE) -> None:
         """Wait until a node of that name (without namespace) is discovered."""

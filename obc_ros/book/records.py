@@ -17,10 +17,10 @@ from obc_ros.book.entry import GalleryEntry
 from obc_ros.book.page import render_page, strip_markup
 from obc_ros.book.runner import Desk
 from obc_ros.cli.client import serve_client
-from obc_ros.cli.console import InterruptedByUserError, print_table, show_progress
 from obc_ros.cli.processes import Children, isolate, reserve_domain
 from obc_ros.cli.results import write as write_json
 from obc_ros.cli.ros_graph import ServerLostError
+from obc_ros.cli.terminal import InterruptedByUserError, print_table, show_progress
 from obc_ros.core.text.errors import ObcError
 from obc_ros.core.text.tables import format_residual, format_value
 

@@ -8,9 +8,9 @@ import os
 from typing import Any
 
 from obc_ros.action import SolveOptimalControl
-from obc_ros.cli.console import EndSignals
 from obc_ros.cli.processes import APPEARS, Children, is_domain_used
 from obc_ros.cli.ros_graph import Graph, join_graph, ServerLostError
+from obc_ros.cli.terminal import EndSignals
 from obc_ros.core.text.errors import ObcError
 from obc_ros.ros.service_qos import BURST
 from rcl_interfaces.srv import GetParameters

@@ -15,7 +15,7 @@ from pathlib import Path
 import sys
 from typing import Any
 
-from obc_ros.cli.console import print_table
+from obc_ros.cli.terminal import print_table
 from obc_ros.core.text.errors import ObcError, quote, suggest_name
 from obc_ros.core.text.example_files import find_example, list_examples
 from obc_ros.core.text.tables import format_value

@@ -19,7 +19,7 @@ import sys
 from typing import Any
 
 from obc_ros.cli import leave
-from obc_ros.cli.console import open_streams, Parser
+from obc_ros.cli.terminal import open_streams, Parser
 from obc_ros.core.text.errors import ObcError
 from obc_ros.ros.installation import explain_missing_ros, require_ros
 

@@ -22,7 +22,7 @@ import tempfile
 import time
 from types import TracebackType
 
-from obc_ros.cli.console import EndSignals
+from obc_ros.cli.terminal import EndSignals
 from obc_ros.core.text.errors import ObcError
 from obc_ros.ros.middleware import choose_profile
 

@@ -12,10 +12,10 @@ import socket
 import threading
 from typing import Any
 
-from obc_ros.cli.console import EndSignals, InterruptedByUserError
 from obc_ros.cli.processes import Children, find_log_folder, isolate, reserve_domain
 from obc_ros.cli.ros_graph import keep_to_this_machine
 from obc_ros.cli.share_folders import share_directory
+from obc_ros.cli.terminal import EndSignals, InterruptedByUserError
 from obc_ros.core.text.errors import ObcError
 from obc_ros.ros.middleware import choose_profile
 from obc_ros.workers.processes.real_time import find_priority_refusal

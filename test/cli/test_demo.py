@@ -193,18 +193,19 @@ def test_an_invalid_domain_is_refused(tmp_path: Path, monkeypatch: pytest.Monkey
 
 
 @pytest.mark.nodes
-def test_the_death_of_a_node_ends_the_demo(tmp_path: Path, domain: int) -> None:
-    """The demonstration names the dead node, which no message misses, and ends the others."""
+@pytest.mark.parametrize('victim', ['plant_simulator', 'trajectory_server'])
+def test_the_death_of_a_node_ends_the_demo(victim: str, tmp_path: Path, domain: int) -> None:
+    """The demonstration names the dead node, missed by others or not, and ends these."""
     demo = support.Process(
         [support.find('obc'), 'demo', 'aircraft', '--real-time', '--out', str(tmp_path / 'out')],
         tmp_path / 'log', domain)
     try:
         pids = wait_for_flight(demo)
-        node = next(pid for pid in pids if 'obc_ros.nodes.trajectory_server'
-                    in Path(f'/proc/{pid}/cmdline').read_text())
+        node = next(pid for pid in pids
+                    if f'obc_ros.nodes.{victim}' in Path(f'/proc/{pid}/cmdline').read_text())
         os.kill(node, signal.SIGKILL)
         assert demo.wait(20.0) == 1
-        assert 'trajectory_server was ended by SIGKILL' in demo.output()
+        assert f'{victim} was ended by SIGKILL' in demo.output()
         wait_for(lambda: not any(map(alive, pids)))
     finally:
         demo.end()

@@ -10,8 +10,8 @@ import sys
 import tempfile
 
 from obc_ros.cli import processes
-from obc_ros.cli.console import InterruptedByUserError
 from obc_ros.cli.processes import Children, reserve_domain
+from obc_ros.cli.terminal import InterruptedByUserError
 import pytest
 
 

@@ -93,3 +93,10 @@ def test_plants_that_cannot_be_used_refuse_the_start(
         ) -> None:
     assert words in probe.refusal(TrajectoryServer, {
         'systems': [write(tmp_path, name, **changes) for name in names]})
+
+
+def test_the_server_ends_with_the_reason(spawn: Any, tmp_path: Path) -> None:
+    process = spawn('trajectory_server', {
+        'systems': [write(tmp_path, 'cart', state=['p'])], 'workers': 1})
+    assert process.wait() == 1
+    assert 'state: unknown key' in process.output()

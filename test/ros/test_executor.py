@@ -94,25 +94,31 @@ def test_bad_start_arguments_end_a_node_with_one_sentence(spawn: Any, tmp_path: 
     assert 'write the numbers of a list all with a point, or none' in mixed.output()
 
 
-def test_dumped_parameters_override_those_of_a_scenario(spawn: Any, probe: Any) -> None:
+@pytest.mark.parametrize(('node', 'tuned'), [
+    ('lqr_node', {'Qx': [100.0, 1.0, 1.0, 0.0, 0.0, 0.0], 'integral': ['px'], 'Qi': []}),
+    ('plant_simulator', {'noise.px': 0.1, 'x0': [1.0] * 6}),
+    ('trajectory_server', {'workers': 1})])
+def test_dumped_parameters_override_those_of_a_scenario(spawn: Any, probe: Any, node: str,
+                                                        tuned: dict[str, Any]) -> None:
     """A node started with the dumped parameters of another node has the same values."""
-    tuned = {'Qx': [100.0, 1.0, 1.0, 0.0, 0.0, 0.0], 'integral': ['px'], 'Qi': []}
-    spawn('lqr_node', tuned)
+    spawn(node, tuned)
+    request = ListParameters.Request()
     names = [name for name in probe.call(
-        ListParameters, '/lqr_node/list_parameters').result.names
+        ListParameters, f'/{node}/list_parameters', request).result.names
              if not name.startswith('qos_overrides.')]  # their names contain the namespace
     values = {name: list(value) if isinstance(value, (tuple, array)) else value
-              for name, value in probe.get_parameters('/lqr_node', *names).items()}
+              for name, value in probe.get_parameters(f'/{node}', *names).items()}
     assert tuned.items() <= values.items()
     scenario = Path(__file__).resolve().parents[2] / 'config' / 'aircraft.yaml'
     again = ['--ros-args', '--params-file', str(scenario), '--']
-    spawn('lqr_node', values, arguments=again, name='lqr_node', namespace='/again')
-    assert probe.get_parameters('/again/lqr_node', *names) == probe.get_parameters(
-        '/lqr_node', *names)
+    spawn(node, values, arguments=again, name=node, namespace='/again')
+    assert probe.get_parameters(f'/again/{node}', *names) == probe.get_parameters(
+        f'/{node}', *names)
 
 
 @pytest.mark.parametrize(('node', 'number'), [
-    ('lqr_node', signal.SIGTERM), *((node, signal.SIGINT) for node in NODES)])
+    *((node, signal.SIGTERM) for node in ('lqr_node', 'trajectory_server')),
+    *((node, signal.SIGINT) for node in NODES)])
 def test_a_signal_during_loading_ends_a_node_silently(spawn: Any, probe: Any, node: str,
                                                       number: int) -> None:
     process = spawn(node)

@@ -10,7 +10,7 @@ from typing import Any
 
 from obc_ros.book.teaching.exercises import QUESTIONS
 from obc_ros.book.teaching.question import SheetQuestion
-from obc_ros.cli.console import print_table
+from obc_ros.cli.terminal import print_table
 from obc_ros.core.text.errors import describe_type, ObcError, quote, StatementError, suggest_name
 from obc_ros.core.text.yaml_files import read_yaml
 

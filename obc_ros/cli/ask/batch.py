@@ -16,8 +16,8 @@ from queue import Empty, SimpleQueue
 import time
 from typing import Any, ClassVar
 
-from obc_ros.cli.console import EndSignals, InterruptedByUserError, Lines, show_progress
 from obc_ros.cli.results import Asked, Kind
+from obc_ros.cli.terminal import EndSignals, InterruptedByUserError, Lines, show_progress
 from obc_ros.core.ocp.solution import Solution, Status
 from obc_ros.core.text.errors import ObcError
 from obc_ros.ros.installation import require_ros

@@ -13,7 +13,7 @@ import numpy as np
 from obc_ros.cli import results
 from obc_ros.cli.ask.batch import answer_all
 from obc_ros.cli.ask.regulator_requests import Case
-from obc_ros.cli.console import get_width, print_table
+from obc_ros.cli.terminal import get_width, print_table
 from obc_ros.core.lqr.design.report import Matrices, read_matrices
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.text.errors import quote

@@ -10,7 +10,7 @@ from action_msgs.msg import GoalStatus
 from obc_ros.action import SolveOptimalControl
 from obc_ros.cli.ask.batch import Batch, Question
 from obc_ros.cli.client import Client, connect_client
-from obc_ros.cli.console import Lines, show_progress
+from obc_ros.cli.terminal import Lines, show_progress
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.text.errors import DynamicsError, StatementError
 from obc_ros.ros.messages import build_problem_message, read_solution

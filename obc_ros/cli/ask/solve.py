@@ -13,7 +13,7 @@ from typing import Any
 from obc_ros.api.figures.files import save_figure
 from obc_ros.cli import results
 from obc_ros.cli.ask.batch import answer_all, Question
-from obc_ros.cli.console import get_width, print_table
+from obc_ros.cli.terminal import get_width, print_table
 from obc_ros.core.ocp.method_names import get_method, NAMES
 from obc_ros.core.ocp.solution import Condition, Optimality, Solution
 from obc_ros.core.text.errors import quote, StatementError

@@ -23,7 +23,7 @@ from obc_ros.api.sweep import (
     Workers,
 )
 from obc_ros.cli import results
-from obc_ros.cli.console import Lines, print_table, show_progress
+from obc_ros.cli.terminal import Lines, print_table, show_progress
 from obc_ros.core.text.errors import DynamicsError, ObcError, quote, StatementError
 from obc_ros.core.text.example_files import choose_file
 from obc_ros.sweep.axes import make_axes, make_draws, parse_axes, parse_draws

@@ -12,7 +12,6 @@ from matplotlib.figure import Figure
 import numpy as np
 from obc_ros.api.figures.bodies import ARM, draw_aircraft, PLUME
 from obc_ros.api.figures.style import get_line, LINE_COLOURS, new_figure, THIN
-from obc_ros.cli.console import print_table
 from obc_ros.cli.demo.flight import (
     Flight,
     FlightEvent,
@@ -24,6 +23,7 @@ from obc_ros.cli.demo.flight import (
     set_parameters,
 )
 from obc_ros.cli.flight_client import Pilot
+from obc_ros.cli.terminal import print_table
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.msg import LqrDesign
 

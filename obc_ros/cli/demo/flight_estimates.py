@@ -12,9 +12,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 import numpy as np
 from obc_ros.api.figures.style import get_line, label_unit, LINE_COLOURS, new_figure, THIN
-from obc_ros.cli.console import print_table
 from obc_ros.cli.demo.flight import Flight, FlightEvent, fly, make_gust, report_loop, save_drawing
 from obc_ros.cli.flight_client import Pilot, Samples
+from obc_ros.cli.terminal import print_table
 from obc_ros.core.estimation.filter import Consistency
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.systems.equilibrium import find_equilibrium

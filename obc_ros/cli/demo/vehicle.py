@@ -9,9 +9,9 @@ from pathlib import Path
 from matplotlib.figure import Figure
 import numpy as np
 from obc_ros.api.figures.style import EXACT, get_line, new_figure, THIN
-from obc_ros.cli.console import print_table
 from obc_ros.cli.demo.flight import Flight, FlightEvent, fly, report_loop, save_drawing
 from obc_ros.cli.flight_client import Pilot
+from obc_ros.cli.terminal import print_table
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.systems.courses import build_lateral_reference, make_slalom
 from obc_ros.core.text.errors import ObcError
