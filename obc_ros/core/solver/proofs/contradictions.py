@@ -235,8 +235,10 @@ def _in_between(problem: Problem, end: Array, pinned: Mask) -> Iterator[str]:
 
 def _too_soon(problem: Problem) -> Iterator[str]:
     """Yield the minimum time of a linear system with bounded inputs if less time is available."""
+    if problem.start is not None or not problem.q:
+        return
     *_, affine = find_affine_rows(problem)
-    if problem.start is not None or not affine.any() or not problem.boxed.all() or (
+    if not affine.any() or not problem.boxed.all() or (
             find_affine_dynamics(problem) is None):
         return
     unlimited, none = np.full(problem.n, np.inf), np.zeros(0)

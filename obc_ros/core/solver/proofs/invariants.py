@@ -19,6 +19,7 @@ from math import prod
 
 import casadi as ca
 import numpy as np
+from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.numerics.rational_polynomials import (
     Algebra,
     convert_to_rational,
@@ -52,12 +53,16 @@ def find_changed_invariants(problem: Problem) -> Iterator[str]:
     try:
         # The first symbols are the states.
         rates = read_polynomials(f, [[None] * problem.n, held, problem.p_value])
-        for candidates in (linear, [*linear, *combinations_with_replacement(states, 2)]):
-            monomials = _suggest(problem, candidates)
-            for c in _find_invariants(end, rates, monomials):
-                yield from _compared(problem, end, c, monomials)
     except TooHardError:
         return
+    for candidates in (linear, [*linear, *combinations_with_replacement(states, 2)]):
+        monomials = _suggest(problem, candidates)
+        try:
+            found = _find_invariants(end, rates, monomials)
+        except TooHardError:
+            continue
+        for c in found:
+            yield from _compared(problem, end, c, monomials)
 
 
 @np.errstate(all='ignore')   # the dynamics may be undefined at some points
@@ -65,7 +70,7 @@ def _suggest(problem: Problem, monomials: list[StateMonomial]) -> list[StateMono
     """Return the monomials in sums that hardly change at random states and inputs."""
     rng, count = np.random.default_rng(5), 3 * len(monomials)
     x = problem.x0 + (1 + np.abs(problem.x0)) * rng.uniform(-1, 1, (count, problem.n))
-    u = np.clip(rng.normal(size=(count, problem.m)), problem.u_lower, problem.u_upper)
+    u = _draw_inputs(problem, rng, count)
     f = ca.Function('f', [problem.x, problem.u, problem.p], [problem.f]).map(count)(
         x.T, u.T, ca.repmat(problem.p_value, 1, count)).full().T
     rates = np.column_stack([
@@ -80,6 +85,16 @@ def _suggest(problem: Problem, monomials: list[StateMonomial]) -> list[StateMono
     null = V[np.sum(values > 1e-10 * values.max(initial=1.0)):]   # up to rounding
     return [each for each, size in zip(monomials, np.abs(null).max(axis=0, initial=0.0),
                                        strict=True) if size > 1e-8]
+
+
+def _draw_inputs(problem: Problem, rng: np.random.Generator, count: int) -> Array:
+    """Return inputs inside their bounds, where the dynamics need not be defined."""
+    low, high = problem.u_lower, problem.u_upper
+    wide = 3.0 * (1.0 + np.minimum(np.abs(low), np.abs(high)))   # where one of them is infinite
+    wide = np.where(np.isfinite(wide), wide, 3.0)
+    low = np.where(np.isfinite(low), low, np.where(np.isfinite(high), high - wide, -wide / 2))
+    high = np.where(np.isfinite(high), high, low + wide)
+    return low + (high - low) * rng.uniform(size=(count, problem.m))
 
 
 def _find_invariants(end: End, rates: tuple[Algebra, list[Polynomial]],

@@ -305,6 +305,8 @@ def test_one_sided_input_bounds_give_no_false_invariant(near, width, side, drift
     ({'x': 'u*sin(v)**2', 'v': '-u*(1 - cos(v)**2)'}, ['x', 'v - 3'], 'x + v'),
     ({'x': 'u*v/(1 + x**2)', 'v': '-x*u/(1 + x**2)'}, ['x', 'v - 3'], 'x**2 + v**2'),
     ({'x': 'u', 'v': 'u/x*(1 - v)'}, ['x - 2', 'v - 3'], 'x*v'),
+    # Undefined at the bound u = 0, and at no input inside.
+    ({'x': 'v/u', 'v': '-x/u'}, ['x - 5', 'v'], 'x**2 + v**2'),
     ({'x': 'u*sqrt(1 + v)', 'v': '-2*u*sqrt(1 + v)*(1 + v)/(1 + v)'}, ['x', 'v - 3'], 'x + v'),
 ])
 def test_invariants_are_proved_by_identities(dynamics, end, quantity):
