@@ -200,5 +200,5 @@ class ByStructure(Generic[Kept]):
         if problem.structure:
             self._kept[problem.structure] = found
             if len(self._kept) > self._most:
-                del self._kept[next(iter(self._kept))]
+                self._kept.pop(next(iter(self._kept)), None)
         return found

@@ -148,6 +148,9 @@ CHECKS = {
     'moon_lander': check_moon_landing, 'catalyst_mixing': check_catalyst_mixing}
 
 
+assert set(CHECKS) <= set(NAMES)
+
+
 @pytest.mark.parametrize('name', [
     pytest.param(name, marks=pytest.mark.slow) if name in SLOW else name for name in NAMES])
 def test_published_problem(name):
