@@ -85,7 +85,7 @@ class PlantView:
         self._path = node.create_publisher(Path, 'trail', 1)
         self._frames: Publisher | None = None
         if settings.publish_tf:
-            kind = import_module(TF_MESSAGES + '.msg').TFMessage
+            kind = import_module('tf2_msgs.msg').TFMessage
             self._frames = node.create_publisher(kind, 'tf', 100)   # as tf2_ros does
         self.adopt(system, settings)
         node.create_subscription(LqrDesign, 'lqr_node/design', self._take, LATCHED_QOS)
