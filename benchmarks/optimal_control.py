@@ -331,7 +331,7 @@ def one_solve(problem: Problem, N: int) -> tuple[float, timing.Times, int]:
     guess = Guesser(problem).line(problem, problem.final_time.value)
     sizes = estimate_scales(problem, guess)
     limits = TightenedLimits(np.zeros(1), np.ones(1), np.zeros(problem.n),
-                             np.zeros(problem.n, dtype=bool))
+                             np.zeros(problem.n, dtype=bool), np.full(problem.n, np.nan))
     begun = time.perf_counter()
     program = Transcription(problem, mesh.layout)
     start = program.start(mesh, guess, guess.durations, sizes)
