@@ -16,7 +16,7 @@ from math import pi
 from typing import Any
 
 import numpy as np
-from obc_ros.core.solver.exact.reeds_shepp import find_shortest_path
+from obc_ros.core.systems.reeds_shepp import find_shortest_path
 
 PAIRS = 20_000
 TIMED = 500     # pairs that are timed one by one

@@ -19,7 +19,7 @@ ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = 'obc_ros'
 # From the top. A room imports from the rows below it and from the other rooms of its row.
 ROWS = (('book', 'view'), ('cli', 'nodes'), ('ros',), ('api',), ('sweep',), ('workers',),
-        ('core.receding',), ('core.solver',),
+        ('core.receding', 'core.tasks'), ('core.solver',),
         ('core.closed_loop', 'core.simulation', 'core.estimation', 'core.lqr', 'core.riccati',
          'core.ocp'),
         ('core.systems',), ('core.numerics',), ('core.text',))

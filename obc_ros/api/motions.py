@@ -9,10 +9,10 @@ from obc_ros.api.answer import Answer
 from obc_ros.api.problem import convert_numbers
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.ocp.augmentation import hide_added_states
-from obc_ros.core.solver.exact.reeds_shepp import find_shortest_path
-from obc_ros.core.solver.motion_planning import Motion, solve_motion
-from obc_ros.core.solver.nlp import minimize as static
-from obc_ros.core.solver.nlp.minimize import Minimum
+from obc_ros.core.systems.reeds_shepp import find_shortest_path
+from obc_ros.core.tasks import minimize as static
+from obc_ros.core.tasks.minimize import Minimum
+from obc_ros.core.tasks.motion_planning import Motion, solve_motion
 from obc_ros.core.text.errors import describe_type, StatementError
 
 

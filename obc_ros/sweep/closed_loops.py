@@ -15,8 +15,8 @@ import casadi as ca
 import numpy as np
 from obc_ros.core.lqr.design.design import Design, design, linearize_plant, LinearizedPlant
 from obc_ros.core.numerics.arrays import Array, integrate
-from obc_ros.core.solver.motion_planning import find_registered
 from obc_ros.core.systems.equilibrium import Equilibrium
+from obc_ros.core.systems.registry import find_registered
 from obc_ros.core.systems.system import Signal, System
 from obc_ros.core.text.errors import DynamicsError, RefusedDesignError, StatementError
 from obc_ros.sweep.regulator_numbers import read_numbers

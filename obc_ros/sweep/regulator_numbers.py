@@ -19,8 +19,8 @@ from collections.abc import Iterator, Mapping
 from functools import cached_property
 from typing import Any
 
-from obc_ros.core.solver.motion_planning import find_registered
 from obc_ros.core.systems.file import FOR_PEOPLE
+from obc_ros.core.systems.registry import find_registered
 from obc_ros.core.systems.system import Signal, System
 from obc_ros.core.text.errors import describe_type, StatementError
 from obc_ros.core.text.expressions import parse_number

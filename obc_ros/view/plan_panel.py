@@ -10,8 +10,8 @@ from nicegui import run, ui
 import numpy as np
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.ocp.statement import build_problem
-from obc_ros.core.solver.motion_planning import Motion, state_motion
 from obc_ros.core.systems.registry import list_systems
+from obc_ros.core.tasks.motion_planning import Motion, state_motion
 from obc_ros.core.text.errors import ObcError
 from obc_ros.msg import Trajectory
 from obc_ros.ros.messages import read_message_bounds

@@ -12,8 +12,8 @@ from obc_ros.core.lqr.design.design import design, linearize_plant, LinearizedPl
 from obc_ros.core.lqr.design.report import Change, report_fields
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.ocp.solution import Report
-from obc_ros.core.solver.motion_planning import find_registered
 from obc_ros.core.systems.equilibrium import Equilibrium
+from obc_ros.core.systems.registry import find_registered
 from obc_ros.core.systems.system import Signal, System
 from obc_ros.core.text.errors import RefusedDesignError, StatementError
 from obc_ros.workers.solving import answer_by, Keep

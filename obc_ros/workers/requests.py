@@ -4,8 +4,8 @@
 
 from obc_ros.core.numerics.arrays import integrate, linalg, optimize, special
 from obc_ros.core.ocp.solution import MAX_INTERVALS, Report
-from obc_ros.core.solver.motion_planning import solve_motion
-from obc_ros.core.solver.nlp.minimize import minimize
+from obc_ros.core.tasks.minimize import minimize
+from obc_ros.core.tasks.motion_planning import solve_motion
 from obc_ros.workers.designing import design_regulator
 from obc_ros.workers.solving import (
     answer_by,

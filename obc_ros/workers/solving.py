@@ -17,10 +17,12 @@ from obc_ros.core.ocp.solution import (
     Solution,
 )
 from obc_ros.core.ocp.statement import build_problem
-from obc_ros.core.solver.motion_planning import build_plant, find_registered, Motion
 from obc_ros.core.solver.options import read_options
 from obc_ros.core.solver.program_cache import Cache
 from obc_ros.core.solver.solve import solve
+from obc_ros.core.systems.file import build_plant
+from obc_ros.core.systems.registry import find_registered
+from obc_ros.core.tasks.motion_planning import Motion
 from obc_ros.core.text.errors import ObcError, quote, StatementError
 from obc_ros.workers.wire import Packet
 

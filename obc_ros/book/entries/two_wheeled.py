@@ -15,7 +15,7 @@ from obc_ros.book.entry import ComparedRow, create_panels, EntryResult, GalleryE
 from obc_ros.book.extremals import find_least_times
 from obc_ros.book.runner import Desk, Trajectory
 from obc_ros.core.numerics.arrays import Array
-from obc_ros.core.solver.exact.reeds_shepp import find_shortest_path, Segment
+from obc_ros.core.systems.reeds_shepp import find_shortest_path, Segment
 from scipy.ndimage import binary_erosion, distance_transform_edt, gaussian_filter, label
 
 Pose = tuple[float, float, float]

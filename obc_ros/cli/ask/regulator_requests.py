@@ -20,8 +20,8 @@ from obc_ros.cli.results import Asked
 from obc_ros.core.lqr.design.report import read_matrices
 from obc_ros.core.lqr.weights import WEIGHT_KINDS
 from obc_ros.core.numerics.arrays import Array
-from obc_ros.core.solver.motion_planning import find_registered
 from obc_ros.core.systems.file import FOR_PEOPLE
+from obc_ros.core.systems.registry import find_registered
 from obc_ros.core.text.errors import describe_type, StatementError, suggest_name
 from obc_ros.core.text.expressions import parse_number
 from obc_ros.core.text.fields import check_keys

@@ -72,20 +72,6 @@ def find_clocks(problem: Problem) -> Mask:
     return np.array(steady) & problem.given_at_start
 
 
-def find_branching_inputs(problem: Problem) -> Mask:
-    """
-    Return the bounded inputs in which H may have several minima.
-
-    :return: (m,), True if both bounds exist, the curvature of H in the input depends on this
-        input, and no path constraint contains it.
-    """
-    lam, u = ca.SX.sym('lam', problem.n), problem.u
-    H = problem.L + ca.dot(lam, problem.f)
-    curvature = ca.diag(ca.jacobian(ca.gradient(H, u), u))
-    bent = find_dependence(curvature, u).diagonal()
-    return np.asarray(problem.boxed & bent & ~find_shared_inputs(problem))
-
-
 def make_differentiable(problem: Problem) -> Problem:
     """
     Return a problem in whose expressions norms of states have derivatives at 0.

@@ -15,7 +15,6 @@ from obc_ros.core.ocp.certificate.cost_summands import CostSummands
 from obc_ros.core.ocp.problem import Problem, SYMBOLIC
 from obc_ros.core.ocp.solution import Optimality
 from obc_ros.core.ocp.structure import (
-    find_branching_inputs,
     find_deciding_inputs,
     find_switching_inputs,
     has_convex_paths,
@@ -180,11 +179,6 @@ class ProgramCache:
     def deciding(self) -> NDArray[np.bool_]:
         """Return which inputs occur in the time derivatives of (x, c), (n + l, m)."""
         return find_deciding_inputs(self._smooth)
-
-    @cached_property
-    def branching(self) -> NDArray[np.bool_]:
-        """Return the bounded inputs in which H may have several local minima, (m,)."""
-        return find_branching_inputs(self._smooth)
 
     @cached_property
     def summands(self) -> CostSummands:

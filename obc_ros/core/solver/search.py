@@ -17,7 +17,7 @@ from obc_ros.core.ocp.solution import Solution, Status, Verdict
 from obc_ros.core.solver.bench import Bench, build_bench, Candidate, Task
 from obc_ros.core.solver.descent import descend
 from obc_ros.core.solver.multistart.coarse_mesh import CoarseResult, solve_coarse
-from obc_ros.core.solver.multistart.multistart import descend_from_coarse, explore_starts
+from obc_ros.core.solver.multistart.multistart import explore_starts
 from obc_ros.core.solver.multistart.neighbour import solve_from_neighbour
 from obc_ros.core.solver.nlp.meter import Meter
 from obc_ros.core.solver.proofs.contradictions import explain_contradiction
@@ -74,13 +74,13 @@ def _descend(coarse: CoarseResult, pool: StartPool) -> tuple[Candidate, Bench, l
     bench = replace(bench, meter=_budget(coarse))
     if bench.quick:
         return descend(bench, outcomes[0]), bench, []
-    first, floor = descend_from_coarse(bench, outcomes[0])
+    first = descend(bench, outcomes[0])
     if not (first.certified or bench.meter.stopped) and (
             reason := explain_contradiction(bench.stated)):
         # The discretised problem may have paths although the stated one has none.
         return Candidate(Solution(Status.INFEASIBLE, reason)), bench, []
     explored = explore_starts(
-        bench, pool, first, floor, outcomes[1:], sound=coarse.sound)
+        bench, pool, first, outcomes[0].objective, outcomes[1:], sound=coarse.sound)
     return explored.best, bench, explored.minima
 
 

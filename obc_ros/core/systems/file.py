@@ -83,6 +83,23 @@ def build_system(statement: object) -> System:
     return _system(read_mapping(statement, 'system'), 'system', {})
 
 
+def build_plant(plant: Mapping[str, Any], parameters: Mapping[str, Any]) -> System:
+    """
+    Build the system of a file with parameters.
+
+    :param plant: as `load_plant` returns it.
+    :param parameters: by name: a number or an expression without names.
+    :raises StatementError, DynamicsError: if a parameter is not valid.
+    """
+    return build_system(plant).with_parameters(evaluate_parameters(parameters))
+
+
+def evaluate_parameters(parameters: Mapping[str, Any]) -> dict[str, Any]:
+    """Return given values of parameters as numbers; lists remain."""
+    return {key: value if isinstance(value, list) else parse_number(
+        value, {}, f'parameters.{quote(key)}') for key, value in parameters.items()}
+
+
 def _system(given: Given, stem: str, chosen: Values) -> System:
     check_keys(given, PLANT, TASK + FOR_PEOPLE)
     states, inputs = read_names(given, 'states'), read_names(given, 'inputs')

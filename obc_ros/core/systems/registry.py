@@ -16,11 +16,12 @@ from pathlib import Path
 from typing import Any
 
 from obc_ros.core.systems import textbook, vehicles
-from obc_ros.core.systems.file import load_system
+from obc_ros.core.systems.file import evaluate_parameters, load_system
 from obc_ros.core.systems.system import System
 from obc_ros.core.text.errors import DynamicsError, ObcError, quote, suggest_name
 
-__all__ = ['get_options', 'get_registered', 'get_system', 'is_file', 'list_systems', 'load_system']
+__all__ = ['find_registered', 'get_options', 'get_registered', 'get_system', 'is_file',
+           'list_systems', 'load_system']
 
 GROUP = 'obc_ros.systems'
 
@@ -81,6 +82,21 @@ def get_registered(name: str, parameters: Mapping[str, Any] | None = None,
         raise DynamicsError(f"system '{name}' cannot be built: its entry point returned an "
                             f'object of type {type(system).__name__}, not a System')
     return system.with_parameters(given)
+
+
+def find_registered(name: str, parameters: Mapping[str, Any]) -> System:
+    """
+    Build a registered system with parameters.
+
+    :param name: registered name, not that of a file.
+    :param parameters: by name: a number or an expression without names; for an option also a list
+        of rows.
+    :raises StatementError, DynamicsError: if the name is not registered, or a parameter is not
+        valid.
+    """
+    return get_registered(name, {
+        key: int(value) if isinstance(value, float) and value.is_integer() else value
+        for key, value in evaluate_parameters(parameters).items()})
 
 
 def get_options(name: str) -> dict[str, Any]:

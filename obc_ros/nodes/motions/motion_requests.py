@@ -240,7 +240,7 @@ def _lead(settings: Any) -> int:
 
 def state_plan(request: Any, systems: tuple[str, ...]) -> dict[str, Any]:
     """Return the problem of a request with a start that was answered, as in a file."""
-    from obc_ros.core.solver.motion_planning import state_motion  # CasADi: 0.3 s
+    from obc_ros.core.tasks.motion_planning import state_motion  # CasADi: 0.3 s
     from obc_ros.workers.solving import read_motion
     packet = messages.read_request('plan', request)
     packet.plain.update(_name_plant(request, systems))

@@ -64,7 +64,8 @@ class PresentState:
         if self._topic == 'state' and not self._message.names:
             return PlanStart(self._message.x, (), header.frame_id)
         # Imported here because CasADi takes a third of a second, and few nodes plan.
-        from obc_ros.core.solver.motion_planning import build_plant, find_registered
+        from obc_ros.core.systems.file import build_plant
+        from obc_ros.core.systems.registry import find_registered
         from obc_ros.ros.conversions import make_state_reader
         check_size(request)
         given, plant = read_parameters(

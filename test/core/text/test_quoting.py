@@ -10,9 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from obc_ros.core.lqr import weights
 from obc_ros.core.ocp import statement
-from obc_ros.core.solver import motion_planning, solve
-from obc_ros.core.solver.nlp import minimize
+from obc_ros.core.solver import solve
 from obc_ros.core.systems import registry
+from obc_ros.core.tasks import minimize
 from obc_ros.core.text.errors import ObcError, quote
 from obc_ros.core.text.expressions import parse_expression, parse_number
 from obc_ros.core.text.yaml_files import read_entries
@@ -52,8 +52,8 @@ def build_requests(text: str) -> list[Callable[[], Any]]:
         lambda: parse_number(text, {}, text), lambda: parse_expression(text, {}, text),
         lambda: minimize.minimize({'variables': ['x'], 'cost': text, 'bounds': pair}),
         lambda: minimize.minimize({'variables': [text], 'cost': '1'}),
-        lambda: motion_planning.find_registered(text, {}),
-        lambda: motion_planning.find_registered('aircraft', one),
+        lambda: registry.find_registered(text, {}),
+        lambda: registry.find_registered('aircraft', one),
         lambda: registry.get_system(text),
         lambda: solve.solve(statement.build_problem(GOOD), method=text),
         lambda: weights.square('Qx', [text], 1), lambda: list(read_entries(text))]

@@ -30,6 +30,7 @@ import casadi as ca
 import numpy as np
 from obc_ros.core.numerics.arrays import Array, Mask
 from obc_ros.core.numerics.collocation import build_collocation, evaluate_lagrange
+from obc_ros.core.numerics.ipopt import build_ipopt, Found, run_ipopt, Watch
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.ocp.structure import find_idle_inputs
 from obc_ros.core.solver.arcs.constraint_orders import (
@@ -39,7 +40,6 @@ from obc_ros.core.solver.arcs.constraint_orders import (
 )
 from obc_ros.core.solver.arcs.input_arcs import Arc, limit_shortening
 from obc_ros.core.solver.arcs.phases import DEGREE, drop_negligible, Grazing, OUTWARDS, Phased
-from obc_ros.core.solver.nlp.ipopt import build_ipopt, Found, run_ipopt, Watch
 from obc_ros.core.solver.nlp.meter import Meter
 from obc_ros.core.solver.transcription.mesh import Path
 from obc_ros.core.solver.transcription.program import ProblemScales
@@ -447,7 +447,7 @@ class _Solve:
         w = ca.vertcat(ca.vec(self.X), ca.vec(self.U), ca.vec(self.T))
         g = ca.vertcat(*self.g)
         watch = Watch(int(w.numel()), int(g.numel()), 0)
-        watch.begin(meter, np.concatenate(self.lower), np.concatenate(self.upper), sizes.cost)
+        watch.begin(meter.step, np.concatenate(self.lower), np.concatenate(self.upper), sizes.cost)
         solver = build_ipopt('phases', {'x': w, 'f': self.J, 'g': g}, watch=watch)
         durations = np.array([arc.end - arc.start for arc in self.arcs])
         levels = np.array([arc.levels for arc in self.arcs])[np.repeat(self.phase_of, d)]

@@ -27,7 +27,7 @@ from obc_ros.core.ocp.certificate.certificate import COUNTS_AS_MET
 from obc_ros.core.ocp.least_time_form import find_target, Target
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.ocp.solution import Optimality, Solution, Status
-from obc_ros.core.solver.exact.reeds_shepp import CarPath, check_positive, find_shortest_path
+from obc_ros.core.systems.reeds_shepp import CarPath, check_positive, find_shortest_path
 
 _METHOD = 'reeds_shepp'
 

@@ -21,7 +21,6 @@ from obc_ros.core.solver.improve.arc_iteration import (
     hold_jumping_inputs,
     hold_switching_inputs,
 )
-from obc_ros.core.solver.improve.hamiltonian_wells import has_branches, move_to_best_branch
 from obc_ros.core.solver.improve.indirect import may_have_kinks, solve_on_kinks
 from obc_ros.core.solver.improve.state_arcs import (
     may_have_arcs,
@@ -35,7 +34,6 @@ from obc_ros.core.solver.transcription.program import Nearby, SolveEffort
 class DescentStage(StrEnum):
     """When in a search an improvement is tried."""
 
-    COARSE = 'on the best coarse outcome'
     START = 'before a descent'
     FIRST_MESH = 'on the first mesh of a descent'
     STALLED = 'on a mesh that gained little'
@@ -93,9 +91,6 @@ def solve_within_tighter_bounds(state: State) -> State | str:
 
 
 IMPROVEMENTS = (
-    Improvement('Hamiltonian minima', DescentStage.COARSE,
-                'H may have several local minima in an input',
-                has_branches, move_to_best_branch),
     Improvement('boundary arcs at once', DescentStage.START,
                 'there are state constraints and H is linear in an input',
                 may_have_arcs_at_once, solve_at_once),

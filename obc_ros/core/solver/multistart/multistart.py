@@ -8,9 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from obc_ros.core.ocp.solution import MOST_MINIMA, Solution, Verdict
 from obc_ros.core.solver.adjoint.mesh_refinement import is_below
-from obc_ros.core.solver.bench import Bench, Candidate, State
+from obc_ros.core.solver.bench import Bench, Candidate
 from obc_ros.core.solver.descent import descend
-from obc_ros.core.solver.improve.registry import DescentStage, try_improvements
 from obc_ros.core.solver.multistart.coarse_mesh import solve_next_start
 from obc_ros.core.solver.options import MultistartOptions
 from obc_ros.core.solver.program_cache import Answered, collect_numbers
@@ -21,12 +20,6 @@ from obc_ros.core.solver.trace import GUESS
 from obc_ros.core.solver.transcription.local_minima import ANOTHER, CHEAPER, MET, SAME
 from obc_ros.core.solver.transcription.mesh import build_uniform_mesh, split
 from obc_ros.core.solver.transcription.program import Nearby, SolveEffort, TranscriptionOutcome
-
-
-def descend_from_coarse(bench: Bench, first: TranscriptionOutcome) -> tuple[Candidate, float]:
-    """Improve and refine the best coarse outcome; return also its cost on the coarse mesh."""
-    first = try_improvements(DescentStage.COARSE, State(bench, first)).outcome
-    return descend(bench, first), first.objective
 
 
 @dataclass(frozen=True, kw_only=True)

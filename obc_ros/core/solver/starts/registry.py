@@ -16,7 +16,6 @@ from obc_ros.core.solver.starts.cross_entropy import (
     may_interleave,
     start_from_rollouts,
 )
-from obc_ros.core.solver.starts.final_time_windows import find_other_lengths, has_other_lengths
 from obc_ros.core.solver.starts.horizon_continuation import continue_horizon, has_open_end
 from obc_ros.core.solver.starts.obstacle_homotopy import has_obstacles, start_around
 from obc_ros.core.solver.starts.start import Known, Proposal, Start, StartPool, StartStage
@@ -41,9 +40,6 @@ STARTS = (
     Start('line to another final state', StartStage.MULTISTART,
           'the cost may have several local minima in the states',
           lambda _, known: known.uneven, _scatter_lines),
-    Start('another final time', StartStage.MULTISTART,
-          'the final time is free, and the cost depends on more than it',
-          has_other_lengths, find_other_lengths),
     Start('cross-entropy rollout', StartStage.MULTISTART,
           'the cost has one local minimum in the states, or the end is free',
           may_interleave, interleave_rollouts))

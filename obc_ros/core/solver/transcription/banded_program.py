@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 from obc_ros.core.numerics.arrays import Array, Index, Mask
+from obc_ros.core.numerics.ipopt import Found
 from obc_ros.core.solver.nlp.interior_point import (
     Interior,
     Iterate,
@@ -18,7 +19,6 @@ from obc_ros.core.solver.nlp.interior_point import (
     solve_program,
     StoppingRule,
 )
-from obc_ros.core.solver.nlp.ipopt import Found
 from obc_ros.core.solver.transcription.block_program import Piece
 
 

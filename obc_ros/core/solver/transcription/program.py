@@ -20,12 +20,12 @@ import numpy as np
 from obc_ros.core.numerics.arrays import Array, Index, Mask
 from obc_ros.core.numerics.collocation import build_collocation, compute_gauss_points
 from obc_ros.core.numerics.instructions import find_dependence
+from obc_ros.core.numerics.ipopt import build_ipopt, Found, run_ipopt, Watch
 from obc_ros.core.numerics.samples import interpolate_columns
 from obc_ros.core.ocp.certificate.certificate import COUNTS_AS_MET
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.ocp.solution import Verdict
 from obc_ros.core.solver.nlp.interior_point import StoppingRule
-from obc_ros.core.solver.nlp.ipopt import build_ipopt, Found, run_ipopt, Watch
 from obc_ros.core.solver.nlp.meter import Meter
 from obc_ros.core.solver.transcription.banded_program import Stages
 from obc_ros.core.solver.transcription.block_program import assemble, Block, BlockProgram, Piece
@@ -487,7 +487,7 @@ class Transcription:
                 return self._outcome(problem, mesh, scales, found, (0.0, 0.0))
         rows = self._row_bounds(problem, mesh, scales, limits)
         solver, watch = self._solver('warm' if multipliers else 'near' if near else 'far')
-        watch.begin(meter, *rows, scales.cost)
+        watch.begin(meter.step, *rows, scales.cost)
         begun = meter.iterations - 1   # the start is reported as an iteration, too
         found = run_ipopt(
             solver, start, (lower, upper), rows, multipliers=multipliers, constants=constants)

@@ -330,7 +330,7 @@ def test_an_arc_shorter_than_the_mesh_is_found():
         {'n': f'v*sin(a)*{pace}', 'a': f'k*v*{pace} - {road}', 'v': f'c*{pace}', 's': '1'}, pace,
         (0, 0, 10, 0), 150, inputs=['k', 'c'], input_bounds={'k': [-0.2, 0.2], 'c': [-8, 4]},
         state_bounds={'n': [-3, 3], 'v': [3, 40], 'a': [-1, 1]},
-        path_constraints=[{'expr': 'v**2*k', 'lower': -8, 'upper': 8}]))
+        path_constraints=[{'expr': 'v**2*k', 'lower': -8, 'upper': 8}]), time_limit=600.0)
     assert answer.certified, answer.message
     turned = answer.u[:, 0] * answer.x[:, 2]**2
     assert turned[answer.t < 0.2] == pytest.approx(8, abs=1e-5)

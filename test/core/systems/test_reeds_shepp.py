@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
 from obc_ros.book.extremals import find_least_times
-from obc_ros.core.solver.exact.reeds_shepp import find_shortest_path
+from obc_ros.core.systems.reeds_shepp import find_shortest_path
 from obc_ros.core.text.errors import StatementError
 import pytest
 

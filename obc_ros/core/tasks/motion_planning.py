@@ -24,9 +24,8 @@ from obc_ros.core.ocp.solution import MAX_INTERVALS, Report, Solution, Status
 from obc_ros.core.ocp.statement import build_problem
 from obc_ros.core.solver.program_cache import Cache
 from obc_ros.core.solver.solve import solve
-from obc_ros.core.systems import registry
 from obc_ros.core.systems.equilibrium import check_numbers, find_equilibrium, linearize
-from obc_ros.core.systems.file import build_system
+from obc_ros.core.systems.registry import find_registered
 from obc_ros.core.systems.system import Signal, System
 from obc_ros.core.text.errors import (
     DynamicsError,
@@ -167,38 +166,6 @@ def _ample_time(motion: Motion, time_limit: float, report: Report | None, cache:
         return 0.0  # such as inputs without bounds; other errors are found again when it is solved
     solution = solve(problem, time_limit=time_limit, report=report, cache=cache)
     return 2.0 * solution.objective if solution.status is Status.SOLVED else 0.0
-
-
-def find_registered(name: str, parameters: Mapping[str, Any]) -> System:
-    """
-    Build a registered system with parameters.
-
-    :param name: registered name, not that of a file.
-    :param parameters: by name: a number or an expression without names; for an option also a list
-        of rows.
-    :raises StatementError, DynamicsError: if the name is not registered, or a parameter is not
-        valid.
-    """
-    return registry.get_registered(name, {
-        key: int(value) if isinstance(value, float) and value.is_integer() else value
-        for key, value in _evaluate(parameters).items()})
-
-
-def build_plant(plant: Mapping[str, Any], parameters: Mapping[str, Any]) -> System:
-    """
-    Build the system of a file with parameters.
-
-    :param plant: as `systems.file.load_plant` returns it.
-    :param parameters: by name: a number or an expression without names.
-    :raises StatementError, DynamicsError: if a parameter is not valid.
-    """
-    return build_system(plant).with_parameters(_evaluate(parameters))
-
-
-def _evaluate(parameters: Mapping[str, Any]) -> dict[str, Any]:
-    """Return given values of parameters as numbers; lists remain."""
-    return {key: value if isinstance(value, list) else parse_number(
-        value, {}, f'parameters.{quote(key)}') for key, value in parameters.items()}
 
 
 def _input_at(system: System, goal: Array) -> Array:

@@ -9,9 +9,9 @@ from casadi import Function
 from hypothesis import given, settings, strategies
 import numpy as np
 from obc_ros.core.ocp.statement import build_problem
-from obc_ros.core.solver.exact.reeds_shepp import find_shortest_path
-from obc_ros.core.solver.motion_planning import Motion, state_motion
 from obc_ros.core.systems import registry
+from obc_ros.core.systems.reeds_shepp import find_shortest_path
+from obc_ros.core.tasks.motion_planning import Motion, state_motion
 from obc_ros.core.text.errors import ObcError
 from obc_ros.workers import requests
 from obc_ros.workers.wire import Packet

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """IPOPT, as CasADi's wheel contains it: the one place that calls it, and its options by use."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 import math
@@ -11,7 +11,6 @@ from typing import Any
 import casadi as ca
 import numpy as np
 from obc_ros.core.numerics.arrays import Array, Index
-from obc_ros.core.solver.nlp.meter import Meter
 
 _ACCEPTED = 1e-7   # largest residual of a solution
 _LEAST = 1e-2      # smallest unit; times _ACCEPTED it is the tolerance of the methods, 1e-9
@@ -39,6 +38,8 @@ _USES: Mapping[str, dict[str, object]] = {
     'phases': _ALWAYS | _MUMPS | _NEAR | {
         'tol': 1e-11, 'constr_viol_tol': 1e-10, 'acceptable_tol': 1e-8},
     'static': _ALWAYS | {'tol': 1e-9, 'max_iter': 500}}
+
+Iterated = Callable[[float, float], bool]
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,6 +69,7 @@ class Watch(ca.Callback):
     """
     The iteration callback of IPOPT.
 
+    :ivar step: called as step(cost, violation) in each iteration; True stops the solver.
     :ivar lower, upper: (rows,), bounds of g.
     :ivar cost_scale: cost of the problem over that of the program.
     """
@@ -76,14 +78,14 @@ class Watch(ca.Callback):
         ca.Callback.__init__(self)
         self._sizes = {'x': unknowns, 'f': 1, 'g': rows, 'lam_x': unknowns, 'lam_g': rows,
                        'lam_p': constants}
-        self.meter = Meter()
+        self.step: Iterated = lambda *_: False
         self.lower = self.upper = np.zeros(rows)
         self.cost_scale = 1.0
         self.construct('watch', {})
 
-    def begin(self, meter: Meter, lower: Array, upper: Array, cost_scale: float) -> None:
+    def begin(self, step: Iterated, lower: Array, upper: Array, cost_scale: float) -> None:
         """Set the attributes, before each solve."""
-        self.meter, self.lower, self.upper, self.cost_scale = meter, lower, upper, cost_scale
+        self.step, self.lower, self.upper, self.cost_scale = step, lower, upper, cost_scale
 
     def get_n_in(self) -> int:
         """Return the number of inputs, the outputs of `nlpsol`."""
@@ -101,7 +103,7 @@ class Watch(ca.Callback):
         """Return 1 if the solver has to stop, else 0."""
         g = arg[2].full().ravel()
         violation = np.maximum(self.lower - g, g - self.upper)
-        return [ca.DM(int(self.meter.step(
+        return [ca.DM(int(self.step(
             float(arg[1]) * self.cost_scale, float(np.max(violation, initial=0.0)))))]
 
 

@@ -4,7 +4,7 @@
 
 import casadi as ca
 import numpy as np
-from obc_ros.core.solver.nlp.ipopt import measure_optimality, run_ipopt
+from obc_ros.core.numerics.ipopt import measure_optimality, run_ipopt
 from obc_ros.core.solver.solve import solve
 from obc_ros.core.solver.trace import GUESS
 import problems

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
 from obc_ros.core.ocp.solution import Status
-from obc_ros.core.solver.nlp.minimize import minimize
+from obc_ros.core.tasks.minimize import minimize
 from obc_ros.core.text.errors import StatementError
 import pytest
 

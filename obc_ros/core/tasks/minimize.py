@@ -16,11 +16,11 @@ import casadi as ca
 import numpy as np
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.numerics.enclosures.interval_arithmetic import enclose_outputs
+from obc_ros.core.numerics.ipopt import build_ipopt, run_ipopt
 from obc_ros.core.ocp.affine_constraints import eliminate_rows, read_affine_rows
 from obc_ros.core.ocp.certificate import kkt
 from obc_ros.core.ocp.certificate.kkt import KktCondition
 from obc_ros.core.ocp.solution import Certificate, Report, Status
-from obc_ros.core.solver.nlp.ipopt import build_ipopt, run_ipopt
 from obc_ros.core.text.errors import quote, StatementError, suggest_name
 from obc_ros.core.text.expressions import check_name, parse_expression, parse_number
 from obc_ros.core.text.fields import (
