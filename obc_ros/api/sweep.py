@@ -110,6 +110,11 @@ class SweepQuestion:
     def __post_init__(self) -> None:
         """Check the question, and draw the samples."""
         self.settings.check()
+        if self.numbers.kind == RegulatorNumbers.kind:
+            for name in ('method', 'options'):
+                if getattr(self.settings, name):
+                    raise StatementError(f'{name}: has no effect on a regulator; a Riccati '
+                                         'equation gives its gain')
         object.__setattr__(self, 'points', check_count(self.axes, self.draws, self.count))
         for key in self.keys:
             self.numbers.check_key(key)
@@ -356,6 +361,9 @@ def choose_workers(scheduler: str, workers: int) -> Workers:
     """Return what solves chunks; for the arguments, which are checked, see `sweep`."""
     if scheduler not in ('', WITHOUT_DASK):
         check_address(scheduler)
+        if workers:
+            raise StatementError(f'workers {workers}: has no effect with a scheduler, which has '
+                                 'its own workers')
     if not 0 <= workers <= MOST_WORKERS:
         raise StatementError(f'workers {workers}: wanted 0 to {MOST_WORKERS}')
     number = workers or len(os.sched_getaffinity(0))

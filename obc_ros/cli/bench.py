@@ -14,6 +14,7 @@ import subprocess
 import sys
 
 from obc_ros.cli.share_folders import share_directory
+from obc_ros.cli.terminal import Parser
 from obc_ros.core.text.errors import ObcError, quote, suggest_name
 from obc_ros.ros.installation import explain_missing_ros, require_ros
 
@@ -23,12 +24,13 @@ NODES = ('fuzz', 'hosts', 'latency', 'mpc_loop', 'real_time', 'scale', 'server',
          'view')
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(parser: Parser) -> None:
     """Declare the arguments of `obc bench`."""
     parser.add_argument('names', nargs='*', metavar='NAME', help='benchmarks (default: all)')
     parser.add_argument('--peers', action='store_true',
                         help='also measure other tools; those not installed are listed')
     parser.add_argument('--list', action='store_true', help='list the benchmarks')
+    parser.limit('NAME', '--peers', without=['--list'])
 
 
 def run(args: argparse.Namespace) -> int:

@@ -14,6 +14,7 @@ from zlib import crc32
 
 from obc_ros.cli.bench import find_benchmarks
 from obc_ros.cli.obc import build_parser, find_subcommands, import_subcommand, NEED_ROS
+from obc_ros.cli.terminal import Parser
 from obc_ros.core.text.errors import ObcError
 from obc_ros.core.text.example_files import list_examples
 from obc_ros.ros.installation import explain_missing_ros
@@ -22,7 +23,7 @@ SHELLS = ('bash', 'zsh', 'fish')
 YAML_FILES = ('*.yaml', '*.yml')
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(parser: Parser) -> None:
     """Declare the arguments of `obc completion`."""
     parser.add_argument('shell', choices=SHELLS, metavar='SHELL', help=', '.join(SHELLS))
 

@@ -15,7 +15,7 @@ from pathlib import Path
 import sys
 from typing import Any
 
-from obc_ros.cli.terminal import print_table
+from obc_ros.cli.terminal import Parser, print_table
 from obc_ros.core.text.errors import ObcError, quote, suggest_name
 from obc_ros.core.text.example_files import find_example, list_examples
 from obc_ros.core.text.tables import format_value
@@ -39,7 +39,7 @@ class ProblemExample:
         return word.casefold() in text.casefold()
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(parser: Parser) -> None:
     """Declare the arguments of `obc examples`."""
     parser.add_argument('names', nargs='*', metavar='NAME',
                         help='print these files; without a name, list all')
@@ -49,6 +49,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--long', action='store_true', help='list tags and sources, too')
     parser.add_argument('--copy', metavar='DIR', type=Path,
                         help='copy the files to DIR; existing files are kept')
+    parser.limit('--list', without=['--copy'])
+    parser.limit('--long', without=['--copy'])
 
 
 def run(args: argparse.Namespace) -> int:

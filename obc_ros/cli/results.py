@@ -19,6 +19,7 @@ from typing import Any, ClassVar, TypeVar
 
 from obc_ros.api.figures.files import FORMATS, parse_formats
 from obc_ros.api.json_values import convert_to_json
+from obc_ros.cli.terminal import Parser
 from obc_ros.core.text.errors import DynamicsError, ObcError, quote, StatementError
 from obc_ros.core.text.example_files import suggest_file
 from obc_ros.core.text.yaml_files import FileEntry, read_entries
@@ -101,7 +102,7 @@ def read_questions(kind: type[Kind], files: Iterable[Path]) -> list[Kind]:
     return asked
 
 
-def add_arguments(parser: argparse.ArgumentParser, what: str) -> None:
+def add_arguments(parser: Parser, what: str) -> None:
     """Declare the arguments for files of `what`, such as problems, and for folders of results."""
     parser.add_argument('files', nargs='+', metavar='FILE', type=Path,
                         help=f'YAML file with {what}: one, or a list')
@@ -110,6 +111,7 @@ def add_arguments(parser: argparse.ArgumentParser, what: str) -> None:
     parser.add_argument('--plot', metavar='DIR', type=Path,
                         help='write a figure of each result to DIR')
     add_format(parser)
+    parser.limit('--format', needs=['--plot'])
     parser.add_argument('--server', metavar='NAME', nargs='?', const='', type=_server_name,
                         help='ask a running trajectory_server over ROS: any, or that of a name '
                              '(default: processes of this command, without ROS)')

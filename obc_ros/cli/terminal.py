@@ -11,7 +11,7 @@ import shutil
 import signal
 import sys
 from types import FrameType, TracebackType
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 from obc_ros.core.text.errors import ObcError, quote, suggest_name
 from obc_ros.core.text.tables import format_table
@@ -21,8 +21,60 @@ WRAPPED, LEAST = 20, 12   # characters: cells that are longer take several lines
 GAP = 2                   # between two columns
 
 
+class Effect(NamedTuple):
+    """When an argument has an effect: with one of `needs`, if any, and none of `without`."""
+
+    needs: tuple[str, ...] = ()
+    without: tuple[str, ...] = ()
+
+
 class Parser(argparse.ArgumentParser):
-    """An argument parser whose errors suggest commands, verbs and options."""
+    """
+    An argument parser whose errors suggest commands, verbs and options.
+
+    It refuses arguments that would have no effect, see `limit`. `effects`: when an argument has
+    one, by its name; those that are missing always have one.
+    """
+
+    def __init__(self, *words: Any, **settings: Any) -> None:
+        super().__init__(*words, **settings)
+        self.effects: dict[str, Effect] = {}
+        self._given: list[str] = []
+
+    def limit(self, *names: str, needs: Sequence[str] = (), without: Sequence[str] = ()) -> None:
+        """
+        Declare when arguments have an effect.
+
+        :param names: as the user writes them: ``--plot``, ``NAME``; declared before.
+        :param needs: arguments of which one has to be given.
+        :param without: arguments of which none may be given.
+        """
+        known = set(map(name_argument, self._actions))
+        assert known.issuperset((*names, *needs, *without)), (names, needs, without)
+        self.effects |= dict.fromkeys(names, Effect(tuple(needs), tuple(without)))
+
+    def parse_known_args(self, args: Sequence[str] | None = None,  # type: ignore[override]
+                         namespace: Any = None) -> tuple[argparse.Namespace, list[str]]:
+        """Parse a command line; exit with status 2 if an argument would have no effect."""
+        self._given = []
+        found, unknown = super().parse_known_args(args, namespace)
+        if not unknown:
+            self._check_effects()
+        return found, unknown
+
+    def _get_values(self, action: argparse.Action, arg_strings: list[str]) -> Any:
+        if action.option_strings or arg_strings:   # without words, a positional is absent
+            self._given.append(name_argument(action))
+        return super()._get_values(action, arg_strings)  # type: ignore[misc]
+
+    def _check_effects(self) -> None:
+        for name in self._given:
+            needs, without = self.effects.get(name, Effect())
+            if needs and not set(needs) & set(self._given):
+                self.error(f'{name} has no effect without {" or ".join(needs)}')
+            for other in without:
+                if other in self._given:
+                    self.error(f'{name} has no effect with {other}')
 
     def parse_args(self, args: Sequence[str] | None = None,  # type: ignore[override]
                    namespace: Any = None) -> argparse.Namespace:
@@ -61,6 +113,13 @@ class Parser(argparse.ArgumentParser):
         raise argparse.ArgumentError(action, (
             f"there is no '{quote(str(value))}'{suggest_name(str(value), known)}; "
             f'wanted one of {", ".join(known)}'))
+
+
+def name_argument(action: argparse.Action) -> str:
+    """Return the name of an argument in messages: its long option, or its place in the usage."""
+    long = [name for name in action.option_strings if name.startswith('--')]
+    return (long or action.option_strings or [
+        action.metavar if isinstance(action.metavar, str) else action.dest])[0]
 
 
 def open_streams() -> None:

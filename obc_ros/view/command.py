@@ -15,7 +15,7 @@ from typing import Any
 from obc_ros.cli.processes import Children, find_log_folder, isolate, reserve_domain
 from obc_ros.cli.ros_graph import keep_to_this_machine
 from obc_ros.cli.share_folders import share_directory
-from obc_ros.cli.terminal import EndSignals, InterruptedByUserError
+from obc_ros.cli.terminal import EndSignals, InterruptedByUserError, Parser
 from obc_ros.core.text.errors import ObcError
 from obc_ros.ros.middleware import choose_profile
 from obc_ros.workers.processes.real_time import find_priority_refusal
@@ -29,7 +29,7 @@ PATIENCE = 3  # [s] that open connections have to end
 OUTAGE = 10.0  # [s] for which a page outlives its connection; then it loads anew
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(parser: Parser) -> None:
     """Add the arguments of `obc view`."""
     parser.add_argument('recording', nargs='?', type=Path, metavar='FILE',
                         help='show a recording (FILE.mcap) instead of a loop')
@@ -48,6 +48,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         'that of this machine asks for a token')
     parser.add_argument('--port', type=int, default=8080, metavar='N', help='default: 8080')
     parser.add_argument('--no-browser', action='store_true', help='open no browser')
+    parser.limit('--namespace', without=['FILE'])
+    parser.limit('--scenario', '--priority', without=['FILE', '--namespace'])
+    parser.limit('--control', needs=['--namespace'])
 
 
 def _priority(text: str) -> int:

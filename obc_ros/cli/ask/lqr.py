@@ -13,7 +13,7 @@ import numpy as np
 from obc_ros.cli import results
 from obc_ros.cli.ask.batch import answer_all
 from obc_ros.cli.ask.regulator_requests import Case
-from obc_ros.cli.terminal import get_width, print_table
+from obc_ros.cli.terminal import get_width, Parser, print_table
 from obc_ros.core.lqr.design.report import Matrices, read_matrices
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.text.errors import quote
@@ -26,7 +26,7 @@ INDENT = '    '   # of what does not fit into the line of a row
 CUT = ' ...'   # at the end of a cell that is not whole
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(parser: Parser) -> None:
     """Declare the arguments of `obc lqr`."""
     results.add_arguments(parser, 'cases')
     parser.add_argument('--full', action='store_true',

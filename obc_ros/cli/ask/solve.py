@@ -13,7 +13,7 @@ from typing import Any
 from obc_ros.api.figures.files import save_figure
 from obc_ros.cli import results
 from obc_ros.cli.ask.batch import answer_all, Question
-from obc_ros.cli.terminal import get_width, print_table
+from obc_ros.cli.terminal import get_width, Parser, print_table
 from obc_ros.core.ocp.method_names import get_method, NAMES
 from obc_ros.core.ocp.solution import Condition, Optimality, Solution
 from obc_ros.core.text.errors import quote, StatementError
@@ -29,7 +29,7 @@ VANISHING_COST = 1e-6   # to which the certificate compares the error of a cost 
 NARROW = 80   # characters: least width of a line of a tree
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(parser: Parser) -> None:
     """Declare the arguments of `obc solve`."""
     results.add_arguments(parser, 'problems')
     parser.add_argument('--time-limit', metavar='S', type=_seconds, default=0.0,

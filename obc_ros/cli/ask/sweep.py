@@ -23,7 +23,7 @@ from obc_ros.api.sweep import (
     Workers,
 )
 from obc_ros.cli import results
-from obc_ros.cli.terminal import Lines, print_table, show_progress
+from obc_ros.cli.terminal import Lines, Parser, print_table, show_progress
 from obc_ros.core.text.errors import DynamicsError, ObcError, quote, StatementError
 from obc_ros.core.text.example_files import choose_file
 from obc_ros.sweep.axes import make_axes, make_draws, parse_axes, parse_draws
@@ -34,7 +34,7 @@ SHOWN = 5           # messages of points that are not solved
 PLAIN_PERIOD = 10.0  # [s] between two lines of progress without a terminal
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(parser: Parser) -> None:
     """Declare the arguments of `obc sweep`."""
     parser.add_argument('file', metavar='FILE', type=Path, help='YAML file with one problem')
     parser.add_argument('--over', metavar='KEY=VALUES', action='append', default=[],
@@ -68,6 +68,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help="method of solution; overrides the key 'method' of the file")
     parser.add_argument('--option', metavar='NAME=VALUE', action='append', default=[],
                         dest='options', help='a number that steers the search; see obc solve')
+    parser.limit('--format', needs=['--plot'])
+    parser.limit('--count', '--seed', needs=['--sample'])
 
 
 def run(args: argparse.Namespace) -> int:

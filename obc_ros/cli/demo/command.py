@@ -24,6 +24,7 @@ from obc_ros.cli import results
 from obc_ros.cli.client import is_own_domain_used
 from obc_ros.cli.processes import isolate, lock_folder, reserve_domain
 from obc_ros.cli.ros_graph import Graph, join_graph, keep_to_this_machine, LOOK
+from obc_ros.cli.terminal import Parser
 from obc_ros.core.text.errors import ObcError, quote
 
 LAST_DOMAIN = 232  # the last one whose ports exist
@@ -35,7 +36,7 @@ LOOPS = {'aircraft': ('three', 'lqr_node', 'scenario:=aircraft'),
          'lqg': ('four', 'lqr_node', 'scenario:=aircraft estimator:=true')}
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(parser: Parser) -> None:
     """Declare the arguments of `obc demo`."""
     parser.add_argument('scenario', choices=tuple(LOOPS), help='what is flown')
     parser.add_argument('--out', type=Path, default=Path('out'), metavar='DIR',

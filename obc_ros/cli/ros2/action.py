@@ -16,18 +16,19 @@ from obc_ros.cli.ros2.yaml_messages import (
     parse_values,
 )
 from obc_ros.cli.ros_graph import Graph, join_graph, LOOK
+from obc_ros.cli.terminal import Parser
 from obc_ros.core.text.errors import ObcError
 from rclpy.action import ActionClient, get_action_names_and_types
 
 run = run_verb
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(parser: Parser) -> None:
     """Declare the verbs."""
     add_verbs(parser, {'send_goal': ('send a goal and print the result', _arguments, send_goal)})
 
 
-def _arguments(parser: argparse.ArgumentParser) -> None:
+def _arguments(parser: Parser) -> None:
     parser.add_argument('action_name', help='/trajectory_server/solve_optimal_control')
     parser.add_argument('action_type', help='obc_ros/action/SolveOptimalControl')
     given = parser.add_mutually_exclusive_group()

@@ -8,6 +8,7 @@ import re
 
 from obc_ros.cli.ros2.verbs import add_verbs
 from obc_ros.cli.share_folders import share_directory
+from obc_ros.cli.terminal import Parser
 from obc_ros.core.text.errors import ObcError, quote
 
 # A field or a constant of a message type: the type has a package or begins with a capital.
@@ -15,7 +16,7 @@ FIELD = re.compile(r'\s*(?P<type>(?:\w+/)?[A-Z]\w*|\w+/\w+)(?:\[[^]]*\])?\s+\w')
 SEPARATOR = '---'
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(parser: Parser) -> None:
     """Declare the verbs."""
     add_verbs(parser, {'show': ('show the fields of an interface', _arguments, show)})
 
@@ -26,7 +27,7 @@ def run(args: argparse.Namespace) -> int:
     return status
 
 
-def _arguments(parser: argparse.ArgumentParser) -> None:
+def _arguments(parser: Parser) -> None:
     parser.add_argument('type', help='obc_ros/msg/LqrDesign')
     comments = parser.add_mutually_exclusive_group()
     comments.add_argument('--all-comments', action='store_true',

@@ -25,6 +25,7 @@ from obc_ros.cli.ros2.launch_file import LaunchFile, Started
 from obc_ros.cli.ros2.run import find_executable
 from obc_ros.cli.ros_graph import keep_to_this_machine
 from obc_ros.cli.share_folders import share_directory
+from obc_ros.cli.terminal import Parser
 from obc_ros.core.text.errors import ObcError, quote
 import yaml
 
@@ -33,7 +34,7 @@ PATIENCE = 5.0  # [s] from SIGINT to SIGKILL
 LAUNCH_LOOK = 0.2      # [s] between checks for ended processes
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(parser: Parser) -> None:
     """Declare the arguments."""
     parser.add_argument(
         'package_name', help='obc_ros, the path of a launch file, loop or fleet')
@@ -57,6 +58,8 @@ def run(args: argparse.Namespace) -> int:
         raise ObcError('which launch file? obc launch loop, or obc launch PACKAGE FILE')
     file = LaunchFile(path)
     if args.show_args:
+        if words:
+            raise ObcError(f'{quote(words[0])} has no effect with --show-args')
         _show(file)
         return 0
     wanted = file.nodes(dict(map(_argument, words)))

@@ -9,12 +9,13 @@ import sys
 from lifecycle_msgs.srv import ChangeState, GetAvailableTransitions, GetState
 from obc_ros.cli.ros2.verbs import add_node, add_verbs, run_verb
 from obc_ros.cli.ros_graph import Graph, join_graph, LOOK
+from obc_ros.cli.terminal import Parser
 from obc_ros.core.text.errors import ObcError, quote
 
 run = run_verb
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(parser: Parser) -> None:
     """Declare the verbs."""
     add_verbs(parser, {
         'get': ('print the state of a node, or of all', partial(add_node, optional=True),
@@ -22,7 +23,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         'set': ('change the state of a node', _set_arguments, set_state)})
 
 
-def _set_arguments(parser: argparse.ArgumentParser) -> None:
+def _set_arguments(parser: Parser) -> None:
     add_node(parser)
     parser.add_argument('transition', help='activate, deactivate, ..., or its number')
 

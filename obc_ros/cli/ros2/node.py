@@ -7,16 +7,17 @@ import sys
 
 from obc_ros.cli.ros2.verbs import add_direct, add_verbs, run_verb
 from obc_ros.cli.ros_graph import join_graph
+from obc_ros.cli.terminal import Parser
 
 run = run_verb
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(parser: Parser) -> None:
     """Declare the verbs."""
     add_verbs(parser, {'list': ('list the running nodes', _arguments, list_nodes)})
 
 
-def _arguments(parser: argparse.ArgumentParser) -> None:
+def _arguments(parser: Parser) -> None:
     parser.add_argument('-a', '--all', action='store_true',
                         help='include nodes whose names begin with _')
     parser.add_argument('-c', '--count-nodes', action='store_true', help='print their number')

@@ -13,6 +13,7 @@ from typing import Any
 
 from obc_ros.cli.ros2.verbs import add_node, add_verbs, run_verb
 from obc_ros.cli.ros_graph import Graph, join_graph
+from obc_ros.cli.terminal import Parser
 from obc_ros.core.text.errors import ObcError, quote, StatementError
 from obc_ros.core.text.yaml_files import EXPONENTS, read_yaml
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
@@ -49,7 +50,7 @@ class _Dumper(yaml.SafeDumper):
 _Dumper.add_implicit_resolver(*EXPONENTS)
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(parser: Parser) -> None:
     """Declare the verbs."""
     add_verbs(parser, {
         'list': ('list the parameters of a node, or of all', _list_arguments, list_parameters),
@@ -61,7 +62,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         'load': ('set the parameters of a file', _load_arguments, load)})
 
 
-def _list_arguments(parser: argparse.ArgumentParser) -> None:
+def _list_arguments(parser: Parser) -> None:
     add_node(parser, optional=True)
     parser.add_argument('--filter', metavar='REGEX', help='only names that match')
     parser.add_argument('--param-prefixes', nargs='+', default=[], metavar='PREFIX',
@@ -69,24 +70,24 @@ def _list_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--param-type', action='store_true', help='print the types too')
 
 
-def _get_arguments(parser: argparse.ArgumentParser) -> None:
+def _get_arguments(parser: Parser) -> None:
     add_node(parser)
     parser.add_argument('parameter_name', help='name of the parameter')
     parser.add_argument('--hide-type', action='store_true', help='print the value only')
 
 
-def _set_arguments(parser: argparse.ArgumentParser) -> None:
+def _set_arguments(parser: Parser) -> None:
     add_node(parser)
     parser.add_argument('parameter_name', help='name of the parameter')
     parser.add_argument('value', help='in YAML: 0.5, "[1, 2, 3]", bryson')
 
 
-def _describe_arguments(parser: argparse.ArgumentParser) -> None:
+def _describe_arguments(parser: Parser) -> None:
     add_node(parser)
     parser.add_argument('parameter_names', nargs='+', help='names of the parameters')
 
 
-def _load_arguments(parser: argparse.ArgumentParser) -> None:
+def _load_arguments(parser: Parser) -> None:
     add_node(parser)
     parser.add_argument('parameter_file', type=Path, help='as `dump` prints it')
     parser.add_argument('--no-use-wildcard', action='store_true',

@@ -8,10 +8,11 @@ from pathlib import Path
 import sys
 
 from obc_ros.cli.ros_graph import keep_to_this_machine
+from obc_ros.cli.terminal import Parser
 from obc_ros.core.text.errors import ObcError, quote
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(parser: Parser) -> None:
     """Declare the arguments."""
     parser.add_argument('package_name', help='obc_ros')
     parser.add_argument('executable_name', help='lqr_node, mpc_node, plant_simulator, '

@@ -9,12 +9,13 @@ import sys
 from obc_ros.cli.ros2.verbs import add_list, add_verbs, list_names, parse_seconds, run_verb
 from obc_ros.cli.ros2.yaml_messages import FieldError, fill, find_type, parse_values
 from obc_ros.cli.ros_graph import join_graph, LOOK
+from obc_ros.cli.terminal import Parser
 from obc_ros.core.text.errors import ObcError
 
 run = run_verb
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(parser: Parser) -> None:
     """Declare the verbs."""
     add_verbs(parser, {
         'call': ('call a service and print the response', _call_arguments, call),
@@ -22,7 +23,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                  partial(list_names, look=lambda node: node.get_service_names_and_types()))})
 
 
-def _call_arguments(parser: argparse.ArgumentParser) -> None:
+def _call_arguments(parser: Parser) -> None:
     parser.add_argument('service_name', help='name of the service: /lqr_node/stop')
     parser.add_argument('service_type', help='service type: std_srvs/srv/Trigger')
     given = parser.add_mutually_exclusive_group()

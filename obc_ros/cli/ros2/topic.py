@@ -27,6 +27,7 @@ from obc_ros.cli.ros2.yaml_messages import (
     parse_values,
 )
 from obc_ros.cli.ros_graph import Graph, join_graph, LOOK
+from obc_ros.cli.terminal import Parser
 from obc_ros.core.text.errors import ObcError, quote
 from rclpy.qos import (
     DurabilityPolicy,
@@ -42,7 +43,7 @@ WINDOW = 10000   # messages of which a rate is the average
 run = run_verb
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(parser: Parser) -> None:
     """Declare the verbs."""
     add_verbs(parser, {
         'list': ('list the topics', partial(add_list, what='topics'),
@@ -53,13 +54,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         'pub': ('publish a message', _pub_arguments, publish_message)})
 
 
-def _info_arguments(parser: argparse.ArgumentParser) -> None:
+def _info_arguments(parser: Parser) -> None:
     _add_topic(parser)
     parser.add_argument('-v', '--verbose', action='store_true', help='show nodes and QoS too')
     add_direct(parser)
 
 
-def _echo_arguments(parser: argparse.ArgumentParser) -> None:
+def _echo_arguments(parser: Parser) -> None:
     _add_topic(parser)
     parser.add_argument('message_type', nargs='?', help='message type (default: looked up)')
     _add_qos(parser)
@@ -72,17 +73,18 @@ def _echo_arguments(parser: argparse.ArgumentParser) -> None:
                         help='print N entries of long ones (default: %(default)d)')
     parser.add_argument('--no-arr', action='store_true', help='omit sequences')
     parser.add_argument('--no-str', action='store_true', help='omit texts')
-    add_direct(parser)
+    add_direct(parser, lists=False)
+    parser.limit('--truncate-length', without=['--full-length'])
 
 
-def _hz_arguments(parser: argparse.ArgumentParser) -> None:
+def _hz_arguments(parser: Parser) -> None:
     _add_topic(parser)
     parser.add_argument('-w', '--window', type=int, default=WINDOW, metavar='N',
                         help='average over the last N messages (default: %(default)d)')
-    add_direct(parser)
+    add_direct(parser, lists=False)
 
 
-def _pub_arguments(parser: argparse.ArgumentParser) -> None:
+def _pub_arguments(parser: Parser) -> None:
     _add_topic(parser)
     parser.add_argument('message_type', help='message type: obc_ros/msg/Trajectory')
     given = parser.add_mutually_exclusive_group()
@@ -101,14 +103,18 @@ def _pub_arguments(parser: argparse.ArgumentParser) -> None:
                         help='wait at most N seconds for them')
     parser.add_argument('--keep-alive', type=parse_seconds, default=0.1, metavar='N',
                         help='stay for N seconds after the last message (default: %(default)g)')
+    parser.limit('--rate', without=['--once'])
+    parser.limit('--max-wait-time-secs',
+                 needs=['--wait-matching-subscriptions', '--once', '--times'])
+    parser.limit('--keep-alive', needs=['--once', '--times'])
     _add_qos(parser)
 
 
-def _add_topic(parser: argparse.ArgumentParser) -> None:
+def _add_topic(parser: Parser) -> None:
     parser.add_argument('topic_name', help='name of the topic: /command')
 
 
-def _add_qos(parser: argparse.ArgumentParser) -> None:
+def _add_qos(parser: Parser) -> None:
     parser.add_argument('--qos-depth', type=int, metavar='N', help='queue depth')
     parser.add_argument('--qos-reliability', choices=QoSReliabilityPolicy.short_keys(),
                         help='whether lost messages are sent again')

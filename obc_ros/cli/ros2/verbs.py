@@ -6,13 +6,15 @@ import argparse
 from collections.abc import Callable, Mapping, Sequence
 
 from obc_ros.cli.ros_graph import join_graph, keep_to_this_machine, LOOK, QUIET
+from obc_ros.cli.terminal import Parser
 from rclpy.node import Node
 from rclpy.topic_or_service_is_hidden import topic_or_service_is_hidden
 
-Verb = tuple[str, Callable[[argparse.ArgumentParser], None], Callable[[argparse.Namespace], int]]
+COMPATIBLE = 'accepted as by `ros2`'   # in the help of what has no effect here
+Verb = tuple[str, Callable[[Parser], None], Callable[[argparse.Namespace], int]]
 
 
-def add_verbs(parser: argparse.ArgumentParser, verbs: Mapping[str, Verb]) -> None:
+def add_verbs(parser: Parser, verbs: Mapping[str, Verb]) -> None:
     """Declare verbs, each with a line of help, `add_arguments(parser)` and `run(args)`."""
     found = parser.add_subparsers(title='verbs', metavar='VERB', required=True)
     for name, (text, add_arguments, run) in verbs.items():
@@ -28,16 +30,17 @@ def run_verb(args: argparse.Namespace) -> int:
     return run(args)
 
 
-def add_direct(parser: argparse.ArgumentParser) -> None:
-    """Declare the arguments of `ros2` for commands that search the graph."""
+def add_direct(parser: Parser, *, lists: bool = True) -> None:
+    """Declare the arguments of `ros2` for commands that search the graph; `lists`: all of it."""
     parser.add_argument('--spin-time', type=parse_seconds, default=QUIET, metavar='S',
                         help='look until there has been no news for S seconds '
-                             '(default: %(default)g)')
+                             '(default: %(default)g)' if lists else
+                             f'{COMPATIBLE}; has no effect here')
     parser.add_argument('--no-daemon', action='store_true',
-                        help='accepted as by `ros2`; there is no daemon here')
+                        help=f'{COMPATIBLE}; there is no daemon here')
 
 
-def add_list(parser: argparse.ArgumentParser, what: str) -> None:
+def add_list(parser: Parser, what: str) -> None:
     """Declare the arguments of a list of names; `what`: topics or services."""
     parser.add_argument('-t', '--show-types', action='store_true', help='print the types too')
     parser.add_argument('-c', f'--count-{what}', dest='count', action='store_true',
@@ -45,6 +48,7 @@ def add_list(parser: argparse.ArgumentParser, what: str) -> None:
     parser.add_argument(f'--include-hidden-{what}', dest='include_hidden', action='store_true',
                         help=f'include {what} with a part that begins with _')
     add_direct(parser)
+    parser.limit('--show-types', without=[f'--count-{what}'])
 
 
 def list_names(args: argparse.Namespace,
@@ -62,7 +66,7 @@ def list_names(args: argparse.Namespace,
     return 0
 
 
-def add_node(parser: argparse.ArgumentParser, *, optional: bool = False) -> None:
+def add_node(parser: Parser, *, optional: bool = False) -> None:
     """Declare the name of a node, and the time to wait for it."""
     if optional:
         parser.add_argument('node_name', nargs='?', help='name of the node (default: all)')
@@ -71,8 +75,11 @@ def add_node(parser: argparse.ArgumentParser, *, optional: bool = False) -> None
     parser.add_argument('--timeout', type=parse_seconds, default=LOOK, metavar='N',
                         help='wait for the node for N seconds (default: %(default)g)')
     parser.add_argument('--include-hidden-nodes', action='store_true',
-                        help='include nodes whose names begin with _')
-    add_direct(parser)
+                        help='include nodes whose names begin with _' if optional else
+                        f'{COMPATIBLE}; such a node is found by its name')
+    add_direct(parser, lists=optional)
+    if optional:
+        parser.limit('--include-hidden-nodes', '--spin-time', without=['node_name'])
 
 
 def parse_seconds(text: str) -> float:
