@@ -170,6 +170,12 @@ class Problem:
         return bool(self.path.numel() or np.isfinite([self.x_lower, self.x_upper]).any())
 
     @property
+    def row_bounds(self) -> tuple[Array, Array]:
+        """Return the lower and the upper bounds of x and of the path constraints, (n + l,)."""
+        return (np.append(self.x_lower, self.path_lower),
+                np.append(self.x_upper, self.path_upper))
+
+    @property
     def start_box(self) -> tuple[Array, Array]:
         """Return the bounds of x(0), (n,) each."""
         return (self.x0, self.x0) if self.start is None else (self.start.lower, self.start.upper)

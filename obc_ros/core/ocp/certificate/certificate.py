@@ -397,8 +397,7 @@ class _Judge:
             rate = (self.intervals.ub - self.intervals.ua) / self.intervals.h[:, None]
             slope = np.hstack([slope, self.functions.path_rate(
                 at.x, at.u, np.repeat(rate, PARTS + 1, axis=0), self.p)[0]])
-        lower = np.concatenate([problem.x_lower, problem.path_lower])
-        upper = np.concatenate([problem.x_upper, problem.path_upper])
+        lower, upper = problem.row_bounds
         size = np.concatenate([self.scales.x, np.abs(at.c).max(axis=0)])
         u_size = np.abs(self.scales.u)
         for bound in (lower, upper):

@@ -241,8 +241,8 @@ def compute_tightening(problem: Problem, value: Array, size: Array, course: Extr
     :return: margin: (n + l,), new tightening, 0 where none is needed or the mesh is too coarse;
         exceeded: (N,), violation in each interval, relative to the sizes of the constraints.
     """
-    lower = np.append(problem.x_lower, problem.path_lower) + margin
-    upper = np.append(problem.x_upper, problem.path_upper) - margin
+    lower, upper = problem.row_bounds
+    lower, upper = lower + margin, upper - margin
     excess = np.maximum(lower - value, value - upper)
     over = np.max(excess, axis=0)
     tightened = (over > EXCEEDED[0] * size) & (over < most * size) & (lower < upper)

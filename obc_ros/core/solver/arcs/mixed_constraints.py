@@ -93,8 +93,7 @@ def hold_constraints(arcs: list[Arc], found: Phased, bounds: BoundRates) -> list
 
 
 def move_onto_constraints(problem: Problem, program: PhasedProgram, found: Phased, x: Array,
-                          u: Array
-                          ) -> Array:
+                          u: Array) -> Array:
     """
     Project samples of inputs onto the constraint that is active in each phase.
 
@@ -110,13 +109,12 @@ def move_onto_constraints(problem: Problem, program: PhasedProgram, found: Phase
         if len(rows) != 1:
             continue
         row, free = rows[0], np.isnan(arc.levels)
-        limits = (np.append(problem.x_upper, problem.path_upper) if arc.on[row] > 0 else
-                  np.append(problem.x_lower, problem.path_lower))
+        limit = problem.row_bounds[int(arc.on[row] > 0)][row]
         points, inputs = x[here].reshape(-1, problem.n), u[here].reshape(-1, problem.m)
         p = ca.repmat(problem.p_value, 1, len(points))
         value, slopes = (each.map(len(points)) for each in (program.rows, program.rows_u))
         for _ in range(3):   # Newton steps
-            off = value(points.T, inputs.T, p).full()[row] - limits[row]
+            off = value(points.T, inputs.T, p).full()[row] - limit
             slope = slopes(points.T, inputs.T, p).full()[row].reshape(-1, problem.m) * free
             size = np.maximum(np.sum(slope**2, axis=1), 1e-300)
             inputs = inputs - np.where(size > 1e-12 * size.max(), off / size, 0.0)[:, None] * slope

@@ -212,9 +212,7 @@ class _Solve:
     def _hold(self, x: ca.MX, u: ca.MX, c: ca.MX) -> None:
         """Add the equations of active constraints, and bounds where they are not active."""
         problem, d = self.problem, DEGREE
-        upper = np.append(problem.x_upper, problem.path_upper)
-        lower = np.append(problem.x_lower, problem.path_lower)
-        n = problem.n
+        (lower, upper), n = problem.row_bounds, problem.n
         x_low = np.tile(problem.x_lower, (1 + self.K * d, 1))
         x_high = np.tile(problem.x_upper, (1 + self.K * d, 1))
         x_low[0], x_high[0] = self._start_bounds()

@@ -57,8 +57,8 @@ def find_contacts(problem: Problem, outcome: TranscriptionOutcome, value: Array,
     t, N = outcome.path.t, len(outcome.path.t) - 1
     on = np.zeros((N, value.shape[1]), dtype=np.int64) if outcome.mesh.on is None else (
         outcome.mesh.on[outcome.mesh.layout.phase_of])
-    lower = np.append(problem.x_lower, problem.path_lower) + margin
-    upper = np.append(problem.x_upper, problem.path_upper) - margin
+    lower, upper = problem.row_bounds
+    lower, upper = lower + margin, upper - margin
     for row in np.flatnonzero(decided & (lower < upper)):
         for sign, bound in ((1, upper[row]), (-1, lower[row])):
             if not math.isfinite(bound):

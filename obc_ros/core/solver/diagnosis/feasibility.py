@@ -68,15 +68,11 @@ def relax_terminal(problem: Problem) -> Problem:
 def relax_path_constraints(problem: Problem) -> Problem:
     """Return the problem of minimising the violation of state bounds and path constraints."""
     cost = _EFFORT * measure_effort(problem)
-    rows = [*zip(ca.vertsplit(problem.x), problem.x_lower, problem.x_upper, strict=True)]
-    if problem.path.numel():
-        rows += zip(ca.vertsplit(problem.path), problem.path_lower, problem.path_upper,
-                    strict=True)
-    for value, lower, upper in rows:
+    rows = ca.vertsplit(ca.vertcat(problem.x, problem.path))
+    for value, lower, upper in zip(rows, *problem.row_bounds, strict=True):
         size = max((abs(bound) for bound in (lower, upper) if np.isfinite(bound)), default=1.0)
-        for excess in ((lower - value) if np.isfinite(lower) else None,
-                       (value - upper) if np.isfinite(upper) else None):
-            if excess is not None:
+        for bound, excess in ((lower, lower - value), (upper, value - upper)):
+            if np.isfinite(bound):
                 cost += ca.fmax(excess / (size or 1.0), 0)**2
     unlimited = np.full(problem.n, np.inf)
     return replace(problem, L=cost, V=ca.SX(0), psi=ca.SX(0, 1), path=ca.SX(0, 1), structure='',
@@ -148,8 +144,7 @@ def describe_broken_bound(problem: Problem, answer: Solution) -> tuple[str, str]
     if not is_path(answer):
         return None
     rows, terms = _rows(problem, answer)
-    lower = np.concatenate([problem.x_lower, problem.path_lower])
-    upper = np.concatenate([problem.x_upper, problem.path_upper])
+    lower, upper = problem.row_bounds
     size = 1e-2 + np.maximum(np.abs(rows).max(axis=0), terms)
     excess = np.maximum(rows - upper, lower - rows) / size
     k, row = np.unravel_index(int(np.argmax(excess)), excess.shape)

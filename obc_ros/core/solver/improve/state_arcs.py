@@ -439,10 +439,8 @@ def _add_touching_arcs(problem: Problem, arcs: list[Arc], found: Phased, bounds:
     `value` (N, n + l) are x and the path constraints at `times` (N,).
     """
     # Between two boundary arcs a bound that is nearly met stays active.
-    near = np.stack([
-        value - np.append(problem.x_lower, problem.path_lower),
-        np.append(problem.x_upper, problem.path_upper) - value]) <= 1e-2 * np.abs(
-            value).max(axis=0)
+    lower, upper = problem.row_bounds
+    near = np.stack([value - lower, upper - value]) <= 1e-2 * np.abs(value).max(axis=0)
     met = [(arc.start, int(row), arc.met[row]) for phase, arc in enumerate(found.arcs)
            for row in np.flatnonzero(arc.met) if (phase, int(row)) not in found.astray]
     held = [(arc.start, arc.end, int(row), arc.on[row]) for arc in found.arcs
@@ -492,8 +490,7 @@ def add_exceeded_bounds(problem: Problem, arcs: list[Arc], bounds: BoundRates, t
     """
     size = np.maximum(np.abs(value).max(axis=0), 1e-300)
     found = []
-    for sign, bound in ((1, np.append(problem.x_upper, problem.path_upper)),
-                        (-1, np.append(problem.x_lower, problem.path_lower))):
+    for sign, bound in zip((1, -1), problem.row_bounds[::-1], strict=True):
         over = sign * (value - bound) > allowed * size
         for row in np.flatnonzero(over.any(axis=0) & (bounds.orders > 0)).tolist():
             for first, last in find_runs(over[:, row]):
