@@ -42,20 +42,6 @@ class ActiveInterval:
     last: int
 
 
-@dataclass(frozen=True, eq=False)
-class _Unknowns:
-    """
-    The basis of the fit: nu, then hat functions of the densities and impulses of all contacts.
-
-    `density` (K, 2, rows, count): hat functions at the start and the end of each part; `mass`
-    (K + 1, rows, count): impulses at the times between them; `signs` (count,) of the multipliers.
-    """
-
-    density: Array
-    mass: Array
-    signs: Array
-
-
 class Fitter:
     """The fit of costates and multipliers for the problems of one structure."""
 
@@ -104,14 +90,14 @@ class Fitter:
         # With path constraints the samples of a course are its mesh points: elsewhere a density
         # cannot bend.
         grid = course.parts if problem.path.numel() else 1
-        unknowns = self._unknowns(found, course, grid)
-        without, each = self._costates(problem, course, unknowns)
-        rows = self._equations(problem, course, unknowns, (without, each))
+        hats, mass, signs = self._basis(found, course, grid)
+        without, each = self._costates(problem, course, hats, mass)
+        rows = self._equations(problem, course, hats, (without, each))
         if not all(np.all(np.isfinite(part)) for part in rows):
             return course
-        values = _fit_signed(*rows, unknowns.signs, self.q)[:each.shape[3]]
+        values = _fit_signed(*rows, signs, self.q)[:each.shape[3]]
         lam = without + each @ values
-        density = unknowns.density @ values[self.q:]
+        density = hats @ values[self.q:]
         return replace(course, lam=lam[:, 0], lam_end=lam[:, 1], nu=values[:self.q],
                        density_x=density[:, :, :self.n], density_path=density[:, :, self.n:])
 
@@ -215,15 +201,13 @@ class Fitter:
         slopes = self._derivatives(problem, course.x, course.ua)[4]
         weights = compute_densities(outcome, slopes[:, self.n:], course.ua)
         cost = outcome.scales.cost if outcome.scales else abs(outcome.objective)
-        equal = np.append(problem.x_lower, problem.path_lower) == np.append(
-            problem.x_upper, problem.path_upper)
+        lower, upper = problem.row_bounds
         found = []
-        for sign, bound in ((1, np.append(problem.x_upper, problem.path_upper)),
-                            (-1, np.append(problem.x_lower, problem.path_lower))):
+        for sign, bound in ((1, upper), (-1, lower)):
             size = np.maximum(sizes, np.where(np.isfinite(bound), np.abs(bound), 0.0))
             distance = np.abs(value - bound) / np.where(size > 0, size, 1.0)
             for row in np.flatnonzero(np.isfinite(bound)):
-                near = (distance[:, row] <= AT_BOUND) | equal[row]
+                near = (distance[:, row] <= AT_BOUND) | (lower[row] == upper[row])
                 heavy = np.maximum(sign * mass[:, row], 0.0)
                 apart = distance[::course.parts, row]
                 # A node is farther from a bound if its multiplier exceeds its distance, scaled.
@@ -236,8 +220,15 @@ class Fitter:
                 found += [ActiveInterval(int(row), sign, first, last) for first, last in runs]
         return found
 
-    def _unknowns(self, found: list[ActiveInterval], course: Extremal, grid: int) -> _Unknowns:
-        """Return the basis of the fit, with densities that bend at every `grid`-th fine time."""
+    def _basis(self, found: list[ActiveInterval], course: Extremal, grid: int
+               ) -> tuple[Array, Array, Array]:
+        """
+        Return the functions whose multiples are fitted; densities bend at every `grid`-th time.
+
+        :return: hats: (K, 2, rows, count), densities at the start and at the end of each part;
+            mass: (K + 1, rows, count), impulses at the times between them; signs: (count,), of the
+            multipliers.
+        """
         K, parts = len(course.x), course.parts
         # Row, density, mass and sign of each unknown.
         basis: list[tuple[int, Array | float, Array | float, int]] = []
@@ -260,25 +251,25 @@ class Fitter:
         mass = np.zeros((K + 1, self.rows, len(basis)))
         for k, (row, hat, impulse, _) in enumerate(basis):
             density[:, :, row, k], mass[:, row, k] = hat, impulse
-        return _Unknowns(density, mass, np.array([sign for *_, sign in basis], dtype=float))
+        return density, mass, np.array([sign for *_, sign in basis], dtype=float)
 
-    def _costates(self, problem: Problem, course: Extremal, unknowns: _Unknowns
+    def _costates(self, problem: Problem, course: Extremal, hats: Array, mass: Array
                   ) -> tuple[Array, Array]:
         """
         Return the constant part of lam (K, 2, n) and its derivatives by the unknowns (K, 2, n, .).
 
-        The second axis is the start and the end of each part.
+        These are nu and the multiples of the basis; the second axis is the start and the end of
+        each part.
         """
         n, q, K = self.n, self.q, len(course.x)
         step_x, source, from_a, from_b = self._part(
             course.x, course.ua, course.ub, np.diff(course.t)[:, None], problem.p_value)
         step_x = step_x.reshape(K, n, n)
         response = sum(np.einsum('knr,kru->knu', part.reshape(K, n, self.rows), density)
-                       for part, density in ((from_a, unknowns.density[:, 0]),
-                                             (from_b, unknowns.density[:, 1])))
+                       for part, density in ((from_a, hats[:, 0]), (from_b, hats[:, 1])))
         V_x, psi_x = self._last(course.x_end[-1:], problem.p_value)
         x, u, _ = course.points
-        drops = np.einsum('krn,kru->knu', self._derivatives(problem, x, u)[5], unknowns.mass)
+        drops = np.einsum('krn,kru->knu', self._derivatives(problem, x, u)[5], mass)
         without, each = np.empty((K, 2, n)), np.empty((K, 2, n, q + drops.shape[2]))
         now = V_x[0]
         slope = np.hstack([psi_x.reshape(q, n).T, drops[-1]])
@@ -299,7 +290,7 @@ class Fitter:
             self._point(x, u, problem.p_value), ((), (n,), (m,), (n, m), (r, m), (r, n)),
             strict=True))
 
-    def _equations(self, problem: Problem, course: Extremal, unknowns: _Unknowns,
+    def _equations(self, problem: Problem, course: Extremal, hats: Array,
                    lam: tuple[Array, Array]) -> tuple[Array, Array, Array, Array]:
         """
         Return A, b of A @ unknowns = b, and G, g of G @ unknowns >= g.
@@ -314,7 +305,7 @@ class Fitter:
         for side, x, u in ((0, course.x, course.ua), (1, course.x_end, course.ub)):
             L, f, L_u, f_u, c_u, _ = self._derivatives(problem, x, u)
             slope = np.einsum('knm,knu->kmu', f_u, each[:, side])
-            slope[:, :, q:] += np.einsum('krm,kru->kmu', c_u, unknowns.density[:, side])
+            slope[:, :, q:] += np.einsum('krm,kru->kmu', c_u, hats[:, side])
             slope *= size[:, None]
             rest = (L_u + np.einsum('knm,kn->km', f_u, without[:, side])) * size
             low, high = _at_bounds(problem, u, size)
