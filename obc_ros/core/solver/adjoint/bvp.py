@@ -45,9 +45,7 @@ _ENOUGH = 1e-8         # scaled residual that it must reach
 _STAGES = 3            # Gauss points in an interval
 _AT_ONCE = 2_000_000   # numbers in the matrices of intervals condensed at a time (16 MB)
 _FEWEST = 6            # minimum number of intervals in an arc
-# Scaled residual at which Newton's method ends for a rough or neighbouring solution; defect of an
-# interval of a thinned one.
-_SHARE = 1e-6
+_SHARE = 1e-6          # scaled residual of a rough solution; defect of an interval of a thin one
 _DEFECT = 3e-7         # sum of the scaled defects of intervals that a refinement aims at
 
 
@@ -86,8 +84,8 @@ class _Rates:
         return np.asarray(partial + np.einsum('kj,kjz->kz', self.Hu, self.gain))
 
 
-class _Hamiltonian:
-    """The right-hand sides of one structure, for any arcs and numbers."""
+class Indirect:
+    """The boundary value problem of one structure, for any arcs and numbers."""
 
     def __init__(self, problem: Problem) -> None:
         x, u, p, lam = problem.x, problem.u, problem.p, ca.SX.sym('lam', problem.n)
@@ -141,6 +139,69 @@ class _Hamiltonian:
         return (psi[0], psi_x[0].reshape(q, n) * sx, last[0] * sx / cost,
                 last_x[0].reshape(n, n) * np.outer(sx, sx) / cost, V[0] / cost)
 
+    @np.errstate(all='ignore')
+    def solve(self, problem: Problem, arcs: Sequence[Arc], course: Extremal, points: Array,
+              scales: ProblemScales, *, rough: bool = False) -> BoundaryValues | None:
+        """
+        Solve the boundary value problem from a path with costates.
+
+        :param problem: without state bounds or path constraints. Where x(0) is free, that of
+            `course` is kept.
+        :param points: mesh points [s] on which the intervals are based.
+        :param rough: accept a rough solution, which is sufficient for the ends of the arcs.
+        :return: None if Newton's method did not converge.
+        """
+        system = _Equations(self, problem.pin_start(course.x[0]), arcs, scales,
+                            *_cut(arcs, points, _FEWEST // 2 if rough else _FEWEST))
+        start = system.start(course)
+        return system.solve(start, _SHARE) if rough else system.refine(start)
+
+    @np.errstate(all='ignore')
+    def refined(self, problem: Problem, found: BoundaryValues, points: Array, scales: ProblemScales
+                ) -> BoundaryValues | None:
+        """
+        Refine a rough solution to full accuracy; arguments and result as in `solve`.
+
+        The intervals are those between `points`, not those of the solution: these may come from a
+        neighbouring problem, and the result must not depend on it.
+        """
+        system = self._like(problem, found, scales, *_cut(found.arcs, points, _FEWEST))
+        return system.refine(system.near(found))
+
+    @np.errstate(all='ignore')
+    def thinned(self, problem: Problem, found: BoundaryValues,
+                scales: ProblemScales) -> BoundaryValues:
+        """Return a solution on fewer intervals, as an initial guess of neighbouring problems."""
+        system = self._like(problem, found, scales, *found.intervals)
+        try:
+            wanted = np.maximum(system.defects(found) / _SHARE, 1e-12)**(1 / 6)
+            # In all arcs together, each of length 1.
+            places, arc_of = cut_evenly(wanted, system.arc_of, system.fractions)
+            system = system.on(np.diff(places), arc_of)
+            return system.result(system.near(found), found.residual)
+        except np.linalg.LinAlgError:
+            return found   # dH/du = 0 does not determine u between its points
+
+    @np.errstate(all='ignore')
+    def follow(self, problem: Problem, known: BoundaryValues, levels: Array, scales: ProblemScales
+               ) -> BoundaryValues | None:
+        """
+        Solve from the solution of a neighbouring problem with the same arcs.
+
+        :param levels: (arcs, m), values of the inputs at bounds; nan where they are free.
+        :return: rough; None if Newton's method did not converge.
+        """
+        arcs = [replace(arc, levels=tuple(row))
+                for arc, row in zip(known.arcs, levels, strict=True)]
+        system = _Equations(self, problem, arcs, scales, *known.intervals)
+        return system.solve(system.near(known), _SHARE)
+
+    def _like(self, problem: Problem, found: BoundaryValues, scales: ProblemScales,
+              fractions: Array, arc_of: Index) -> '_Equations':
+        """Return the equations for the arcs of a solution, and for its x(0) where it is free."""
+        return _Equations(self, problem.pin_start(found.z[0, 0, :problem.n]), found.arcs,
+                          scales, fractions, arc_of)
+
 
 @dataclass(frozen=True, eq=False)
 class _Unknowns:
@@ -173,7 +234,7 @@ class _Equations:
     `fractions` (N,) are the lengths of the intervals as parts of their arcs `arc_of` (N,).
     """
 
-    def __init__(self, parts: _Hamiltonian, problem: Problem, arcs: Sequence[Arc],
+    def __init__(self, parts: Indirect, problem: Problem, arcs: Sequence[Arc],
                  scales: ProblemScales, fractions: Array, arc_of: Index) -> None:
         self.parts, self.problem, self.arcs, self.scales = parts, problem, arcs, scales
         self.fractions, self.arc_of = fractions, arc_of
@@ -461,76 +522,6 @@ def _banded(over: Array, last_x: Array, right: Array) -> Array:
     put(end + n + first[:, None], end + first, -last_x)
     put(end + n + first, end + n + first, 1.0)
     return np.asarray(linalg.solve_banded((half, half), bands, right))
-
-
-class Indirect:
-    """The boundary value problem of one structure, for any arcs and numbers."""
-
-    def __init__(self, problem: Problem) -> None:
-        self._parts = _Hamiltonian(problem)
-
-    @np.errstate(all='ignore')
-    def solve(self, problem: Problem, arcs: Sequence[Arc], course: Extremal, points: Array,
-              scales: ProblemScales, *, rough: bool = False) -> BoundaryValues | None:
-        """
-        Solve the boundary value problem from a path with costates.
-
-        :param problem: without state bounds or path constraints. Where x(0) is free, that of
-            `course` is kept.
-        :param points: mesh points [s] on which the intervals are based.
-        :param rough: accept a rough solution, which is sufficient for the ends of the arcs.
-        :return: None if Newton's method did not converge.
-        """
-        system = _Equations(self._parts, problem.pin_start(course.x[0]), arcs, scales,
-                            *_cut(arcs, points, _FEWEST // 2 if rough else _FEWEST))
-        start = system.start(course)
-        return system.solve(start, _SHARE) if rough else system.refine(start)
-
-    @np.errstate(all='ignore')
-    def refined(self, problem: Problem, found: BoundaryValues, points: Array, scales: ProblemScales
-                ) -> BoundaryValues | None:
-        """
-        Refine a rough solution to full accuracy; arguments and result as in `solve`.
-
-        The intervals are those between `points`, not those of the solution: these may come from a
-        neighbouring problem, and the result must not depend on it.
-        """
-        system = self._like(problem, found, scales, *_cut(found.arcs, points, _FEWEST))
-        return system.refine(system.near(found))
-
-    @np.errstate(all='ignore')
-    def thinned(self, problem: Problem, found: BoundaryValues,
-                scales: ProblemScales) -> BoundaryValues:
-        """Return a solution on fewer intervals, as an initial guess of neighbouring problems."""
-        system = self._like(problem, found, scales, *found.intervals)
-        try:
-            wanted = np.maximum(system.defects(found) / _SHARE, 1e-12)**(1 / 6)
-            # In all arcs together, each of length 1.
-            places, arc_of = cut_evenly(wanted, system.arc_of, system.fractions)
-            system = system.on(np.diff(places), arc_of)
-            return system.result(system.near(found), found.residual)
-        except np.linalg.LinAlgError:
-            return found   # dH/du = 0 does not determine u between its points
-
-    @np.errstate(all='ignore')
-    def follow(self, problem: Problem, known: BoundaryValues, levels: Array, scales: ProblemScales
-               ) -> BoundaryValues | None:
-        """
-        Solve from the solution of a neighbouring problem with the same arcs.
-
-        :param levels: (arcs, m), values of the inputs at bounds; nan where they are free.
-        :return: rough; None if Newton's method did not converge.
-        """
-        arcs = [replace(arc, levels=tuple(row))
-                for arc, row in zip(known.arcs, levels, strict=True)]
-        system = _Equations(self._parts, problem, arcs, scales, *known.intervals)
-        return system.solve(system.near(known), _SHARE)
-
-    def _like(self, problem: Problem, found: BoundaryValues, scales: ProblemScales,
-              fractions: Array, arc_of: Index) -> '_Equations':
-        """Return the equations for the arcs of a solution, and for its x(0) where it is free."""
-        return _Equations(self._parts, problem.pin_start(found.z[0, 0, :problem.n]), found.arcs,
-                          scales, fractions, arc_of)
 
 
 def _cut(arcs: Sequence[Arc], points: Array, fewest: int) -> tuple[Array, Index]:
