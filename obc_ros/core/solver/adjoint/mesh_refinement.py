@@ -87,8 +87,15 @@ def measure_loss(problem: Problem, integrator: CostateIntegrator, course: Extrem
     moved = course.lam * (course.x_end - course.x) / np.maximum(h, 1e-300)[:, None]
     size = np.max(np.abs(energy[0] - moved.sum(axis=1)) + np.abs(moved).sum(axis=1))
     H = np.nan_to_num(energy.T.reshape(len(lost), -1) / max(size, 1e-300))
-    return HamiltonianLoss(lost, chords, _crossings(problem, course.t, targets), np.ptp(H, axis=1),
-                     float(np.ptp(H)))
+    kinks = list[float]()
+    for bound in (problem.u_lower, problem.u_upper):
+        a, b = targets[0] - bound, targets[1] - bound
+        with np.errstate(invalid='ignore'):
+            rows, columns = np.nonzero(np.isfinite(a) & np.isfinite(b) & (a * b < 0))
+        part = a[rows, columns] / (a[rows, columns] - b[rows, columns])
+        kinks.extend(course.t[rows] + part * h[rows])
+    return HamiltonianLoss(
+        lost, chords, np.sort(np.array(kinks)), np.ptp(H, axis=1), float(np.ptp(H)))
 
 
 def _best(problem: Problem, u: Array, Hu: Array, Huu: Array) -> tuple[Array, Array]:
@@ -114,18 +121,6 @@ def _best(problem: Problem, u: Array, Hu: Array, Huu: Array) -> tuple[Array, Arr
             break
     gap = -np.einsum('kj,kj->k', Hu, d) - 0.5 * np.einsum('ki,kij,kj->k', d, Huu, d)
     return np.maximum(np.nan_to_num(gap), 0.0), u + free
-
-
-def _crossings(problem: Problem, t: Array, targets: Array) -> Array:
-    """Return the times at which the minimiser of H crosses a bound."""
-    found: list[float] = []
-    for bound in (problem.u_lower, problem.u_upper):
-        a, b = targets[0] - bound, targets[1] - bound
-        with np.errstate(invalid='ignore'):
-            rows, columns = np.nonzero(np.isfinite(a) & np.isfinite(b) & (a * b < 0))
-        part = a[rows, columns] / (a[rows, columns] - b[rows, columns])
-        found.extend(t[rows] + part * (t[rows + 1] - t[rows]))
-    return np.sort(np.array(found))
 
 
 def refine_mesh(mesh: Mesh, path: Path, kinks: Array, errors: Sequence[Error], longest: float,
@@ -227,7 +222,7 @@ def align_mesh(mesh: Mesh, t: Array, kinks: Array, spare: Mask) -> Mesh:
 
 
 def compute_tightening(problem: Problem, value: Array, size: Array, course: Extremal,
-                       margin: Array, most: float = EXCEEDED[1]) -> tuple[Array, Array]:
+                       margin: Array, most: float) -> tuple[Array, Array]:
     """
     Compute the tightening of bounds, and their violation in each interval.
 
