@@ -37,27 +37,6 @@ from obc_ros.core.solver.transcription.program import Nearby, SolveEffort, Trans
 _PERHAPS, _NEVER = 1, 2   # `touch`: boundary arcs also at near contacts; no boundary arcs
 
 
-def solve_on_arcs(bench: Bench, arcs: list[Arc], outcome: TranscriptionOutcome, density: float,
-                  kept: float = 0.0) -> TranscriptionOutcome | None:
-    """
-    Solve with a phase for each arc, from an outcome; return None if it does not converge.
-
-    `density`: intervals of the whole horizon, about. `kept`: least length of arcs at bounds, as
-    part of the given one.
-    """
-    problem = bench.problem
-    mesh, durations = build_arc_mesh(problem, arcs, bench.stages, density / outcome.path.t[-1])
-    if not bench.meter.allows(mesh.layout.intervals) or not bench.programs.transcription(
-            problem, mesh.layout).solvable(problem, mesh):
-        return None
-    held = [not np.isnan(arc.levels).any() for arc in arcs]
-    new = bench.collocate(
-        mesh, replace(sharpen_steps(outcome.path, arcs), durations=durations),
-        near=Nearby(bench.sizes(outcome), shortest=kept * durations * held),
-        effort=SolveEffort(bench.options.coarse.iterations))
-    return new if new.converged else None
-
-
 class ArcIteration:
     """
     The arc iteration for one problem.
@@ -193,18 +172,28 @@ class ArcIteration:
 
     def with_arcs(self, arcs: list[Arc], outcome: TranscriptionOutcome, *, kept: float = 0.0,
                   density: float = 0.0) -> TranscriptionOutcome | None:
-        """Return the outcome of `solve_on_arcs` unless its cost is higher."""
-        new = solve_on_arcs(self.bench, arcs, outcome, density or self.density, kept)
-        return new if new is not None and self.no_dearer(new, outcome) else None
+        """
+        Solve with a phase for each arc, from an outcome; return None if that costs more or fails.
 
-    def no_dearer(self, new: TranscriptionOutcome, outcome: TranscriptionOutcome) -> bool:
-        """Return whether an outcome costs no more than another, as it is or corrected for gaps."""
-        options = self.bench.options.bangs
-        room = options.room * abs(outcome.objective)
-        if new.objective <= outcome.objective + room:
-            return True
-        closed = self.programs.integrator.closed
-        return closed(self.problem, new) <= closed(self.problem, outcome) + room
+        Costs are compared as they are, then corrected for gaps. `kept`: least length of arcs at
+        bounds, as part of the given one.
+        """
+        bench, problem = self.bench, self.problem
+        mesh, durations = build_arc_mesh(
+            problem, arcs, bench.stages, (density or self.density) / outcome.path.t[-1])
+        if not bench.meter.allows(mesh.layout.intervals) or not self.programs.transcription(
+                problem, mesh.layout).solvable(problem, mesh):
+            return None
+        held = [not np.isnan(arc.levels).any() for arc in arcs]
+        new = bench.collocate(
+            mesh, replace(sharpen_steps(outcome.path, arcs), durations=durations),
+            near=Nearby(bench.sizes(outcome), shortest=kept * durations * held),
+            effort=SolveEffort(bench.options.coarse.iterations))
+        room, closed = bench.options.bangs.room * abs(outcome.objective), (
+            self.programs.integrator.closed)
+        cheap = new.converged and (new.objective <= outcome.objective + room or (
+            closed(problem, new) <= closed(problem, outcome) + room))
+        return new if cheap else None
 
     def without_vanishing(self, outcome: TranscriptionOutcome) -> TranscriptionOutcome:
         """Remove the shortest arcs of an outcome on phases if the cost does not increase."""
@@ -237,11 +226,6 @@ class ArcIteration:
         mu = None if course.density_path is None else course.density_path.mean(axis=1)
         return self.programs.integrator.hamiltonian(
             self.problem, x, u, (course.lam + course.lam_end) / 2, mu)[1]
-
-
-def has_switching_inputs(state: State) -> bool:
-    """Return whether inputs may be held at bounds between switching times."""
-    return any(state.switching)
 
 
 def hold_switching_inputs(state: State) -> State | str:

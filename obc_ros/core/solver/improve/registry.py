@@ -17,14 +17,12 @@ from obc_ros.core.ocp.solution import Condition, Verdict
 from obc_ros.core.solver.bench import State
 from obc_ros.core.solver.improve.arc_iteration import (
     has_jumping_inputs,
-    has_switching_inputs,
     hold_jumping_inputs,
     hold_switching_inputs,
 )
 from obc_ros.core.solver.improve.indirect import may_have_kinks, solve_on_kinks
 from obc_ros.core.solver.improve.state_arcs import (
     may_have_arcs,
-    may_have_arcs_at_once,
     solve_along_bounds,
     solve_at_once,
 )
@@ -93,10 +91,11 @@ def solve_within_tighter_bounds(state: State) -> State | str:
 IMPROVEMENTS = (
     Improvement('boundary arcs at once', DescentStage.START,
                 'there are state constraints and H is linear in an input',
-                may_have_arcs_at_once, solve_at_once),
+                lambda state: (state.outcome.converged and any(state.switching)
+                               and may_have_arcs(state)), solve_at_once),
     Improvement('bang arcs', DescentStage.FIRST_MESH,
                 'H is linear in an input that has bounds',
-                has_switching_inputs, hold_switching_inputs),
+                lambda state: any(state.switching), hold_switching_inputs),
     Improvement('bang arcs of jumping inputs', DescentStage.STALLED,
                 'an input jumps from bound to bound, and none is held',
                 has_jumping_inputs, hold_jumping_inputs),

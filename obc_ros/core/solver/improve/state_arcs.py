@@ -226,11 +226,6 @@ def may_have_arcs(state: State) -> bool:
         bench.quick or bench.programs.twin or bench.meter.stopped)
 
 
-def may_have_arcs_at_once(state: State) -> bool:
-    """Return whether boundary arcs may be used on a coarse mesh: inputs are held, too."""
-    return state.outcome.converged and any(state.switching) and may_have_arcs(state)
-
-
 def solve_along_bounds(state: State) -> State | str:
     """
     Find a certified solution with the boundary arcs that are detected on the outcome.
