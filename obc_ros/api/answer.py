@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 from obc_ros.api.figures.path import draw_path, draw_search
+from obc_ros.api.figures.presentation import present
 from obc_ros.api.interpolation import interpolate
 from obc_ros.api.json_values import convert_to_json
 from obc_ros.api.search_tree import SearchTree
@@ -191,18 +192,61 @@ class Answer:
                    for name, values in getattr(self, kind).items()}
         return pandas.DataFrame(columns, index=pandas.Index(self.t, name='t'))
 
-    def plot(self) -> Any:
-        """Draw the path over time; a notebook shows the figure, `savefig` writes it."""
+    def plot(self, *, ax: Any = None, show: bool | None = None) -> Any:
+        """
+        Draw the path over time, and show the figure.
+
+        Parameters
+        ----------
+        ax : Axes, sequence of Axes or SubFigure, optional
+            Where to draw. Axes take the panels in the order of the figure: the path in the plane,
+            if there is one, states, inputs, costates and so on, as many as there are Axes.
+        show : bool, optional
+            Whether to show the figure now. By default a new figure is shown: by a notebook at the
+            end of the cell, by a script in a window, if matplotlib has a backend with windows.
+
+        Returns
+        -------
+        matplotlib.figure.Figure
+            The figure; ``savefig`` writes it.
+
+        Raises
+        ------
+        ObcError
+            If there is no path, or `ax` is something else.
+
+        """
+        return present(self.draw, ax, show)
+
+    def plot_search(self, *, ax: Any = None, show: bool | None = None) -> Any:
+        """
+        Draw the costs that the search has found against its work.
+
+        Parameters
+        ----------
+        ax, show
+            As of `plot`; there is one panel.
+
+        Returns
+        -------
+        matplotlib.figure.Figure
+            The figure.
+
+        """
+        return present(self.draw_costs, ax, show)
+
+    def draw(self, into: Any = None) -> Any:
+        """Return the figure of `plot`, without pyplot; `into`: as for `place_panels`."""
         verdict = ('certified' if self.solution.certified else f'{self.status}: '
                    f'{self.certificate.sentence if self.certificate else self.message}')
         problem = self._require_problem()
         return draw_path(problem, self.solution, f'{self._heading}\nJ = {self.objective:.8g}, '
                          f'T = {self.t[-1]:.8g} s, {verdict}'
-                         f'{self.remark and chr(10)}{self.remark}')
+                         f'{self.remark and chr(10)}{self.remark}', into)
 
-    def plot_search(self) -> Any:
-        """Draw the costs that the search has found against its work; a figure as of `plot`."""
-        return draw_search(self.solution, self._heading)
+    def draw_costs(self, into: Any = None) -> Any:
+        """Return the figure of `plot_search`, without pyplot."""
+        return draw_search(self.solution, self._heading, into)
 
     def as_json(self) -> dict[str, Any]:
         """

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from obc_ros.api.answer import Answer
 from obc_ros.api.figures.panels import draw_columns
+from obc_ros.api.figures.presentation import present
 from obc_ros.api.plants import require_system, System
 from obc_ros.api.regulators import RegulatorDesign
 from obc_ros.core.numerics.arrays import Array, integrate
@@ -66,11 +67,25 @@ class Simulation:
         """Return each input, shape (N,), by its name."""
         return dict(zip(self.inputs, self.input_rows.T, strict=True))
 
-    def plot(self) -> Any:
-        """Draw states and inputs; a notebook shows the figure, `savefig` writes it."""
-        return draw_columns(self.t, {'states': (self.states, self.state_rows),
-                                     'inputs': (self.inputs, self.input_rows)},
-                            self.system.name, self.system.units)
+    def plot(self, *, ax: Any = None, show: bool | None = None) -> Any:
+        """
+        Draw states and inputs over time, and show the figure.
+
+        Parameters
+        ----------
+        ax, show
+            As of `Answer.plot`; Axes take the panels of the states, then those of the inputs.
+
+        Returns
+        -------
+        matplotlib.figure.Figure
+            The figure; ``savefig`` writes it.
+
+        """
+        columns = {'states': (self.states, self.state_rows),
+                   'inputs': (self.inputs, self.input_rows)}
+        return present(lambda into: draw_columns(
+            self.t, columns, self.system.name, self.system.units, into), ax, show)
 
     def __repr__(self) -> str:
         """Return the system, the number of times and the duration."""

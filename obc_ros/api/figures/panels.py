@@ -18,6 +18,7 @@ from obc_ros.api.figures.style import (
     typeset_symbol,
 )
 from obc_ros.core.numerics.arrays import Array
+from obc_ros.core.text.errors import ObcError
 
 FEW = 12  # largest number of names in a legend
 PANEL = 1.95  # [in] height
@@ -58,22 +59,24 @@ class Panel:
 
 
 def draw_columns(t: Array, groups: Mapping[str, tuple[Sequence[str], Array]], title: str,
-                 units: Mapping[str, str]) -> Any:
+                 units: Mapping[str, str], into: Any = None) -> Any:
     """
     Return a figure of columns of values over time.
 
     :param groups: names and values (N, k) of the columns, by the label of their panels.
     :param units: by name.
+    :param into: as for `place_panels`.
     """
     import matplotlib
     panels = [Panel(label, names, values, group, units) for label, (names, values) in
               groups.items() for group in split_columns(names, values, units)]
     with matplotlib.rc_context(STYLE):
-        figure, axes, _ = place_panels(len(panels))
-        for place, panel in zip(axes, panels, strict=True):
+        figure, axes, _ = place_panels(len(panels), into=into)
+        for place, panel in zip(axes, panels, strict=False):
             draw_panel(place, t, panel)
-        set_title(figure, title)
-    return figure
+        if figure:
+            set_title(figure, title)
+    return axes[0].figure.figure
 
 
 def split_columns(names: Sequence[str], values: Array, units: Mapping[str, str]
@@ -104,15 +107,21 @@ def group_columns(values: Array) -> list[list[int]]:
     return sorted(sorted(group) for group in groups)
 
 
-def place_panels(count: int, head: float = 0.0) -> tuple[Any, list[Any], Any]:
+def place_panels(count: int, head: float = 0.0, into: Any = None
+                 ) -> tuple[Any, list[Any], Any]:
     """
     Return a figure, its panels over time column by column, and the panel above them or None.
 
     :param head: height of a panel above them, over the whole width [in]; 0 for none.
+    :param into: None for a new figure; a figure or a part of one; or a list of axes, of which the
+        first is the panel above, if there is one. With fewer axes than panels the last panels are
+        left out, and the figure, which has a title already, is None.
     """
+    if isinstance(into, list):
+        return _take_axes(count, into, bool(head))
     columns = 1 if TITLE + head + PANEL * count <= LONGEST else 2
     rows = -(-count // columns)
-    figure = new_figure(TITLE + head + PANEL * rows)
+    figure = new_figure(TITLE + head + PANEL * rows) if into is None else into
     grid = figure.add_gridspec(rows + bool(head), columns,
                                height_ratios=[head] * bool(head) + [PANEL] * rows)
     above = figure.add_subplot(grid[0, :]) if head else None
@@ -128,6 +137,15 @@ def place_panels(count: int, head: float = 0.0) -> tuple[Any, list[Any], Any]:
         axes.append(place)
     figure.align_ylabels(axes)
     return figure, axes, above
+
+
+def _take_axes(count: int, into: list[Any], above: bool) -> tuple[None, list[Any], Any]:
+    if len(into) > count + above:
+        raise ObcError(f'ax: {len(into)} Axes, but the figure has {count + above} panels')
+    axes = into[above:]
+    for place in axes:
+        place.set_xlabel('time [s]')
+    return None, axes, into[0] if above else None
 
 
 def draw_panel(axes: Any, t: Array, panel: Panel) -> None:

@@ -15,19 +15,22 @@ from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.ocp.augmentation import hide_added_states, restore_added_states
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.ocp.solution import Attempt, Solution, Verdict
+from obc_ros.core.text.errors import ObcError
 
 NEGLIGIBLE = 1e-4   # of the magnitude of its terms: a quantity below it is drawn as 0
 _SEARCH_MARKS = (('initial guess, coarse mesh', 'o', LINE_COLOURS[0]),
                  ('finer mesh', '.', LINE_COLOURS[1]), ('certified', 'D', LINE_COLOURS[2]))
 
 
-def draw_path(problem: Problem, solution: Solution, title: str) -> Any:
+def draw_path(problem: Problem, solution: Solution, title: str, into: Any = None) -> Any:
     """
     Return a figure of a solution: in the plane, and states, inputs, costates, H over time.
 
     The panel in the plane is drawn for problems with positions or with constraints on two states.
     The switching function and the Hamiltonian are left out, and the title says so, where they are
     0 throughout. Contacts of state constraints, jumps of costates and switching times are marked.
+
+    :param into: as for `place_panels`.
     """
     import matplotlib
     shown, path = hide_added_states(problem, solution), restore_added_states(problem, solution)
@@ -40,15 +43,17 @@ def draw_path(problem: Problem, solution: Solution, title: str) -> Any:
             else:
                 zero.append(f'${name} = 0$')
     with matplotlib.rc_context(STYLE):
-        figure, axes, above = place_panels(len(panels), PLANE_HEIGHT if plane else 0.0)
+        figure, axes, above = place_panels(len(panels), PLANE_HEIGHT if plane else 0.0, into)
         if plane:
             draw_plane(above, problem, plane, path, marks)
-        for place, panel in zip(axes, panels, strict=True):
+        for place, panel in zip(axes, panels, strict=False):
             draw_panel(place, shown.t, panel)
-        if handles := draw_marks(axes, marks):
+        handles = draw_marks(axes, marks)
+        if figure and handles:
             figure.legend(handles=handles, loc='outside lower center', ncols=2)
-        set_title(figure, title + (f'\n{" and ".join(zero)} throughout' if zero else ''))
-    return figure
+        if figure:
+            set_title(figure, title + (f'\n{" and ".join(zero)} throughout' if zero else ''))
+    return (above or axes[0]).figure.figure
 
 
 def _list_panels(problem: Problem, shown: Solution) -> Iterator[Panel]:
@@ -118,14 +123,24 @@ def _evaluate(problem: Problem, costate: ca.SX, path: tuple[Array, ...],
     return tuple(each.full().T for each in found)
 
 
-def draw_search(solution: Solution, title: str) -> Any:
-    """Return a figure of the costs that a search has found against its work."""
+def draw_search(solution: Solution, title: str, into: Any = None) -> Any:
+    """Return a figure of the costs that a search has found against its work; `into`: a place."""
     import matplotlib
+    if isinstance(into, list) and len(into) > 1:
+        raise ObcError(f'ax: {len(into)} Axes, but the figure has 1 panel')
     with matplotlib.rc_context(STYLE):
-        figure = new_figure(4.2)
-        _draw_costs(figure.subplots(), solution)
-        figure.suptitle(f'{title}\ncosts that the search has found')
-    return figure
+        if isinstance(into, list):
+            [axes] = into
+            _draw_costs(axes, solution)
+            if axes.get_legend_handles_labels()[1]:
+                axes.legend()
+        else:
+            figure = new_figure(4.2) if into is None else into
+            axes = figure.subplots()
+            _draw_costs(axes, solution)
+            figure.legend(loc='outside lower center', ncols=2)
+            figure.suptitle(f'{title}\ncosts that the search has found')
+    return axes.figure.figure
 
 
 def _draw_costs(axes: Any, solution: Solution) -> None:
@@ -154,4 +169,3 @@ def _draw_costs(axes: Any, solution: Solution) -> None:
         axes.set_ylim(low - room, high + room)
     axes.set_xlabel('work [iterations x intervals]')
     axes.set_ylabel('cost')
-    axes.figure.legend(loc='outside lower center', ncols=2)

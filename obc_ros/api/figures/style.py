@@ -8,6 +8,8 @@ the text has 6.5 pt. Lines differ by colour and by dashes, so that nothing depen
 matplotlib is imported when a figure is drawn.
 """
 
+from collections.abc import Callable
+from contextvars import ContextVar
 from functools import cache
 import io
 import re
@@ -78,9 +80,21 @@ def label_unit(text: str, unit: str) -> str:
     return f'{text} [{typeset}]'
 
 
+# pyplot.figure while a figure is drawn for a user; None: figures that pyplot does not know.
+FIGURES: ContextVar[Callable[..., Any] | None] = ContextVar('FIGURES', default=None)
+
+
 def new_figure(height: float) -> Any:
     """Return an empty figure of `WIDTH` and a height [in]; a notebook shows it without pyplot."""
-    return _figure_class()(figsize=(WIDTH, height), layout='constrained')
+    make, size = FIGURES.get(), {'figsize': (WIDTH, height), 'layout': 'constrained'}
+    kind = _figure_class()
+    return make(FigureClass=kind, **size) if make else kind(**size)
+
+
+def is_inline() -> bool:
+    """Return whether a notebook shows the figures of pyplot at the end of each cell."""
+    import matplotlib
+    return matplotlib.get_backend().endswith('inline')
 
 
 @cache
@@ -99,5 +113,11 @@ def _figure_class() -> type[Any]:
             stream = io.BytesIO()
             self.savefig(stream, format='png', dpi=100)
             return stream.getvalue()
+
+        def _ipython_display_(self) -> None:
+            if is_inline():
+                from matplotlib import pyplot
+                pyplot.close(self)   # the end of the cell would show it again
+            raise NotImplementedError   # it is shown as any other object
 
     return StyledFigure
