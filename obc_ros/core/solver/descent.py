@@ -36,7 +36,8 @@ class _Descent:
         """Do what `descend` does."""
         if not self._try(DescentStage.START):
             self._refine_until_enough()
-        best = self._state.best or self._certify()
+        state = self._state
+        best = state.best or state.bench.certify(state.outcome, state.extremal)
         if not (best.certified or self._state.outcome is self._tried):
             self._try(DescentStage.CERTIFIED)
             best = self._state.best or best
@@ -54,11 +55,15 @@ class _Descent:
                 if not self._next_mesh(turn, course):
                     attempt.end(Verdict.STOPPED, 'no finer mesh is tried or leads to a path')
                     return
-                course, before = self._course(), above
+                course, before = self._state.bench.course(self._state.outcome), above
                 above = self._state.bench.excess(self._state.outcome, course)
-                stalled = self._has_stalled(turn, above, before)
+                # Jumping inputs are to be held at bounds, since a mesh gained little; after five
+                # meshes without arcs switching times are sought in any case.
+                enough = self._state.bench.options.descent.enough_bounded
+                stalled = (turn == 5 or turn and above > enough and above > 0.3 * before
+                           ) and not any(self._state.switching)
                 # A path that may be certified is judged before it is changed.
-                close = above < self._state.bench.options.descent.enough_bounded
+                close = above < enough
                 if stalled and not close:
                     course = self._try_jumps()
                 if self._judge_and_improve(attempt, course):
@@ -84,26 +89,24 @@ class _Descent:
             self._try(DescentStage.NEXT_MESH)
         return self._state.outcome is not coarse or self._solve_finer(course)
 
-    def _has_stalled(self, turn: int, above: float, before: float) -> bool:
-        """Return whether jumping inputs are to be held at bounds, since a mesh gained little."""
-        options = self._state.bench.options.descent
-        stalled = turn and above > options.enough_bounded and above > 0.3 * before
-        # After five meshes without arcs switching times are sought in any case.
-        return bool(stalled or turn == 5) and not any(self._state.switching)
-
     def _try_jumps(self) -> Extremal:
         self._try(DescentStage.STALLED)
-        return self._course()
+        return self._state.bench.course(self._state.outcome)
 
     def _judge_and_improve(self, attempt: Entry, course: Extremal) -> bool:
         """Judge the path and try arcs; return whether the descent has ended."""
         number, self._judged = self._judged, self._judged + 1
         above = self._judge(attempt, number, course)
-        if self._is_due(number, course, above):
+        bench, best = self._state.bench, self._state.best
+        options, certified = bench.options.descent, best is not None and best.certified
+        chorded = above > options.enough_bounded and bench.measure_loss(course).chorded
+        # Farther above the minimum no arcs along state bounds are sought.
+        if number > 0 and above < 0.1 and (chorded or not certified):
             self._tried = self._state.outcome
             if self._try(DescentStage.CERTIFIED):
                 return True
-        return self._is_enough(number, above)
+        close = above < (options.enough_bounded if bench.bounded else options.enough)
+        return certified and close or bench.quick and number >= 2
 
     def _try(self, stage: DescentStage) -> bool:
         """Try the improvements of a stage; return whether one led to a candidate."""
@@ -120,15 +123,12 @@ class _Descent:
         if not self._is_worth_a_certificate(number, course, above):
             bench.keep(outcome, self._state.extremal)
             return above
-        found, best = self._certify(), self._state.best
+        found, best = bench.certify(outcome, self._state.extremal), self._state.best
         attempt.end(*judge_path(found.solution), cost=outcome.objective, loss=above)
         # Of two that are equal in this respect the later one is kept, on the finer mesh.
         if best is None or (found.certified, found.feasible) >= (best.certified, best.feasible):
             self._state = replace(self._state, best=found)
         return above
-
-    def _certify(self) -> Candidate:
-        return self._state.bench.certify(self._state.outcome, self._state.extremal)
 
     def _is_worth_a_certificate(self, number: int, course: Extremal, above: float) -> bool:
         """Return whether a certificate may pass, or whether this is the last chance for one."""
@@ -138,26 +138,6 @@ class _Descent:
         worth = number and above < bench.options.coarse.error and (
             bench.programs.twin or bench.measure_loss(course).spread < 1.5e-4)
         return bool(above < options.enough_bounded or worth or bench.meter.stopped)
-
-    def _is_due(self, number: int, course: Extremal, above: float) -> bool:
-        """Return whether improvements are tried that lead to certificates."""
-        bench, options = self._state.bench, self._state.bench.options.descent
-        chorded = above > options.enough_bounded and bench.measure_loss(course).chorded
-        # Farther above the minimum no arcs along state bounds are sought.
-        return number > 0 and above < 0.1 and (chorded or not self._is_certified)
-
-    def _is_enough(self, number: int, above: float) -> bool:
-        """Return whether no finer mesh is needed."""
-        bench, options = self._state.bench, self._state.bench.options.descent
-        close = above < (options.enough_bounded if bench.bounded else options.enough)
-        return self._is_certified and close or bench.quick and number >= 2
-
-    @property
-    def _is_certified(self) -> bool:
-        return self._state.best is not None and self._state.best.certified
-
-    def _course(self) -> Extremal:
-        return self._state.bench.course(self._state.outcome)
 
     def _solve_finer(self, course: Extremal) -> bool:
         """Solve on a finer mesh, within tightened bounds; return whether that converged."""
