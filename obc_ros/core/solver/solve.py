@@ -24,8 +24,8 @@ from obc_ros.core.solver.conclusion import (
     look_for_proof,
     mark_unfinished,
 )
-from obc_ros.core.solver.diagnosis.explanation import explain, Reason
-from obc_ros.core.solver.exact_methods import EXACT_METHODS, ExactMethod
+from obc_ros.core.solver.diagnosis.explanation import explain
+from obc_ros.core.solver.exact_methods import EXACT_METHODS
 from obc_ros.core.solver.improve.indirect import refine_indirectly
 from obc_ros.core.solver.improve.registry import DescentStage, try_improvements
 from obc_ros.core.solver.nlp.meter import Meter
@@ -86,37 +86,24 @@ def solve(problem: Problem, *, method: str = '', time_limit: float = 60.0,
 def solve_automatically(task: Task) -> Solution:
     """Solve a problem: exact methods, proofs, then a search; its `method` tells which."""
     for exact in EXACT_METHODS:
-        if exact.affine == task.programs.affine and (found := _try_exact(task, exact)) is not None:
+        found = exact.attempt(task) if exact.affine == task.programs.affine else None
+        if found and (found.status in (Status.SOLVED, Status.INFEASIBLE)
+                      or exact.decides and not found.t.size):
             return found
+        if found and task.best:
+            task.best.take(task.problem, found)
     # Proofs take longer than to follow the path of a neighbour.
-    is_near = task.programs.neighbour(task.problem) is not None
-    if not is_near and (reason := _examine_statement(task)):
-        status = Status.INFEASIBLE if reason.infeasible else Status.NOT_CONVERGED
-        return Solution(status, reason.sentence, method='arcs')
+    if task.programs.neighbour(task.problem) is None:
+        with task.meter.trace.attempt('proof', 'from the statement') as attempt:
+            reason = explain(task.problem, trace=task.meter.trace)
+            attempt.end(Verdict.PROVED if reason else Verdict.NOT_PROVED,
+                        reason.sentence if reason else '')
+        if reason:
+            status = Status.INFEASIBLE if reason.infeasible else Status.NOT_CONVERGED
+            return Solution(status, reason.sentence, method='arcs')
     if (L := find_constant_cost(task.problem)) is not None:
         return replace(_find_any_path(task, L), method='arcs')
     return replace(_search(task), method='arcs')
-
-
-def _try_exact(task: Task, exact: ExactMethod) -> Solution | None:
-    """Return the final result of an exact method, None if there is none."""
-    found = exact.attempt(task)
-    if found is None:
-        return None
-    if found.status in (Status.SOLVED, Status.INFEASIBLE) or exact.decides and not found.t.size:
-        return found
-    if task.best:
-        task.best.take(task.problem, found)
-    return None
-
-
-def _examine_statement(task: Task) -> Reason | None:
-    """Return a proof that no path satisfies the constraints, or that the cost has no minimum."""
-    with task.meter.trace.attempt('proof', 'from the statement') as attempt:
-        reason = explain(task.problem, trace=task.meter.trace)
-        attempt.end(Verdict.PROVED if reason else Verdict.NOT_PROVED,
-                    reason.sentence if reason else '')
-    return reason
 
 
 def _find_any_path(task: Task, L: float) -> Solution:
