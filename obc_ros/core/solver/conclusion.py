@@ -35,10 +35,7 @@ def conclude(task: Task, found: Solution) -> Solution:
     sentence = explain_larger_inputs(problem, found, _solver_of_related(task)) if (
         meter.trace.searched and found.certified and find_constant_cost(problem) is None) else ''
     found = _without_least(task, found, sentence) if sentence else _ended(task, found)
-    return _add_remark(problem, add_optimality(problem, found))
-
-
-def _add_remark(problem: Problem, found: Solution) -> Solution:
+    found = add_optimality(problem, found)
     remark = find_remark(problem, found) if found.status is Status.SOLVED else ''
     return replace(found, remark=remark, message=f'{found.message}; {remark}') if remark else found
 
@@ -205,7 +202,7 @@ def find_remark(problem: Problem, found: Solution) -> str:
     if find_constant_cost(problem) is not None:
         return (f'all paths cost {format_number(found.objective)}: the cost depends on neither '
                 'states nor inputs, so that this path is one of many')
-    bounds = [*_list_final_time(problem, found), *_list_parameters(problem, found)]
+    bounds = list(_list_bounds(problem, found))
     if not bounds:
         return ''
     decides = 'this bound decides' if len(bounds) == 1 else 'these bounds decide'
@@ -213,16 +210,13 @@ def find_remark(problem: Problem, found: Solution) -> str:
                           *_list_missing(problem)])
 
 
-def _list_final_time(problem: Problem, found: Solution) -> Iterator[str]:
+def _list_bounds(problem: Problem, found: Solution) -> Iterator[str]:
+    """Yield the bounds at which T and the free parameters are."""
     final, T = problem.final_time, float(found.t[-1])
-    if not final.free or final.lower == final.upper:
-        return
     for side, bound in (('lower', final.lower), ('upper', final.upper)):
-        if abs(T - bound) <= 1e-9 * bound:   # as in the certificate
+        # As in the certificate.
+        if final.free and final.lower < final.upper and abs(T - bound) <= 1e-9 * bound:
             yield f'T = {format_number(bound)} s is the {side} bound of final_time'
-
-
-def _list_parameters(problem: Problem, found: Solution) -> Iterator[str]:
     lower, upper = problem.start_box
     for name in problem.free_parameters:
         k = problem.states.index(name)
