@@ -31,10 +31,6 @@ _POINTS = 21       # points of a guess
 _TURNS = 2 * np.pi, 360.0   # possible periods of an input that is an angle [rad], [deg]
 
 
-def _inside(value: Array, lower: Array, upper: Array) -> Array:
-    return np.minimum(np.maximum(value, lower), upper)
-
-
 def round_to_power(size: Array | float) -> Array:
     """Return the power of 2 nearest to a size."""
     return np.asarray(np.exp2(np.round(np.log2(np.clip(size, 1e-8, 1e12)))))
@@ -93,7 +89,7 @@ class Guesser:
             x[problem.stated] = get_final_time(problem)
         fixed = np.zeros(problem.n, dtype=bool)
         if not problem.q:
-            return _inside(x, problem.x_lower, problem.x_upper), fixed
+            return np.clip(x, problem.x_lower, problem.x_upper), fixed
         before = inverse = np.zeros((problem.n, problem.q))
         for _ in range(30):
             psi, slope = (out[0] for out in self._psi(x, problem.p_value))
@@ -103,7 +99,7 @@ class Guesser:
             if not np.array_equal(jacobian, before):
                 before, inverse = jacobian, np.linalg.pinv(jacobian, rcond=1e-8)
             move = self._heedful(problem, x, -inverse @ psi, inverse)
-            x = _inside(x + move, problem.x_lower, problem.x_upper)
+            x = np.clip(x + move, problem.x_lower, problem.x_upper)
             if np.max(np.abs(move)) <= 1e-9 * (1 + np.max(np.abs(x))):
                 break
         return x, np.diag(inverse @ jacobian) > 1 - 1e-6
@@ -121,7 +117,7 @@ class Guesser:
     def steady_input(self, problem: Problem, x: Array) -> Array:
         """Return the input (m,) within bounds that minimises |f(x, u)|, from u = 0."""
         lower, upper = problem.u_lower, problem.u_upper
-        u = _inside(np.zeros(problem.m), lower, upper)
+        u = np.clip(np.zeros(problem.m), lower, upper)
         both = problem.boxed
         nudge = np.where(both & (u == lower) | both & (u == upper),
                          1e-2 * (np.where(both, lower, 0) + np.where(both, upper, 0) - 2 * u), 0)
@@ -131,7 +127,7 @@ class Guesser:
             if not (np.all(np.isfinite(f)) and np.all(np.isfinite(slope))):
                 return u
             move = -np.linalg.pinv(slope.reshape(problem.m, problem.n).T, rcond=1e-6) @ f
-            new = _inside(u + move, lower, upper)
+            new = np.clip(u + move, lower, upper)
             if np.max(np.abs(new - u), initial=0.0) <= 1e-9 * (1 + np.max(np.abs(u), initial=0)):
                 break
             u = new
@@ -142,7 +138,7 @@ class Guesser:
         periods = np.full(problem.m, np.inf)
         chance = np.random.default_rng(2)
         x = problem.x0 + 0.1 * (1 + np.abs(problem.x0)) * chance.uniform(-1, 1, problem.n)
-        u = _inside(chance.uniform(-1, 1, problem.m), problem.u_lower, problem.u_upper)
+        u = np.clip(chance.uniform(-1, 1, problem.m), problem.u_lower, problem.u_upper)
         here, = self._all(x, u, problem.p_value)
         room = problem.u_upper - problem.u_lower
         for i, turn in product(range(problem.m), _TURNS):
@@ -217,8 +213,8 @@ class Guesser:
         n, start, steady = problem.n, path.x[0], path.ua[0]
         away = np.diag(np.concatenate([sizes.x, sizes.u]))
         away = np.vstack([away, -away])
-        x = _inside(start + away[:, :n], problem.x_lower, problem.x_upper)
-        u = _inside(steady + away[:, n:], problem.u_lower, problem.u_upper)
+        x = np.clip(start + away[:, :n], problem.x_lower, problem.x_upper)
+        u = np.clip(steady + away[:, n:], problem.u_lower, problem.u_upper)
         L = self._all(x, u, problem.p_value)[0][:, n]
         cost = path.t[-1] * np.abs(L[np.isfinite(L)]).max(initial=0.0)
         cost_of = ca.Function('V', [problem.x, problem.p], [problem.V])
@@ -256,7 +252,7 @@ class Guesser:
                 column = np.atleast_1d(np.asarray(column, dtype=float))
                 values[:, names.index(name)] = np.interp(
                     s, np.linspace(0.0, 1.0, len(column)), column)
-        path = _path(T * s, x, _inside(u, problem.u_lower, problem.u_upper))
+        path = _path(T * s, x, np.clip(u, problem.u_lower, problem.u_upper))
         *_, slope = self._rest(x, u, problem.p_value)
         # At u = 0 the norm of the inputs, for example, is not differentiable.
         return path if np.isfinite(slope).all() else _path(
@@ -265,7 +261,7 @@ class Guesser:
     def driven(self, problem: Problem, integrator: CostateIntegrator, u: Array, T: float) -> Path:
         """Integrate under inputs u (21, m); states are frozen once they become very large."""
         t = np.linspace(0.0, T, _POINTS)
-        u = _inside(u, problem.u_lower, problem.u_upper)
+        u = np.clip(u, problem.u_lower, problem.u_upper)
         fine = np.linspace(0.0, T, 10 * (_POINTS - 1) + 1)
         inputs = interpolate_columns(fine, t, u)
         x, _ = integrator.forward(problem, fine, inputs[:-1], inputs[1:])
@@ -274,7 +270,7 @@ class Guesser:
         good = np.all(np.isfinite(x), axis=1) & (np.max(np.abs(x), axis=1) < size)
         last = int(np.argmin(good)) - 1 if not np.all(good) else len(x) - 1
         x = x[np.minimum(np.arange(_POINTS), last)]
-        return _path(t, _inside(x, problem.x_lower, problem.x_upper), u)
+        return _path(t, np.clip(x, problem.x_lower, problem.x_upper), u)
 
     def starts(self, problem: Problem, integrator: CostateIntegrator,
                spans: Callable[[], tuple[Array, Array] | None] = lambda: None) -> Iterator[Path]:
@@ -313,8 +309,8 @@ class Guesser:
                     np.ptp(line.x, axis=0), known[0])
                 x = line.x + bend * far * _wave(chance, problem.n, knots=False)
                 yield replace(_path(
-                    line.t * (length / T), _inside(x, problem.x_lower, problem.x_upper),
-                    _inside(inputs, problem.u_lower, problem.u_upper)), origin='bent line')
+                    line.t * (length / T), np.clip(x, problem.x_lower, problem.x_upper),
+                    np.clip(inputs, problem.u_lower, problem.u_upper)), origin='bent line')
             elif noise or problem.final_time.free or number < len(_VARIETY):   # not the same again
                 yield replace(self.driven(problem, integrator, inputs, length),
                               origin='path of random inputs' if noise else 'path of the inputs')
@@ -343,7 +339,7 @@ class Guesser:
         for number in count(1):
             if room.any() and number % 3:
                 away = room * (2 * _spread(number, problem.n) - 1)
-                x = _inside(line.x + part * away, problem.x_lower, problem.x_upper)
+                x = np.clip(line.x + part * away, problem.x_lower, problem.x_upper)
                 yield replace(_path(line.t, x, self._along(problem, line, x)),
                               origin='line to another final state')
             else:
@@ -364,7 +360,7 @@ class Guesser:
         sizes = np.exp2(np.arange(-24, 24))[:, None]
         held = [rest]
         for way in np.vstack([np.eye(problem.m), -np.eye(problem.m)]):
-            u = _inside(rest + sizes * way, problem.u_lower, problem.u_upper)
+            u = np.clip(rest + sizes * way, problem.u_lower, problem.u_upper)
             L = self._all(problem.x0, u, problem.p_value)[0][:, problem.n]
             dear = ~(T * np.abs(L - L[0]) <= cost)
             if dear.any() or np.array_equal(u[-1], u[-2]):   # else nothing bounds it
@@ -388,7 +384,7 @@ class Guesser:
         if not (np.all(np.isfinite(missing)) and np.all(np.isfinite(slope))):
             return u
         more = np.einsum('kmn,kn->km', np.linalg.pinv(slope, rcond=1e-6), missing)
-        return _inside(u + more, problem.u_lower, problem.u_upper)
+        return np.asarray(np.clip(u + more, problem.u_lower, problem.u_upper))
 
 
 # Multiples of the bend of states and of the noise of inputs, for guesses in turn; without a bend
