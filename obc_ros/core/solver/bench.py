@@ -245,20 +245,18 @@ class Bench:
         once, so that the trace shows the check once.
         """
         key = self.problem, outcome
-        if outcome.converged and key not in self._accurate:
-            self._accurate[key] = self._check_accuracy(outcome)
-        return outcome.converged and self._accurate[key]
-
-    def _check_accuracy(self, outcome: TranscriptionOutcome) -> bool:
+        if not outcome.converged or key in self._accurate:
+            return outcome.converged and self._accurate[key]
         options, course = self.options.coarse, self.course(outcome)
         error, loss = course.local.max(), self.measure_loss(course).lost.sum()
-        if error < options.error and loss < options.wild * max(abs(outcome.objective), 1.0):
-            return True
-        with self.trace.attempt('check', 'discretisation error') as attempt:
-            attempt.end(Verdict.REJECTED, f'relative error of a step {error:.1e}, allowed '
-                        f'{options.error:.0e}; Hamiltonian loss {loss:.1e}',
-                        cost=outcome.objective)
-        return False
+        good = error < options.error and loss < options.wild * max(abs(outcome.objective), 1.0)
+        self._accurate[key] = bool(good)
+        if not good:
+            with self.trace.attempt('check', 'discretisation error') as attempt:
+                attempt.end(Verdict.REJECTED, f'relative error of a step {error:.1e}, allowed '
+                            f'{options.error:.0e}; Hamiltonian loss {loss:.1e}',
+                            cost=outcome.objective)
+        return self._accurate[key]
 
     def course(self, outcome: TranscriptionOutcome, *, stated: bool = False) -> Extremal:
         """

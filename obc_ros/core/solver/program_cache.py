@@ -145,13 +145,10 @@ class ProgramCache:
             self._transcriptions.popitem(last=False)
         return found
 
-    def remember(self, answer: Answered) -> None:
-        """Keep a solved problem for its neighbours."""
+    def remember(self, answer: Answered, minima: int = 1) -> None:
+        """Keep a solved problem, with this number of local minima, for its neighbours."""
         self.answers = [*self.answers, answer][-self.options.neighbour.kept:]
-
-    def note_minima(self, number: int) -> None:
-        """Note how many local minima were found for a problem."""
-        self.several |= number > 1
+        self.several |= minima > 1
 
     def take_build_time(self) -> float:
         """Return the time spent on building programs since the last call [s]."""

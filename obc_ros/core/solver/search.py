@@ -47,20 +47,16 @@ def search(task: Task, *, with_arcs: bool = True, quick: bool = False,
     pool = StartPool(bench.problem, bench.programs)
     with bench.trace.attempt('coarse mesh') as attempt:
         coarse = solve_coarse(bench, pool, why_not)
-        attempt.end(*_judge_coarse(coarse), cost=coarse.outcomes[0].objective
-                    if coarse.outcomes and coarse.sound else np.nan)
+        attempt.end(
+            Verdict.ACCEPTED if coarse.sound else Verdict.REJECTED, '' if coarse.sound else (
+                coarse.reason or 'no initial guess led to a path with a small discretisation '
+                                 'error'),
+            cost=coarse.outcomes[0].objective if coarse.outcomes and coarse.sound else np.nan)
     found, bench, minima = _descend(coarse, pool)
     if not found.solution.optimality:
         found = replace(found, solution=replace(found.solution, optimality=describe_local(
             bench.trace.count(GUESS), found.solution.objective, minima)))
     return found, bench
-
-
-def _judge_coarse(coarse: CoarseResult) -> tuple[Verdict, str]:
-    if coarse.sound:
-        return Verdict.ACCEPTED, ''
-    return Verdict.REJECTED, coarse.reason or (
-        'no initial guess led to a path with a small discretisation error')
 
 
 def _descend(coarse: CoarseResult, pool: StartPool) -> tuple[Candidate, Bench, list[float]]:

@@ -134,29 +134,30 @@ class _Multistart:
         if (self._best.certified or sound) and self._bench.programs.convex(self._bench.stated):
             why = 'the problem is convex: there is no other minimum'
         else:
-            self._line_up(len(others))
             why = self._try_starts(others)
         minima = self._refined + self._find_others()
         if self._best.certified and self._best.record:
             self._remember(self._best.record, minima)
         return Explored(self._best, minima, why)
 
-    def _line_up(self, others: int) -> None:
-        """Set the further starts; `others`: number of outcomes that are not refined yet."""
+    def _try_starts(self, others: Sequence[TranscriptionOutcome]) -> str:
+        """Refine outcomes of lower cost; return why no further start is tried."""
         bench, floor = self._bench, self._coarse
         self._bent = _disproportion(bench, self._best) > self._options.bent
         self._uneven = bench.programs.uneven_costs(bench.problem, abs(floor))
-        self._wanted = 1 + others + try_starts(StartStage.MULTISTART, bench, self._pool, Known(
-            best=self._best, floor=floor, begun=self._before, uneven=self._uneven,
-            bent=self._bent)).wanted
-
-    def _try_starts(self, others: Sequence[TranscriptionOutcome]) -> str:
-        """Refine outcomes of lower cost; return why no further start is tried."""
+        known = Known(best=self._best, floor=floor, begun=self._before, uneven=self._uneven,
+                      bent=self._bent)
+        self._wanted = 1 + len(others) + try_starts(
+            StartStage.MULTISTART, bench, self._pool, known).wanted
         for number in range(self._options.most):
-            if stop := self._bench.meter.stopped or explain_enough(
-                    self._measure(number), self._options):
+            begun = bench.work
+            if stop := bench.meter.stopped or explain_enough(Effort(
+                    starts=number, wanted=self._wanted, before=self._before, spent=self._spent,
+                    total=begun, certified=self._best.certified, uneven=self._uneven,
+                    bent=self._bent, rough=self._pool.is_rough(bench),
+                    stages=bench.stages, complete=self._pool.known_minima.enough()),
+                    self._options):
                 return stop
-            begun = self._bench.work
             outcome = others[number] if number < len(others) else self._solve_next()
             if (other := self._refine(outcome)) is not None:
                 self._refined += [other.solution.objective] if other.certified else []
@@ -164,17 +165,8 @@ class _Multistart:
                     self._best, self._coarse = other, outcome.objective
                     self._wanted = max(self._wanted, number + 1 + self._options.after)
             self._found.append(outcome)
-            self._spent += self._bench.work - begun
+            self._spent += bench.work - begun
         return f'{self._options.most} starts were tried'
-
-    def _measure(self, number: int) -> Effort:
-        """Return the effort after a number of starts."""
-        bench, known = self._bench, self._pool.known_minima
-        return Effort(
-            starts=number, wanted=self._wanted, before=self._before, spent=self._spent,
-            total=bench.work, certified=self._best.certified, uneven=self._uneven,
-            bent=self._bent, rough=self._pool.is_rough(bench), stages=bench.stages,
-            complete=known.enough())
 
     def _solve_next(self) -> TranscriptionOutcome:
         """Solve from the next guess; if the cost is lower, on meshes with small errors."""
@@ -252,8 +244,8 @@ class _Multistart:
         bench.programs.remember(replace(
             record, rivals=self._find_rivals(), refined=cost / coarse if coarse else 1,
             looked=collect_numbers(bench.stated),
-            optimality=describe_local(bench.trace.count(GUESS), cost, minima)))
-        bench.programs.note_minima(self._pool.known_minima.minima)
+            optimality=describe_local(bench.trace.count(GUESS), cost, minima)),
+            self._pool.known_minima.minima)
 
     def _find_rivals(self) -> tuple[TranscriptionOutcome, ...]:
         """Return outcomes of other local minima, of which a neighbour's best may be one."""
