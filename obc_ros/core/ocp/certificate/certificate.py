@@ -275,23 +275,17 @@ class _Judge:
         size = np.abs(self.solution.x).max(axis=0)
         if size.max() <= _ROUNDING[0] and self._at_rest():
             size = np.zeros_like(size)
-        size = self._limited(size)
-        return np.asarray(np.maximum(size, 1e-2 * min(1.0, float(size.max())) or 1.0))
-
-    def _limited(self, size: Array) -> Array:
-        """Return the sizes of states, limited by their motion where x(0) is free, (n,)."""
         problem, solution, rate_of = self.problem, self.solution, self.functions.rate
-        if problem.start is None or rate_of is None:
-            return size
-        rate = np.abs(rate_of(solution.x, solution.u, self.p)[0])
-        motion = np.diff(solution.t) @ (rate[:-1] + rate[1:]) / 2
-        moves = ~problem.given_at_start & (motion > 0)
-        size = np.where(moves, np.minimum(size, _MOST_OF_MOTION * motion), size)
-        lower, upper = problem.start_box
-        size = np.where(self._constants(), np.minimum(size, upper - lower), size)
-        for i, j in problem.start.linked:
-            size[j] = size[i]
-        return np.asarray(size)
+        if problem.start is not None and rate_of is not None:   # their motion limits the sizes
+            rate = np.abs(rate_of(solution.x, solution.u, self.p)[0])
+            motion = np.diff(solution.t) @ (rate[:-1] + rate[1:]) / 2
+            moves = ~problem.given_at_start & (motion > 0)
+            size = np.where(moves, np.minimum(size, _MOST_OF_MOTION * motion), size)
+            lower, upper = problem.start_box
+            size = np.where(self._constants(), np.minimum(size, upper - lower), size)
+            for i, j in problem.start.linked:
+                size[j] = size[i]
+        return np.asarray(np.maximum(size, 1e-2 * min(1.0, float(size.max())) or 1.0))
 
     def _at_rest(self) -> bool:
         """Return whether x(0) = 0 and the inputs hold x = 0, up to rounding errors."""
@@ -323,15 +317,10 @@ class _Judge:
     def _dynamics(self) -> float:
         if not self.replay.converged:
             return np.inf
-        defect = np.abs(self._jumps())
-        return max(float((defect / self.scales.x).max(axis=1).sum()), 1e-2 * self._correction(),
-                   self._rounding())
-
-    def _rounding(self) -> float:
-        """Return the largest rounding error of a state with a free initial value."""
-        if self.problem.start is None:
-            return 0.0
-        return float((np.spacing(np.abs(self.solution.x).max(axis=0)) / self.scales.x).max())
+        defect, size = np.abs(self._jumps()), self.scales.x
+        rounding = 0.0 if self.problem.start is None else float(
+            (np.spacing(np.abs(self.solution.x).max(axis=0)) / size).max())
+        return max(float((defect / size).max(axis=1).sum()), 1e-2 * self._correction(), rounding)
 
     def _constants(self) -> Mask:
         """Return the states that are constant with a free value of their own, (n,)."""
@@ -559,16 +548,14 @@ class _Judge:
     def _cost(self) -> float:
         J = float(self.replay.cost.sum() + self.end[0][0, 0])
         error, owed = abs(J - self.solution.objective), self._owed()
-        abnormal = _ABNORMAL * self.scales.lam if self._is_bang() else 0.0
-        unit = max(self.scales.spent, abnormal, self.least)
-        return max(error / self.scales.cost, _OF_COST * (error + owed) / unit)
-
-    def _is_bang(self) -> bool:
-        """Return whether an input is at a bound during an interval."""
+        # Whether an input is at a bound during an interval.
         held, near = self.intervals, ACTIVE * self.scales.u
-        return any(bool(np.any((np.abs(held.ua - bound) <= near) & (
+        bang = any(bool(np.any((np.abs(held.ua - bound) <= near) & (
             np.abs(held.ub - bound) <= near))) for bound in (
                 self.problem.u_lower, self.problem.u_upper))
+        abnormal = _ABNORMAL * self.scales.lam if bang else 0.0
+        unit = max(self.scales.spent, abnormal, self.least)
+        return max(error / self.scales.cost, _OF_COST * (error + owed) / unit)
 
     def _owed(self) -> float:
         """Return the first-order cost of correcting the errors of start, path and end."""
