@@ -516,16 +516,10 @@ def _initial_state(given: Given, plant: _Plant) -> list[tuple[float, float]]:
         raise StatementError(f'initial_state: missing; wanted {wanted}')
     start = read_mapping(given['initial_state'], 'initial_state', wanted)
     _check_states(start, plant.states, 'initial_state', 'value')
-    return [_initial_value(start[name], plant.values, f'initial_state.{name}')
+    return [_box(start[name], plant.values, f'initial_state.{name}')
+            if start[name] is None or isinstance(start[name], (list, tuple)) else
+            (parse_number(start[name], plant.values, f'initial_state.{name}'),) * 2
             for name in plant.states]
-
-
-def _initial_value(value: object, values: Mapping[str, float], where: str) -> tuple[float, float]:
-    """Return the bounds of an initial value: a number, [lower, upper], or null."""
-    if value is None or isinstance(value, (list, tuple)):
-        return _box(value, values, where)
-    number = parse_number(value, values, where)
-    return number, number
 
 
 def _final_time(given: Given, values: Mapping[str, float]) -> FinalTime:
