@@ -207,8 +207,8 @@ def _bounded_number(value: float, where: str) -> float:
     return value
 
 
-def _bounded(text: str, where: str) -> str:
-    """Check the length, symbols and depth of a text, and return it on one line."""
+def _parse(text: str, where: str) -> tuple[str, ast.expr]:
+    """Return a text on one line, and its tree, if its length, symbols and depth are accepted."""
     if len(text) > MAX_LENGTH:
         raise StatementError(f'{where}: the expression has {len(text)} characters; '
                              f'at most {MAX_LENGTH} are accepted')
@@ -217,23 +217,19 @@ def _bounded(text: str, where: str) -> str:
     # Line ends in brackets or in a folded YAML scalar have no meaning.
     text = _unwrap(re.sub(r'[ \t\r\n]+', ' ', text).strip(' '))
     _scan(text, where)
-    return text
-
-
-def _unwrap(text: str) -> str:
-    """Return a text with ``(1.2)`` in place of ``np.float64(1.2)``."""
-    return _NUMPY.sub(lambda found: f'({found[2]})', text)
-
-
-def _tree(text: str, where: str) -> ast.expr:
     try:
-        return ast.parse(text, mode='eval').body
+        return text, ast.parse(text, mode='eval').body
     except SyntaxError as error:
         column = max(0, (error.offset or 1) - 1)
         raise StatementError(f"{where}: '{_short(text)}' is not an expression: syntax error near "
                              f"'{_short(text[column:] or 'the end')}'") from None
     except (RecursionError, MemoryError, ValueError):
         raise StatementError(f"{where}: '{_short(text)}' is too complex") from None
+
+
+def _unwrap(text: str) -> str:
+    """Return a text with ``(1.2)`` in place of ``np.float64(1.2)``."""
+    return _NUMPY.sub(lambda found: f'({found[2]})', text)
 
 
 def _scan(text: str, where: str) -> None:
@@ -322,8 +318,7 @@ def _value(text: str, algebra: _Algebra, where: str) -> Any:
 
     The walk keeps its own stack, because a sum of a thousand terms is a thousand nodes deep.
     """
-    text = _bounded(text, where)
-    tree = _tree(text, where)
+    text, tree = _parse(text, where)
     exponents = _numbers_in_exponents(tree) if algebra.lifts else set()
     waiting: list[tuple[ast.expr, bool]] = [(tree, False)]
     values: list[Any] = []
