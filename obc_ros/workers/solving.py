@@ -4,7 +4,6 @@
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import asdict
-from typing import Any
 
 from obc_ros.core.ocp.augmentation import hide_added_states, name_attempts
 from obc_ros.core.ocp.problem import Problem
@@ -12,7 +11,6 @@ from obc_ros.core.ocp.solution import (
     Attempt,
     Certificate,
     MAX_INTERVALS,
-    Optimality,
     Report,
     Solution,
 )
@@ -118,7 +116,7 @@ def pack_solution(problem: Problem, solution: Solution, system: str) -> Packet:
          'system': system, 'states': problem.shown_states, 'inputs': problem.shown_inputs,
          'free_parameters': dict(solution.free_parameters),
          'certificate': pack_certificate(solution.certificate),
-         'optimality': _optimality(solution.optimality),
+         'optimality': solution.optimality and asdict(solution.optimality),
          **pack_attempts(solution.attempts).plain},
         {name: getattr(solution, name) for name in ARRAYS})
 
@@ -134,12 +132,6 @@ def pack_certificate(certificate: Certificate | None) -> dict[str, dict[str, flo
         return None
     return {name: {key: float(value) for key, value in getattr(certificate, name).items()}
             for name in ('residuals', 'tolerances')}
-
-
-def _optimality(found: Optimality | None) -> dict[str, Any] | None:
-    return None if found is None else {
-        'kind': found.kind, 'reason': found.reason, 'starts': int(found.starts),
-        'minima': list(map(float, found.minima))}
 
 
 answer = answer_by({'solve': solve_statement})
