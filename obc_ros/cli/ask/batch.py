@@ -210,23 +210,15 @@ def answer_all(read: Callable[[], list[Kind]], module: str, endings: tuple[str, 
                     require_ros('--server')
                     ask_server(waiting)
                 else:
-                    _work(pool, waiting, max(time_limit or TIME_LIMIT, SHORTEST), hidden)
+                    cores = len(os.sched_getaffinity(0)) if hasattr(
+                        os, 'sched_getaffinity') else os.cpu_count() or 1   # macOS
+                    pool.resize(min(cores, len(waiting)))
+                    limit = max(time_limit or TIME_LIMIT, SHORTEST)
+                    with EndSignals() as signals, show_progress(hidden) as lines:
+                        while not pool.wait_for_start(TICK):
+                            signals.check()
+                        PoolBatch(pool, signals, waiting, limit, lines).work()
     return asked
-
-
-def _work(pool: Pool, asked: Sequence[Asked], time_limit: float, hidden: bool) -> None:
-    pool.resize(min(count_cores(), len(asked)))
-    with EndSignals() as signals, show_progress(hidden) as lines:
-        while not pool.wait_for_start(TICK):
-            signals.check()
-        PoolBatch(pool, signals, asked, time_limit, lines).work()
-
-
-def count_cores() -> int:
-    """Return the number of cores that this process may use."""
-    if hasattr(os, 'sched_getaffinity'):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1  # macOS
 
 
 class PoolBatch(Batch):
