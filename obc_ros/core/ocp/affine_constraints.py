@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""The set of states that satisfy the affine terminal constraints, in exact arithmetic."""
+"""Affine terminal constraints, and the set of states that satisfy them in exact arithmetic."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -120,3 +120,16 @@ def _rank(rows: dict[int, RationalRow], n: int) -> int:
             A = A / np.sqrt(np.where(size > 0, size, 1.0))
     sizes = np.linalg.svd(A, compute_uv=False)
     return int(np.sum(sizes > _WELL * sizes.max(initial=0.0)))
+
+
+def find_affine_rows(problem: Problem) -> tuple[Array, Array, Mask]:
+    """
+    Return the terminal constraints A x + b = 0, and which of them are affine.
+
+    :return: (q, n), (q,), (q,). Rows of nonlinear ones have no meaning.
+    """
+    slope = ca.jacobian(problem.psi, problem.x)
+    bent = np.array([ca.depends_on(slope[row, :], problem.x) for row in range(problem.q)], bool)
+    at_zero = ca.Function('rows', [problem.x, problem.p], [ca.densify(slope), problem.psi])
+    A, b = (value.full() for value in at_zero(np.zeros(problem.n), problem.p_value))
+    return A, b[:, 0], ~bent & np.isfinite(A).all(axis=1) & np.isfinite(b[:, 0])

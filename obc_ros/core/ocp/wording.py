@@ -4,9 +4,7 @@
 
 from collections.abc import Iterable
 
-import casadi as ca
-import numpy as np
-from obc_ros.core.numerics.arrays import Array, Mask
+from obc_ros.core.ocp.affine_constraints import find_affine_rows
 from obc_ros.core.ocp.problem import Problem
 
 _ONE = 1e-9   # distance of a factor from 1 up to which it is left out
@@ -41,16 +39,3 @@ def describe_sum(terms: Iterable[tuple[str, float]], times: str = '*') -> str:
         size = '' if abs(abs(factor) - 1) < _ONE else f'{format_number(abs(factor))}{times}'
         text += f' {"-" if factor < 0 else "+"} {size}{name}'
     return text[3:] if text.startswith(' + ') else '-' + text[3:]
-
-
-def find_affine_rows(problem: Problem) -> tuple[Array, Array, Mask]:
-    """
-    Return the terminal constraints A x + b = 0, and which of them are affine.
-
-    :return: (q, n), (q,), (q,). Rows of nonlinear ones have no meaning.
-    """
-    slope = ca.jacobian(problem.psi, problem.x)
-    bent = np.array([ca.depends_on(slope[row, :], problem.x) for row in range(problem.q)], bool)
-    at_zero = ca.Function('rows', [problem.x, problem.p], [ca.densify(slope), problem.psi])
-    A, b = (value.full() for value in at_zero(np.zeros(problem.n), problem.p_value))
-    return A, b[:, 0], ~bent & np.isfinite(A).all(axis=1) & np.isfinite(b[:, 0])

@@ -26,17 +26,12 @@ from obc_ros.core.numerics.enclosures.interval_arithmetic import (
 )
 from obc_ros.core.numerics.instructions import find_dependence
 from obc_ros.core.numerics.rational_polynomials import convert_to_rational, find_null_space
-from obc_ros.core.ocp.affine_constraints import End, find_affine_end
+from obc_ros.core.ocp.affine_constraints import End, find_affine_end, find_affine_rows
 from obc_ros.core.ocp.certificate.certificate import COUNTS_AS_MET
 from obc_ros.core.ocp.least_time_form import find_affine_dynamics
 from obc_ros.core.ocp.problem import FinalTime, Problem
 from obc_ros.core.ocp.solution import Status
-from obc_ros.core.ocp.wording import (
-    describe_terminal,
-    find_affine_rows,
-    format_number,
-    state_bound,
-)
+from obc_ros.core.ocp.wording import describe_terminal, format_number, state_bound
 from obc_ros.core.solver.exact.time_optimal import solve_time_optimal
 from obc_ros.core.solver.proofs.interval_bounds import find_unsatisfiable
 from obc_ros.core.solver.proofs.invariants import find_changed_invariants
