@@ -9,7 +9,7 @@ and decides the status. Without one, the reason is looked for (`conclusion`).
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 import time
 
@@ -19,20 +19,24 @@ from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.ocp.solution import Attempt, MAX_INTERVALS, Report, Solution, Status, Verdict
 from obc_ros.core.solver.bench import Bench, BestPath, Candidate, State, Task
 from obc_ros.core.solver.conclusion import (
+    certify_solution,
     conclude,
     drop_multipliers,
     look_for_proof,
     mark_unfinished,
 )
 from obc_ros.core.solver.diagnosis.explanation import explain
-from obc_ros.core.solver.exact_methods import EXACT_METHODS
+from obc_ros.core.solver.exact.time_optimal import solve_time_optimal
+from obc_ros.core.solver.exact.two_wheeled import solve_two_wheeled
 from obc_ros.core.solver.improve.indirect import refine_indirectly
 from obc_ros.core.solver.improve.registry import DescentStage, try_improvements
+from obc_ros.core.solver.linear_quadratic import solve_lq
 from obc_ros.core.solver.nlp.meter import Meter
 from obc_ros.core.solver.options import DEFAULTS, Options
 from obc_ros.core.solver.program_cache import Cache
 from obc_ros.core.solver.proofs.existence import find_constant_cost, state_least_effort
 from obc_ros.core.solver.search import search
+from obc_ros.core.solver.trace import judge_path
 
 Method = Callable[[Task], Solution]
 Refine = Callable[[Bench, Candidate], Candidate]
@@ -130,7 +134,7 @@ def _keep_bounds(task: Task, bench: Bench, found: Candidate) -> Candidate:
     """Return the result of a search that was stopped, within its bounds if that is possible."""
     options, record = task.options.budget, found.record
     if (record is None or found.feasible or task.meter.stopped == 'cancelled'
-            or not bench.bounded or bench.programs.twin):
+            or not bench.stated.constrained or bench.programs.twin):
         return found
     meter = task.meter.overtime(options.least) if task.meter.stopped else task.meter.part()
     if meter.remaining() <= 0.0:
@@ -142,6 +146,50 @@ def _keep_bounds(task: Task, bench: Bench, found: Candidate) -> Candidate:
         best.solution, optimality=best.solution.optimality or found.solution.optimality))
 
 
+@dataclass(frozen=True)
+class ExactMethod:
+    """
+    A method for special problems, which needs no initial guess.
+
+    :ivar name: as users write it.
+    :ivar affine: whether the dynamics must be affine.
+    :ivar decides: whether a result without a path is final, not only a proof of infeasibility.
+    :ivar what: which problems it solves, for the message.
+    :ivar solve: returns None for other problems.
+    """
+
+    name: str
+    affine: bool
+    decides: bool
+    what: str
+    solve: Callable[[Problem], Solution | None]
+
+    def attempt(self, task: Task) -> Solution | None:
+        """Return the result with its certificate, None for other problems; the trace notes it."""
+        with task.meter.trace.attempt('exact method', self.name) as attempt:
+            found = self.solve(task.problem)
+            if found is None:
+                attempt.end(Verdict.REJECTED, 'it does not apply')
+                return None
+            found = replace(certify_solution(task.problem, found), method=self.name)
+            attempt.end(*judge_path(found), cost=found.objective)
+        return found
+
+    def __call__(self, task: Task) -> Solution:
+        """Solve the problem if it is of this kind; otherwise say which kind that is."""
+        return self.attempt(task) or Solution(Status.NOT_CONVERGED, (
+            f'{self.name} solves {self.what}; this problem is not one of them'))
+
+
+# In the order in which `auto` tries them. A new one is a function of a problem and a line here.
+EXACT_METHODS = (
+    ExactMethod('riccati', True, True, (
+        'linear quadratic problems with a fixed final time and no active bound'), solve_lq),
+    ExactMethod('time_optimal', True, False, (
+        'linear minimum-time problems with bounded inputs'), solve_time_optimal),
+    ExactMethod('reeds_shepp', False, False, (
+        'minimum-time motions of a two-wheeled robot whose shortest path ends at the prescribed '
+        'angle'), solve_two_wheeled))
 # A new method is a function of a Task and a line here.
 METHODS: Mapping[str, Method] = {
     'auto': solve_automatically,

@@ -12,13 +12,12 @@ from obc_ros.core.solver.bench import build_bench, Task
 from obc_ros.core.solver.descent import descend
 from obc_ros.core.solver.diagnosis import explanation
 from obc_ros.core.solver.diagnosis.explanation import Check, explain, Reason, Situation
-from obc_ros.core.solver.exact_methods import EXACT_METHODS, ExactMethod
 from obc_ros.core.solver.improve import registry as improvements
 from obc_ros.core.solver.improve.registry import DescentStage, Improvement
 from obc_ros.core.solver.linear_quadratic import solve_lq
 from obc_ros.core.solver.nlp.meter import Meter
 from obc_ros.core.solver.program_cache import ProgramCache
-from obc_ros.core.solver.solve import METHODS, solve
+from obc_ros.core.solver.solve import EXACT_METHODS, ExactMethod, METHODS, solve
 from obc_ros.core.solver.starts import registry as starts
 from obc_ros.core.solver.starts.start import Known, Proposal, Start, StartPool, StartStage
 from obc_ros.core.solver.trace import GUESS, Trace
