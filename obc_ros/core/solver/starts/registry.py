@@ -30,7 +30,8 @@ def _scatter_lines(bench: Bench, pool: StartPool, known: Known) -> Proposal:
 STARTS = (
     Start('path around obstacles', StartStage.FIRST_OUTCOME,
           'there are path constraints that are nonlinear in x and free of u',
-          has_obstacles, start_around),
+          lambda bench, known: bool(bench.problem.path.numel()) and has_obstacles(bench, known),
+          start_around),
     Start('horizon continuation', StartStage.SECOND_MESH,
           'the final time is fixed, the end is free and the problem is not convex',
           has_open_end, continue_horizon),
