@@ -42,7 +42,8 @@ def search(task: Task, *, with_arcs: bool = True, quick: bool = False,
         part of the work that the search was allowed.
     """
     bench = build_bench(task, with_arcs=with_arcs, quick=quick)
-    if (known := solve_from_neighbour(bench)) is not None:
+    last = None if quick else bench.programs.neighbour(bench.stated)
+    if last and (known := solve_from_neighbour(bench, last)):
         return known, bench
     pool = StartPool(bench.problem, bench.programs)
     with bench.trace.attempt('coarse mesh') as attempt:
@@ -88,9 +89,9 @@ def _budget(coarse: CoarseResult) -> Meter:
         return bench.meter
     left = options.share * bench.meter.remaining()
     if not coarse.sound:
-        return bench.meter.part(2 * bench.work, left)   # twice that of the coarse solves
+        return bench.meter.part(2 * bench.whole.effort, left)   # twice that of the coarse solves
     if _mixes(bench, coarse.outcomes[0]):   # chattering inputs: most work is left to explain them
-        return bench.meter.part(bench.work + options.related, left)
+        return bench.meter.part(bench.whole.effort + options.related, left)
     return bench.meter
 
 

@@ -18,15 +18,14 @@ from obc_ros.core.solver.transcription.local_minima import ANOTHER
 from obc_ros.core.solver.transcription.program import Nearby, SolveEffort
 
 
-def solve_from_neighbour(bench: Bench) -> Candidate | None:
+def solve_from_neighbour(bench: Bench, last: Answered) -> Candidate | None:
     """
     Solve from the solution of a problem of the same structure with nearly the same numbers.
 
     :return: certified, and of lower cost than its rivals; or infeasible, with a proof. None
-        without a neighbour, without convergence, or if a rival has become better.
+        without convergence, or if a rival has become better.
     """
-    last = None if bench.quick else bench.programs.neighbour(bench.stated)
-    if last is None or last.outcome.mesh.layout.intervals > bench.meter.max_intervals:
+    if last.outcome.mesh.layout.intervals > bench.meter.max_intervals:
         return None
     with bench.trace.attempt(NEIGHBOUR, 'from a solution with other numbers') as attempt:
         found = _follow(bench, last)
