@@ -189,16 +189,6 @@ class Bench:
         return self.meter.trace
 
     @property
-    def work(self) -> int:
-        """Return the work of the outcomes of this search so far; see `Meter.effort`."""
-        return self.whole.effort
-
-    @property
-    def bounded(self) -> bool:
-        """Return whether there are state bounds or path constraints."""
-        return self.stated.constrained
-
-    @property
     def switching(self) -> tuple[bool, ...]:
         """Return the inputs that may be held at bounds between switching times."""
         return tuple(self.may_hold and each for each in self.programs.switching)
@@ -269,7 +259,7 @@ class Bench:
             return course
         integrator = self.programs.stated_integrator if stated else self.programs.integrator
         course = integrator.extremal(problem, outcome, 4 if self.stages else 2)
-        if self.bounded:
+        if self.stated.constrained:
             course = self.programs.fitter(problem, stated).fit(problem, outcome, course)
         if len(self._courses) >= 8:   # of the last outcomes
             self._courses.clear()
@@ -323,7 +313,7 @@ class Bench:
         :return: with the larger margin; exceeded: (intervals,), relative violation of the
             constraints in each interval; empty without any.
         """
-        if not self.bounded:
+        if not self.stated.constrained:
             return self, np.zeros(0)
         fitter = self.programs.fitter(self.problem)
         value = fitter.values(self.problem, course)
@@ -341,14 +331,14 @@ class Bench:
         """
         options = self.options.refinement
         verdict, N = self.measure_loss(course), len(course.local)
-        aim = options.loss_bounded if self.bounded else options.loss
+        aim = options.loss_bounded if self.stated.constrained else options.loss
         # |J| is the scale of the loss, with a floor if it vanishes.
         share = aim * max(abs(outcome.objective), 1e-6 * self._summands(outcome).unit) / N
         errors = [
             Error(verdict.lost - verdict.chords, share, 5.0), Error(verdict.chords, share, 3.0),
             Error(course.local, options.step_error / N, 7.0),
             Error(verdict.drift, options.drift, 2.0)]
-        if self.bounded:
+        if self.stated.constrained:
             errors.append(Error(exceeded, EXCEEDED[0], 2.0))
         longest = outcome.path.t[-1] / (2 * self.options.coarse.intervals)
         return refine_mesh(outcome.mesh, outcome.path, verdict.kinks, errors, longest,

@@ -105,7 +105,7 @@ class _Descent:
             self._tried = self._state.outcome
             if self._try(DescentStage.CERTIFIED):
                 return True
-        close = above < (options.enough_bounded if bench.bounded else options.enough)
+        close = above < (options.enough_bounded if bench.stated.constrained else options.enough)
         return certified and close or bench.quick and number >= 2
 
     def _try(self, stage: DescentStage) -> bool:

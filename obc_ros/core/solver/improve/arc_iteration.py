@@ -153,7 +153,7 @@ class ArcIteration:
     def touching(self, arcs: list[Arc], outcome: TranscriptionOutcome) -> list[Arc]:
         """Return arcs with boundary arcs inserted, for state bounds that switching inputs hold."""
         free = self.programs.deciding & np.array(self.switching)
-        if not (self.bench.bounded and free.any()) or self.touch == _NEVER:
+        if not (self.bench.stated.constrained and free.any()) or self.touch == _NEVER:
             return arcs
         path, problem = outcome.path, self.problem
         value = self.programs.fitter(problem).at(problem, path.x, path.u)

@@ -222,7 +222,7 @@ def _grazing(bench: Bench, program: PhasedProgram, found: Phased, sizes: Problem
 def may_have_arcs(state: State) -> bool:
     """Return whether boundary arcs may be used: there are state constraints."""
     bench = state.bench
-    return bench.bounded and bench.may_hold and not (
+    return bench.stated.constrained and bench.may_hold and not (
         bench.quick or bench.programs.twin or bench.meter.stopped)
 
 
@@ -243,7 +243,7 @@ def solve_along_bounds(state: State) -> State | str:
         cost = known.solution.objective
         allowed = cost + CHEAPER * abs(cost)
     seen: set[tuple[Signature, float, int]] = set()
-    bench = replace(bench, meter=bench.meter.part(max(options.work, bench.work)))
+    bench = replace(bench, meter=bench.meter.part(max(options.work, bench.whole.effort)))
     for gap in options.gaps:
         arcs = _read_spans(bench, program, outcome, value, gap)
         if (get_signature(arcs), 1.0, 0) in seen:

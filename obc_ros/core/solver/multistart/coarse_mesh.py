@@ -98,7 +98,7 @@ def _solve_first(bench: Bench, pool: StartPool) -> tuple[Bench, list[Transcripti
     """Return the outcomes of the first guesses and of paths around obstacles."""
     options = bench.options.coarse
     found: list[TranscriptionOutcome] = []
-    begun, good, around = bench.work, False, 0
+    begun, good, around = bench.whole.effort, False, 0
     for number in count(1):
         outcome = solve_next_start(bench, pool, once=good)
         found.append(outcome)
@@ -111,7 +111,7 @@ def _solve_first(bench: Bench, pool: StartPool) -> tuple[Bench, list[Transcripti
             around = try_starts(
                 StartStage.FIRST_OUTCOME, bench, pool, Known(outcome=outcome)).wanted
         # After half a second `starts` guesses are enough, with and without a path.
-        patient = bench.work - begun < 10_000 * (1 + bench.stages)
+        patient = bench.whole.effort - begun < 10_000 * (1 + bench.stages)
         most = options.starts if bench.quick else bench.options.rollouts.tried
         if (bench.meter.stopped or bench.quick and good or number >= around + (
                 options.starts if good or not patient else most)):

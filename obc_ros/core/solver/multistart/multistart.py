@@ -121,7 +121,7 @@ class _Multistart:
 
     def __init__(self, bench: Bench, pool: StartPool, first: Candidate, floor: float) -> None:
         self._bench, self._pool, self._options = bench, pool, bench.options.multistart
-        self._before, self._spent, self._wanted = bench.work, 0, 1
+        self._before, self._spent, self._wanted = bench.whole.effort, 0, 1
         self._bent = self._uneven = False
         self._best, self._coarse = first, floor   # and its cost on the coarse mesh
         self._found: list[TranscriptionOutcome] = []
@@ -150,7 +150,7 @@ class _Multistart:
         self._wanted = 1 + len(others) + try_starts(
             StartStage.MULTISTART, bench, self._pool, known).wanted
         for number in range(self._options.most):
-            begun = bench.work
+            begun = bench.whole.effort
             if stop := bench.meter.stopped or explain_enough(Effort(
                     starts=number, wanted=self._wanted, before=self._before, spent=self._spent,
                     total=begun, certified=self._best.certified, uneven=self._uneven,
@@ -165,7 +165,7 @@ class _Multistart:
                     self._best, self._coarse = other, outcome.objective
                     self._wanted = max(self._wanted, number + 1 + self._options.after)
             self._found.append(outcome)
-            self._spent += bench.work - begun
+            self._spent += bench.whole.effort - begun
         return f'{self._options.most} starts were tried'
 
     def _solve_next(self) -> TranscriptionOutcome:

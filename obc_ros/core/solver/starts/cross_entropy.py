@@ -106,9 +106,9 @@ def interleave_rollouts(bench: Bench, pool: StartPool, known: Known) -> Proposal
     """
     assert known.best is not None
     seen = search_rollouts_briefly(bench, known.best, known.bent or known.uneven)
-    aside = bench.work - known.begun
+    aside = bench.whole.effort - known.begun
     rollouts = _promising(
-        bench, known.best, seen, lambda: bench.work - aside > bench.options.multistart.hard
+        bench, known.best, seen, lambda: bench.whole.effort - aside > bench.options.multistart.hard
         or pool.is_rough(bench), known.bent)
     patience = (2 if known.bent else 1) * bench.options.multistart.after
     return Proposal(rest=_interleave(pool, pool.rest, label_paths(
