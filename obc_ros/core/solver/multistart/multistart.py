@@ -60,7 +60,12 @@ def explain_enough(effort: Effort, options: MultistartOptions) -> str:
     if (effort.rough or effort.bent) and effort.certified and not (hard or effort.uneven) and (
             spent > options.hard):
         return f'{_count(number)} took more work than the solution'
-    many = _are_many(effort, options)
+    if effort.uneven or hard and not effort.stages:
+        many = number >= 2 * options.least_hard and spent >= options.many_work
+    else:
+        least = options.least_bent if effort.bent else 1
+        least = options.least_hard if hard or effort.rough else least
+        many = number >= max(least, effort.wanted)
     if many and spent > (2 if hard else 1) * options.share * effort.total:
         return f'{_count(number)} used up their part of the work'
     if many and effort.complete:
@@ -70,17 +75,6 @@ def explain_enough(effort: Effort, options: MultistartOptions) -> str:
 
 def _count(number: int) -> str:
     return f'{number} start{"" if number == 1 else "s"}'
-
-
-def _are_many(effort: Effort, options: MultistartOptions) -> bool:
-    """Return whether at least the minimum number of starts was tried."""
-    hard = effort.before > options.hard
-    if effort.uneven or hard and not effort.stages:
-        return (effort.starts >= 2 * options.least_hard
-                and effort.spent >= options.many_work)
-    least = options.least_bent if effort.bent else 1
-    least = options.least_hard if hard or effort.rough else least
-    return effort.starts >= max(least, effort.wanted)
 
 
 @dataclass(frozen=True)
