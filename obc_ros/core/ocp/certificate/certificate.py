@@ -547,7 +547,11 @@ class _Judge:
 
     def _cost(self) -> float:
         J = float(self.replay.cost.sum() + self.end[0][0, 0])
-        error, owed = abs(J - self.solution.objective), self._owed()
+        error, lam = abs(J - self.solution.objective), self.solution.lam
+        # The first-order cost of correcting the errors of start, path and end.
+        owed = abs(float(lam[0] @ self._missed_at_start() + np.sum(lam[1:] * self._jumps())))
+        if self.problem.q:
+            owed = float(np.abs(self._nu()) @ np.abs(self.end[2][0])) + owed
         # Whether an input is at a bound during an interval.
         held, near = self.intervals, ACTIVE * self.scales.u
         bang = any(bool(np.any((np.abs(held.ua - bound) <= near) & (
@@ -556,12 +560,6 @@ class _Judge:
         abnormal = _ABNORMAL * self.scales.lam if bang else 0.0
         unit = max(self.scales.spent, abnormal, self.least)
         return max(error / self.scales.cost, _OF_COST * (error + owed) / unit)
-
-    def _owed(self) -> float:
-        """Return the first-order cost of correcting the errors of start, path and end."""
-        lam, missed = self.solution.lam, self._missed_at_start()
-        end = float(np.abs(self._nu()) @ np.abs(self.end[2][0])) if self.problem.q else 0.0
-        return end + abs(float(lam[0] @ missed + np.sum(lam[1:] * self._jumps())))
 
     def _jumps(self) -> Array:
         """Return the defects of x, (N - 1, n): each sample less the end of the replay to it."""
