@@ -45,7 +45,7 @@ class VectorizedFunction:
         self._few = few
         # One input and one output: passing an argument takes longer than an evaluation.
         self._function = ca.Function('batch', [_stacked(inputs)], [
-            _stacked([*map(_column, outputs)])])
+            _stacked([ca.densify(ca.vec(each)) for each in outputs])])
         self._inputs, self.outputs = _slice_row(inputs), _slice_row(outputs)
         self._shape = self._inputs[-1].stop, self.outputs[-1].stop
         self._seen = 0
@@ -218,9 +218,3 @@ def _slice_row(columns: Sequence[ca.SX]) -> list[slice]:
 def _stacked(columns: Sequence[ca.SX]) -> ca.SX:
     """Return the columns as one; a single one is not copied."""
     return columns[0] if len(columns) == 1 else ca.vertcat(*columns)
-
-
-def _column(value: ca.SX) -> ca.SX:
-    """Return the entries column by column."""
-    column = value if value.is_column() else ca.vec(value)
-    return column if column.is_dense() else ca.densify(column)
