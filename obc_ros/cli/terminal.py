@@ -21,7 +21,7 @@ WRAPPED, LEAST = 20, 12   # characters: cells that are longer take several lines
 GAP = 2                   # between two columns
 
 
-class Effect(NamedTuple):
+class ArgumentEffect(NamedTuple):
     """When an argument has an effect: with one of `needs`, if any, and none of `without`."""
 
     needs: tuple[str, ...] = ()
@@ -38,7 +38,7 @@ class Parser(argparse.ArgumentParser):
 
     def __init__(self, *words: Any, **settings: Any) -> None:
         super().__init__(*words, **settings)
-        self.effects: dict[str, Effect] = {}
+        self.effects: dict[str, ArgumentEffect] = {}
         self._given: list[str] = []
 
     def limit(self, *names: str, needs: Sequence[str] = (), without: Sequence[str] = ()) -> None:
@@ -51,7 +51,7 @@ class Parser(argparse.ArgumentParser):
         """
         known = set(map(name_argument, self._actions))
         assert known.issuperset((*names, *needs, *without)), (names, needs, without)
-        self.effects |= dict.fromkeys(names, Effect(tuple(needs), tuple(without)))
+        self.effects |= dict.fromkeys(names, ArgumentEffect(tuple(needs), tuple(without)))
 
     def parse_known_args(self, args: Sequence[str] | None = None,  # type: ignore[override]
                          namespace: Any = None) -> tuple[argparse.Namespace, list[str]]:
@@ -65,11 +65,11 @@ class Parser(argparse.ArgumentParser):
     def _get_values(self, action: argparse.Action, arg_strings: list[str]) -> Any:
         if action.option_strings or arg_strings:   # without words, a positional is absent
             self._given.append(name_argument(action))
-        return super()._get_values(action, arg_strings)  # type: ignore[misc]
+        return super()._get_values(action, arg_strings)
 
     def _check_effects(self) -> None:
         for name in self._given:
-            needs, without = self.effects.get(name, Effect())
+            needs, without = self.effects.get(name, ArgumentEffect())
             if needs and not set(needs) & set(self._given):
                 self.error(f'{name} has no effect without {" or ".join(needs)}')
             for other in without:
