@@ -17,28 +17,40 @@ import sys
 
 from obc_ros.cli import results
 from obc_ros.cli.processes import lock_folder
+from obc_ros.cli.terminal import Parser
 from obc_ros.core.text.errors import quote, StatementError, suggest_name
 from obc_ros.ros.installation import explain_missing_ros, require_ros
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(parser: Parser) -> None:
     """Declare the arguments of `obc gallery`."""
     parser.add_argument('names', nargs='*', metavar='NAME', help='entries (default: all)')
     parser.add_argument('--out', type=Path, default=Path('out/gallery'), metavar='DIR',
                         help='directory of page, figures and numbers (default: out/gallery)')
     results.add_format(parser)
+    parser.add_argument('--csv', type=Path, metavar='OUT',
+                        help='with --check: write a row for each file, for a spreadsheet')
     instead = parser.add_mutually_exclusive_group()
     instead.add_argument('--list', action='store_true', help='list the entries')
     instead.add_argument('--sheet', type=Path, metavar='FILE',
                          help='write an exercise sheet of the chapter, a YAML file')
-    instead.add_argument('--check', type=Path, metavar='FILE',
-                         help='check the answers of a sheet and say why wrong ones are wrong')
+    instead.add_argument('--check', type=Path, nargs='+', metavar='FILE',
+                         help='check the answers of a sheet and say why wrong ones are wrong; of '
+                              'several sheets, count them')
     instead.add_argument('--slides', action='store_true',
                          help='make slides.html of the figures in the directory of --out')
+    parser.limit('NAME', without=['--sheet', '--check'])
+    parser.limit('--out', without=['--list', '--sheet', '--check'])
+    parser.limit('--format', without=['--list', '--sheet', '--check', '--slides'])
+    parser.limit('--csv', needs=['--check'])
 
 
 def run(args: argparse.Namespace) -> int:
     """Run entries; return 0 if all numbers are in tolerance, 1 if not, 2 for an unknown name."""
+    if args.csv and args.csv in args.check:
+        print(f'obc gallery: --csv would overwrite {args.csv}, which is to be checked',
+              file=sys.stderr)
+        return 2
     if args.sheet or args.check or args.slides:
         return _teach(args)
     require_ros('the gallery')
@@ -49,11 +61,11 @@ def run(args: argparse.Namespace) -> int:
         print(f"obc gallery: no entry '{quote(unknown[0])}'{_suggest(unknown[0], known)}; "
               f"there are {', '.join(known)}", file=sys.stderr)
         return 2
-    if args.list:
-        width = max(map(len, known))
-        print('\n'.join(f'{name:{width}}  {entry.title}' for name, entry in known.items()))
-        return 0
     chosen = [entry for name, entry in known.items() if not args.names or name in args.names]
+    if args.list:
+        width = max(len(entry.name) for entry in chosen)
+        print('\n'.join(f'{entry.name:{width}}  {entry.title}' for entry in chosen))
+        return 0
     from obc_ros.book.records import work_and_write  # imports ROS
     with lock_folder(args.out):
         return work_and_write(chosen, args.out, list(known),
@@ -74,13 +86,15 @@ def _teach(args: argparse.Namespace) -> int:
         from obc_ros.book.slides import write_slides
         print(write_slides(args.out, args.names))
         return 0
-    from obc_ros.book.teaching.sheet import report_sheet, write_sheet  # imports CasADi
+    # These import CasADi.
+    from obc_ros.book.teaching.class_table import report_class
+    from obc_ros.book.teaching.sheet import write_sheet
     if args.sheet:
         write_sheet(args.sheet)
         print(f'{args.sheet}; obc gallery --check {args.sheet} checks the answers')
         return 0
     try:
-        return report_sheet(args.check)
+        return report_class(args.check, args.csv)
     except StatementError as error:
         print(f'obc gallery: {error}', file=sys.stderr)
         return 2

@@ -2,7 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Exercise sheets: right answers pass, typical wrong ones are told why, references are right."""
 
+import csv
 from math import exp, pi, sqrt
+import os
 
 import numpy as np
 import obc_ros as obc
@@ -208,6 +210,66 @@ def test_a_partial_sheet_is_checked(tmp_path, capsys):
     assert '\n2.6-turn: the angle is in degrees' in output
     assert '\n2.2-speed  unreadable\n' in output
     assert '1 of 3 answers are right' in output
+
+
+@pytest.fixture
+def sheets(tmp_path):
+    """Return the sheets of four students: right, wrong, an unreadable answer, no YAML."""
+    files = []
+    for name, text in (('ada', '2.2-cost: 3*pi'), ('bob', '2.6-turn: 45\n2.2-cost: 3*pi'),
+                       ('eve', '2.2-cost: "1 +"'), ('zoe', 'a: {')):
+        files.append(tmp_path / f'{name}.yaml')
+        files[-1].write_text(text)
+    return files
+
+
+@pytest.mark.parametrize('chosen, status', [
+    ([0, 0], 0), ([0, 1], 1), ([1, 0], 1), ([2, 1], 2), ([0, 3, 0], 2)], ids=str)
+def test_a_class_has_the_worst_exit_status(sheets, chosen, status):
+    assert main(['gallery', '--check', *(str(sheets[each]) for each in chosen)]) == status
+
+
+def test_a_class_is_a_line_for_each_sheet(sheets, capsys):
+    assert main(['gallery', '--check', *map(str, sheets)]) == 2
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0].split() == ['file', 'right', 'wrong', 'unreadable', 'open']
+    rows = [line.split() for line in lines[2:]]
+    count = len(ASKED)
+    assert rows[:3] == [[str(sheets[0]), '1', '0', '0', str(count - 1)],
+                        [str(sheets[1]), '1', '1', '0', str(count - 2)],
+                        [str(sheets[2]), '0', '0', '1', str(count - 1)]]
+    assert rows[3] == [str(sheets[3])]
+    assert lines[-1].startswith(f'{sheets[3]}: line 1')
+
+
+@pytest.mark.parametrize('count', [1, 3, 4])
+def test_a_class_is_written_as_csv(sheets, tmp_path, count):
+    path = tmp_path / 'new' / 'class.csv'
+    main(['gallery', '--check', *map(str, sheets[:count]), '--csv', str(path)])
+    with path.open(newline='') as file:
+        rows = list(csv.DictReader(file))
+    assert [row['file'] for row in rows] == list(map(str, sheets[:count]))
+    assert (rows[0]['right'], rows[0]['2.2-cost'], rows[0]['2.6-turn']) == ('1', 'right', 'open')
+    assert set(ASKED) < set(rows[0])
+    if count > 1:
+        assert (rows[1]['wrong'], rows[1]['2.6-turn'], rows[1]['error']) == ('1', 'wrong', '')
+    if count > 3:
+        assert (rows[3]['right'], rows[3]['2.2-cost']) == ('', '')
+        assert 'zoe.yaml: line 1' in rows[3]['error']
+
+
+def test_a_name_with_control_characters_is_shown_escaped(sheets, tmp_path, capsys):
+    names = ['\x1b[31m.yaml', os.fsdecode(b'\xff.yaml')]
+    assert main(['gallery', '--check', *names, '--csv', str(tmp_path / 'class.csv')]) == 2
+    assert capsys.readouterr().out.replace('\n', '').isprintable()
+    assert (tmp_path / 'class.csv').read_text().replace('\n', '').isprintable()
+
+
+def test_the_table_of_a_class_replaces_no_sheet(sheets, capsys):
+    one = str(sheets[0])
+    assert main(['gallery', '--check', one, '--csv', one]) == 2
+    assert 'would overwrite' in capsys.readouterr().err
+    assert sheets[0].read_text() == '2.2-cost: 3*pi'
 
 
 # The references, by other means.

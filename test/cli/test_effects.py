@@ -15,7 +15,7 @@ ALWAYS = {
     'lqr': '--json --plot --server --full',
     'sweep': '--over --sample --out --plot --resume --scheduler --workers --chunk --time-limit '
              '--method --option',
-    'gallery': '--out --format --list --sheet --check --slides',
+    'gallery': '--list --sheet --check --slides',
     'examples': '--match --copy',
     'view': '--host --port --no-browser',
     'bench': '--list',

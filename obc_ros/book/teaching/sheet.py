@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Write the sheet of all questions, and check the answers of a filled one."""
 
-from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 import textwrap
@@ -15,6 +15,7 @@ from obc_ros.core.text.errors import describe_type, ObcError, quote, StatementEr
 from obc_ros.core.text.yaml_files import read_yaml
 
 COMMENT_WIDTH = 97   # characters
+VERDICTS = ('right', 'wrong', 'unreadable', 'open')
 COLOURS = {'right': 'green', 'wrong': 'red', 'unreadable': 'red'}
 HEAD = """\
 Exercises of chapter 2 of R. M. Murray, Optimization-Based Control (draft v2.1a), and of
@@ -81,18 +82,21 @@ def check_answer(question: SheetQuestion, answer: Any) -> CheckedAnswer:
     return CheckedAnswer(question.name, 'wrong' if why else 'right', why)
 
 
-def report_sheet(path: Path) -> int:
-    """Check a sheet, print the verdicts; return 1 for a wrong answer, 2 for an unreadable one."""
-    found = check_sheet(path)
+def print_sheet(found: Sequence[CheckedAnswer]) -> None:
+    """Print the verdict of each answer that is given, and why it is not right."""
     given = [each for each in found if each.verdict != 'open']
     print_table(('question', 'verdict'), [(each.name, each.verdict) for each in given], COLOURS)
     for each in given:
         if each.why:
             print(quote(f'{each.name}: {each.why.removeprefix(f"{each.name}: ")}', None))
-    count = Counter(each.verdict for each in found)
+    count = count_verdicts(found)
     print(f'{count["right"]} of {len(given)} answers are right; {count["open"]} of '
           f'{len(found)} questions are open')
-    return 2 if count['unreadable'] else int(count['wrong'] > 0)
+
+
+def count_verdicts(found: Sequence[CheckedAnswer]) -> dict[str, int]:
+    """Return how many answers have each verdict."""
+    return {verdict: sum(each.verdict == verdict for each in found) for verdict in VERDICTS}
 
 
 def _comment(text: str) -> str:
