@@ -18,6 +18,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 from obc_ros.api.solving import certify, solve
+from obc_ros.book.teaching.notation import find_unit, parse_answer, split_answer
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.ocp.solution import Certificate, Condition
 from obc_ros.core.text.errors import describe_type, StatementError, suggest_name
@@ -110,10 +111,11 @@ class FormulaQuestion(SheetQuestion):
 
     def evaluate(self, answer: Any) -> Array:
         """Return the values of an answer, formulas at random points of the intervals."""
-        rows = _arrange(self.name, answer)
+        rows = _arrange(self.name, split_answer(answer, not self.names, self.name))
         symbols = {name: ca.SX.sym(name) for name in self.names}
         found = ca.vertcat(*(ca.horzcat(*(
-            parse_expression(entry, symbols, self.name) for entry in row)) for row in rows))
+            parse_answer(entry, symbols, self.name, find_unit(self.text)) for entry in row))
+            for row in rows))
         function = ca.Function('answer', [ca.vertcat(*symbols.values())], [found])
         drawn = np.random.default_rng(1)
         lower, upper = np.array([*self.names.values(), (0.0, 0.0)])[:-1].reshape(-1, 2).T
@@ -183,7 +185,7 @@ class ExtremalQuestion(SheetQuestion):
         for key in keys:
             if answer.get(key) is None:
                 raise StatementError(f'{self.name}.{key}: missing; wanted a formula of t')
-            formula = parse_expression(answer[key], {'t': t}, f'{self.name}.{key}')
+            formula = parse_answer(answer[key], {'t': t}, f'{self.name}.{key}')
             values = ca.Function('path', [t], [formula])(self._times[None])
             paths.append(np.broadcast_to(np.array(values).ravel(), SAMPLES))
         return paths[0], paths[1], paths[2]

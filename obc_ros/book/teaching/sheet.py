@@ -22,9 +22,9 @@ Exercises of chapter 2 of R. M. Murray, Optimization-Based Control (draft v2.1a)
 estimation and receding horizons.
 Write each answer after the colon; leave it empty to skip a question. Then:
     obc gallery --check {name}
-Numbers: three digits, or a formula such as sqrt(3)/2. Formulas: + - * / **, sin cos tan exp log
-sqrt, pi. Matrices: rows as [[1, 2], [3, 4]]. SI units and radians. The costate belongs to
-H = L + lambda f, which the optimal input minimises; feedback is u = -K x."""
+Numbers: three digits, or a formula such as sqrt(3)/2. Formulas: + - * / ^, sin cos tan exp log
+sqrt, pi; 2 a q is a product. Matrices: rows as [[1, 2], [3, 4]]. SI units and radians. The
+costate belongs to H = L + lambda f, which the optimal input minimises; feedback is u = -K x."""
 
 
 @dataclass(frozen=True)
