@@ -128,19 +128,38 @@ def test_a_wrong_answer_is_told_why(name, answer, words):
     assert words in found.why
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize('change, words', [
-    ({}, ''), ({'lam': f'-{EXTREMAL["lam"]}'}, 'lambda has the opposite sign'),
-    ({'lam': f'2*{EXTREMAL["lam"]}'}, 'a factor of 2'),
-    ({'lam': f'{END}*exp(1 - t)'}, "the costate equation lambda' = -dH/dx does not hold"),
-    ({'u': f'{END}*exp(t - 1)'}, 'u does not minimise H'),
-    ({'x': 'exp(-t)', 'u': 0, 'lam': 0}, 'lambda(T) is not dV/dx'),
-    ({'x': EXTREMAL['x'] + ' + 1'}, 'x(0) is not the given state'),
-    ({'x': '1/(t - 1)'}, 'no finite value')], ids=str)
-def test_the_certificate_says_what_is_wrong_with_an_extremal(change, words):
-    found = judge('2.4-a-extremal', EXTREMAL | change)
+@pytest.mark.parametrize('name, answer, words', [
+    ('example-2.4-damping', 0.7, 'near: three significant digits are asked for'),
+    ('2.4-d-optimum', 1.15, 'near: three significant digits are asked for'),
+    ('2.7-gain', [4, 2.8], 'near: three significant digits are asked for'),
+    ('2.10-A', [[0, 10.2], [0, 0]], 'near: three significant digits are asked for'),
+    ('example-2.4-gain', ['q', '1.4142*sqrt(q)'], 'near: write numbers such as sqrt(2)'),
+    ('example-2.4-gain', ['q', '-sqrt(2*q)'],
+     'only the entry 2 is wrong: it has the opposite sign'),
+    ('example-2.4-gain', ['q', 'q'], 'only the entry 2 is wrong'),
+    ('example-2.4-gain', ['2*q', 'sqrt(2*q)'], 'only the entry 1 is wrong: it is twice'),
+    ('2.10-A', [[0, 1], [2, 0]], '2 of 4 entries are wrong; the first is entry (1, 2)'),
+    ('2.10-A', [[0, 10], [3, 0]], 'only the entry (2, 1) is wrong'),
+    ('2.5-costate', '9*a*x**2*lam', 'with a constant factor of 3 too much'),
+    ('2.5-costate', '-x**2*a*lam', 'with a constant factor of -0.3333 too much'),
+    ('2.9-a-riccati', '2*a/b**3', 'it is right only for b = 1'),
+    ('2.4-c-input', '(xf - x0)/(T*b) + a*x0/b', 'it is right only for a = 0 or t = 0'),
+    ('2.4-a-costate', f'c*{ASKED["2.4-a-end"].reference}', 'it is right only for T = t'),
+    ('2.9-a-gain', '2', 'it is right only for a = b')], ids=str)
+def test_a_near_miss_is_told_what_is_missing(name, answer, words):
+    found = judge(name, answer)
+    assert found.verdict == 'wrong'
     assert words in found.why
-    assert found.verdict == ('wrong' if words else 'right')
+
+
+@pytest.mark.parametrize('name, answer', [
+    ('2.4-a-limit', 0.01), ('example-2.3-hamiltonian', 0.02), ('2.10-A', [[0.1, 10], [0, 0]]),
+    ('2.2-cost', 9.8), ('2.5-costate', 0), ('2.8-c-frequency', 3)], ids=str)
+def test_another_answer_is_no_near_miss(name, answer):
+    found = judge(name, answer)
+    assert found.verdict == 'wrong'
+    for words in ('near', 'constant factor', 'it is right'):
+        assert words not in found.why
 
 
 @pytest.mark.slow

@@ -12,12 +12,20 @@ certificate, which recomputes the conditions of the maximum principle from the p
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import combinations, product
 import math
+from types import MappingProxyType
 from typing import Any
 
 import casadi as ca
 import numpy as np
 from obc_ros.api.solving import certify, solve
+from obc_ros.book.teaching.comparison import (
+    agree,
+    describe_difference,
+    SAME_FORMULA,
+    THREE_DIGITS,
+)
 from obc_ros.book.teaching.notation import find_unit, parse_answer, split_answer
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.ocp.solution import Certificate, Condition
@@ -29,18 +37,7 @@ Formula = str | float
 FormulaRows = Sequence[Sequence[Formula]]
 
 POINTS = 64        # at which formulas are compared
-SAME_FORMULA = 1e-9        # relative difference of formulas that are equal
-TOLERANCE = 2e-3   # relative, of a number: three digits are asked for
 MOST_ENTRIES = 100  # of an answer
-DEGREES = 180.0 / math.pi
-ANY = (   # what any answer may be of the right one
-    (-1.0, 'it has the opposite sign'),
-    (2.0, 'it is twice the right answer: look for a factor 1/2 of the cost or of a derivative'),
-    (0.5, 'it is half of the right answer: look for a factor 2 of the cost or of a derivative'),
-    (-2.0, 'it has the opposite sign, and a factor of 2 too much'),
-    (-0.5, 'it has the opposite sign, and a factor of 2 is missing'),
-    (DEGREES, 'it is in degrees; wanted radians'),
-    (1.0 / DEGREES, 'it was converted from degrees, but is in radians already'))
 Statement = Mapping[str, Any]
 SAMPLES = 1001      # of an extremal
 PATIENCE = 30.0   # [s] for the problem of an answer
@@ -96,10 +93,9 @@ class FormulaQuestion(SheetQuestion):
         for wrong, why in self.mistakes:
             if self.agree(given, self.evaluate(wrong)):
                 return why
-        if given.shape == right.shape:
-            for factor, why in ANY:
-                if self.agree(given, factor * right):
-                    return why
+        if why := (describe_difference(given, right, bool(self.names))
+                   or self._find_special_cases(answer)):
+            return why
         if self.agree(given.swapaxes(1, 2), right):
             return 'it is the transpose: rows and columns are exchanged'
         if given.shape != right.shape:
@@ -109,8 +105,13 @@ class FormulaQuestion(SheetQuestion):
             return 'it has no finite value for some numbers that are allowed'
         return self.advice or 'it is not right'
 
-    def evaluate(self, answer: Any) -> Array:
-        """Return the values of an answer, formulas at random points of the intervals."""
+    def evaluate(self, answer: Any, special: Mapping[str, str | float] = MappingProxyType({})
+                 ) -> Array:
+        """
+        Return the values of an answer, formulas at random points of the intervals.
+
+        :param special: names that have a number or another name's value at all points.
+        """
         rows = _arrange(self.name, split_answer(answer, not self.names, self.name))
         symbols = {name: ca.SX.sym(name) for name in self.names}
         found = ca.vertcat(*(ca.horzcat(*(
@@ -120,17 +121,28 @@ class FormulaQuestion(SheetQuestion):
         drawn = np.random.default_rng(1)
         lower, upper = np.array([*self.names.values(), (0.0, 0.0)])[:-1].reshape(-1, 2).T
         points = drawn.uniform(lower, upper, size=(POINTS if symbols else 1, len(symbols)))
-        return np.stack([np.array(function(point)) for point in points])
+        columns = list(self.names)
+        for name, value in special.items():
+            points[:, columns.index(name)] = (
+                points[:, columns.index(value)] if isinstance(value, str) else value)
+        values = np.array(function(points.T if symbols else []))
+        return values.reshape(found.shape[0], len(points), found.shape[1]).swapaxes(0, 1)
 
     def agree(self, given: Array, right: Array) -> bool:
         """Return whether values are equal: formulas to rounding, numbers to three digits."""
-        if given.shape != right.shape or not np.all(np.isfinite(given)):
-            return False
-        allowed = SAME_FORMULA if self.names else TOLERANCE
-        scale = np.abs(right).max()
-        # An entry is compared with itself, a vanishing one with the largest.
-        size = np.where(np.abs(right) > SAME_FORMULA * scale, np.abs(right), scale or 1.0)
-        return bool(np.all(np.abs(given - right) <= allowed * size))
+        return agree(given, right, SAME_FORMULA if self.names else THREE_DIGITS)
+
+    def _find_special_cases(self, answer: Any) -> str:
+        """Return for which values of a name a formula is right; '' if for none of those tried."""
+        cases: list[tuple[str, str | float]] = [*product(self.names, (0.0, 1.0)),
+                                                *combinations(self.names, 2)]
+        found = []
+        for name, value in cases:
+            right = self.evaluate(self.reference, {name: value})
+            if np.any(np.abs(right) > SAME_FORMULA) and self.agree(
+                    self.evaluate(answer, {name: value}), right):
+                found.append(f'{name} = {value if isinstance(value, str) else f"{value:g}"}')
+        return f'it is right only for {" or ".join(found)}' if found else ''
 
 
 def _arrange(name: str, answer: Any) -> Sequence[Sequence[Any]]:
