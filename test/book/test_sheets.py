@@ -5,6 +5,7 @@
 import csv
 from math import exp, pi, sqrt
 import os
+import re
 
 import numpy as np
 import obc_ros as obc
@@ -23,8 +24,9 @@ END = find_end()
 EXTREMAL = {'x': f'exp(-t) - {END}*exp(-1)*sinh(t)', 'u': f'-{END}*exp(t - 1)',
             'lam': f'{END}*exp(t - 1)'}
 SPECIAL = {'2.4-a-extremal': EXTREMAL, '2.4-a-problem': STATEMENT}
-MISTAKES = [(question.name, answer, why) for question in QUESTIONS
-            if isinstance(question, FormulaQuestion) for answer, why in question.mistakes]
+FORMULAS = [question for question in QUESTIONS if isinstance(question, FormulaQuestion)]
+MISTAKES = [(question.name, answer, why) for question in FORMULAS
+            for answer, why in question.mistakes]
 
 
 def judge(name, answer):
@@ -126,6 +128,21 @@ def test_a_wrong_answer_is_told_why(name, answer, words):
     found = judge(name, answer)
     assert found.verdict == 'wrong'
     assert words in found.why
+
+
+@pytest.mark.parametrize('question', FORMULAS, ids=lambda question: question.name)
+def test_no_advice_is_the_answer(question):
+    """Each part of the words is evaluated with the numbers of the question."""
+    given = dict(re.findall(r'(\w+)(?:\(0\))? = (-?\d[\d.]*(?:/\d+)?)', question.text))
+    given = {'x(0)' if name == 'x' else name: value for name, value in given.items()
+             if name not in question.names}
+    for words in (question.advice, *(why for _, why in question.mistakes)):
+        for part in re.split(r' = |[:;,.] |\b(?:is|wanted|or|are|of|for|with|by|and|in)\b', words):
+            for name, value in given.items():
+                part = re.sub(rf'(?<!\w){re.escape(name)}(?!\w)', f'({value})', part)
+            for sign in '+-':
+                found = check_answer(question, part.replace('+-', sign))
+                assert found.verdict != 'right', words
 
 
 @pytest.mark.parametrize('name, answer, words', [

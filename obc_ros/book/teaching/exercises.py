@@ -90,10 +90,10 @@ QUESTIONS: tuple[SheetQuestion, ...] = (
     FormulaQuestion(
         'example-2.3-hamiltonian', 'Example 2.3: T is free. Give the value of '
         'H = 1 + lambda1 x2 + lambda2 u along the optimum.', 'number', 0.0, {},
-        ((1.0, 'transversality for a free T: H(T) = 0. You have the condition of another problem, '
-          'or left the cost 1 out of H'),
+        ((1.0, 'transversality for a free T is a condition on H(T). You have the condition of '
+          'another problem, or left the cost 1 out of H'),
          (-1.0, 'this is the value without the cost L = 1; H contains L')),
-        'for a free final time, H(T) = 0, and H is constant'),
+        'H is constant, and a free final time is a condition on H(T)'),
     FormulaQuestion(
         '2.2-cost', "Exercise 2.2 (b): q' = u, Y' = q u' - u q'. Give the minimum of "
         "1/2 int u'u dt over [0, 1] for y = (1, 2, 2).", 'number', 3.0 * math.pi, {},
@@ -298,7 +298,7 @@ QUESTIONS: tuple[SheetQuestion, ...] = (
          ('exp(2)*4', 'this is the state without an input'),
          ('exp(2)*4/(1 + 0.5*10*(exp(4) - 1)/4)',
           'b occurs twice: in the dynamics and in u = -b lambda')),
-        'x(tf) = e^(a tf) x(0)/(1 + b^2 c (e^(2 a tf) - 1)/(2 a))'),
+        "solve x' = a x - b^2 lambda with lambda(t) = c x(tf) e^(a (tf - t)), then set t = tf"),
     FormulaQuestion(
         '2.10-A', 'Exercise 2.10 (a), vd = 10 m/s, l = 2 m: give A of the linearization about '
         'y = 0, theta = 0, phi = 0, for the state (y, theta).', '2 rows of 2 numbers',
@@ -362,8 +362,8 @@ QUESTIONS: tuple[SheetQuestion, ...] = (
         'Qx = q [[1, 1], [1, 1]], Qu = 1. Give the f of the gain K = f [1, 1].', 'formula of q',
         '2 + sqrt(4 + q)', DOYLE,
         (('2 - sqrt(4 + q)', 'the other root of the Riccati equation: the loop would be unstable'),
-         ('sqrt(4 + q)', 'the roots of f^2 - 4 f - q = 0 are 2 +- sqrt(4 + q)'),
-         ('2 + sqrt(q)', 'the roots of f^2 - 4 f - q = 0 are 2 +- sqrt(4 + q)')),
+         ('sqrt(4 + q)', 'half of the coefficient of f is missing: (f - 2)^2 is not f^2'),
+         ('2 + sqrt(q)', 'complete the square: f^2 - 4 f and (f - 2)^2 differ by 4')),
         'f^2 - 4 f - q = 0'),
     FormulaQuestion(
         'estimation-3-margin', 'Estimation 3: with the filter L = d [1, 1]^T, the plant has the '
