@@ -13,7 +13,7 @@ from obc_ros.core.text.errors import StatementError
 from obc_ros.core.text.expressions import parse_number
 import pytest
 
-ASKED = {question.name: question for question in QUESTIONS}
+ASKED = {question.name.removeprefix('exercise-'): question for question in QUESTIONS}
 VALUES = {'q': 1.7, 'a': 0.6, 'b': 2.3, 'T': 1.1, 't': 0.4, 'x0': 0.9, 'xf': -1.2, 'lam': 0.8,
           'lam1': -0.3, 'theta': 0.5}
 

@@ -19,14 +19,19 @@ from scipy.integrate import quad, solve_bvp
 from scipy.linalg import solve_continuous_are
 import yaml
 
-ASKED = {question.name: question for question in QUESTIONS}
+ASKED = {question.name.removeprefix('exercise-'): question for question in QUESTIONS}
 END = find_end()
 EXTREMAL = {'x': f'exp(-t) - {END}*exp(-1)*sinh(t)', 'u': f'-{END}*exp(t - 1)',
             'lam': f'{END}*exp(t - 1)'}
+NAMES = [question.name for question in QUESTIONS]
 SPECIAL = {'2.4-a-extremal': EXTREMAL, '2.4-a-problem': STATEMENT}
 FORMULAS = [question for question in QUESTIONS if isinstance(question, FormulaQuestion)]
-MISTAKES = [(question.name, answer, why) for question in FORMULAS
+MISTAKES = [(question.name.removeprefix('exercise-'), answer, why) for question in FORMULAS
             for answer, why in question.mistakes]
+
+
+def full(name):
+    return f'exercise-{name}'
 
 
 def judge(name, answer):
@@ -58,7 +63,7 @@ def as_yaml_mapping(answers):
 def test_the_sheet_is_yaml_with_every_question_open(tmp_path, capsys):
     path = tmp_path / 'new' / 'sheet.yaml'
     assert main(['gallery', '--sheet', str(path)]) == 0
-    assert yaml.safe_load(path.read_text()) == dict.fromkeys(ASKED)
+    assert yaml.safe_load(path.read_text()) == dict.fromkeys(NAMES)
     assert max(map(len, path.read_text().splitlines())) <= 99
     assert {each.verdict for each in check_sheet(path)} == {'open'}
     assert main(['gallery', '--check', str(path)]) == 0
@@ -68,7 +73,7 @@ def test_the_sheet_is_yaml_with_every_question_open(tmp_path, capsys):
 def test_every_exercise_of_the_chapter_has_a_question():
     text = format_sheet('sheet.yaml')
     for number in range(1, 11):
-        assert f'\n2.{number}-' in text
+        assert f'\nexercise-2.{number}-' in text
     assert len(ASKED) == len(QUESTIONS) > 30
 
 
@@ -82,7 +87,8 @@ def test_a_sheet_with_answers_is_not_overwritten(tmp_path, capsys):
 
 @pytest.mark.slow
 def test_right_answers_pass(tmp_path, capsys):
-    answers = {name: SPECIAL.get(name) or question.reference for name, question in ASKED.items()}
+    answers = {question.name: SPECIAL.get(name) or question.reference
+               for name, question in ASKED.items()}
     assert main(['gallery', '--check', str(write(tmp_path, answers))]) == 0
     output = capsys.readouterr().out
     assert 'wrong' not in output
@@ -219,7 +225,10 @@ def test_an_unreadable_answer_is_refused_in_words(name, answer, words):
 
 
 @pytest.mark.parametrize('text, words', [
-    ('2.2-costs: 3', "no question '2.2-costs' (did you mean '2.2-cost'?)"), ('[1]', 'a list of 1'),
+    ('exercise-2.2-costs: 3', "no question 'exercise-2.2-costs' (did you mean"),
+    ('[1]', 'a list of 1'), ('1: 2', "no question '1'"),
+    ('2.2-cost: 1\nexercise-2.2-cost: 2', "'2.2-cost' and 'exercise-2.2-cost' are one question"),
+    ('exercise-2.2-cost:\n2.2-cost: 2', 'are one question'),
     ('', 'obc gallery --sheet FILE writes a sheet'), ('a: {', 'answers.yaml'),
     ('2.2-cost: 1\n2.2-cost: 2', 'occurs twice'), ('2.2-cost: *a', 'answers.yaml'), ('\0', '')])
 def test_a_malformed_sheet_exits_with_2(tmp_path, capsys, text, words):
@@ -237,14 +246,23 @@ def test_a_missing_sheet_exits_with_2(capsys):
     assert 'cannot be read' in capsys.readouterr().err
 
 
+def test_former_names_of_questions_are_read(tmp_path):
+    path = tmp_path / 'answers.yaml'
+    path.write_text('2.2-cost: 9.42\nexample-2.3-time: 2\n2.6-turn:\n')
+    verdicts = {each.name: each.verdict for each in check_sheet(path)}
+    assert set(verdicts) == set(NAMES)
+    assert verdicts['exercise-2.2-cost'] == verdicts['example-2.3-time'] == 'right'
+    assert verdicts['exercise-2.6-turn'] == 'open'
+
+
 def test_a_partial_sheet_is_checked(tmp_path, capsys):
     path = write(tmp_path, {'2.2-cost': 9.42, '2.6-turn': 45, '2.1-a': None, '2.2-speed': 'y'})
     assert main(['gallery', '--check', str(path)]) == 2
     output = capsys.readouterr().out
-    assert '\n2.2-cost   right\n' in output
-    assert '\n2.6-turn   wrong\n' in output
-    assert '\n2.6-turn: the angle is in degrees' in output
-    assert '\n2.2-speed  unreadable\n' in output
+    assert '\nexercise-2.2-cost   right\n' in output
+    assert '\nexercise-2.6-turn   wrong\n' in output
+    assert '\nexercise-2.6-turn: the angle is in degrees' in output
+    assert '\nexercise-2.2-speed  unreadable\n' in output
     assert '1 of 3 answers are right' in output
 
 
@@ -285,12 +303,14 @@ def test_a_class_is_written_as_csv(sheets, tmp_path, count):
     with path.open(newline='') as file:
         rows = list(csv.DictReader(file))
     assert [row['file'] for row in rows] == list(map(str, sheets[:count]))
-    assert (rows[0]['right'], rows[0]['2.2-cost'], rows[0]['2.6-turn']) == ('1', 'right', 'open')
-    assert set(ASKED) < set(rows[0])
+    assert (rows[0]['right'], rows[0][full('2.2-cost')], rows[0][full('2.6-turn')]) == (
+        '1', 'right', 'open')
+    assert set(NAMES) < set(rows[0])
     if count > 1:
-        assert (rows[1]['wrong'], rows[1]['2.6-turn'], rows[1]['error']) == ('1', 'wrong', '')
+        assert (rows[1]['wrong'], rows[1][full('2.6-turn')], rows[1]['error']) == (
+            '1', 'wrong', '')
     if count > 3:
-        assert (rows[3]['right'], rows[3]['2.2-cost']) == ('', '')
+        assert (rows[3]['right'], rows[3][full('2.2-cost')]) == ('', '')
         assert 'zoe.yaml: line 1' in rows[3]['error']
 
 

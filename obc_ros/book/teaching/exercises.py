@@ -69,13 +69,14 @@ QUESTIONS: tuple[SheetQuestion, ...] = (
          ('(a - b)/2', 'the constraint is x1 = x2, not x1 = -x2')),
         'both gradients vanish in sum: dF/dx + lambda dG/dx = 0, and x1 = x2'),
     FormulaQuestion(
-        '2.1-a', 'Exercise 2.1 (a): F = (3, -2, 8) vanishes where G1 = (1, 0, 2) and '
+        'exercise-2.1-a', 'Exercise 2.1 (a): F = (3, -2, 8) vanishes where G1 = (1, 0, 2) and '
         'G2 = (0, 1, -1) do. Give the numbers l1, l2 with F = l1 G1 + l2 G2.', 'two numbers',
         ((3.0, -2.0),), {},
         ((((-2.0, 3.0),), 'l1 and l2 are exchanged'),),
         'the first two entries of F are l1 and l2'),
     FormulaQuestion(
-        '2.1-b', 'Exercise 2.1 (b): for f = (x1 - a)^2 + (x2 - b)^2 and g = x1 - x2, give the '
+        'exercise-2.1-b',
+        'Exercise 2.1 (b): for f = (x1 - a)^2 + (x2 - b)^2 and g = x1 - x2, give the '
         'multiplier l with which f + l g has an extremal point at the minimum.',
         'formula of a, b', 'a - b', {'a': (-2.0, 2.0), 'b': (-2.0, 2.0)},
         (('b - a', 'the sign: this is the multiplier of f - l g'),
@@ -95,33 +96,35 @@ QUESTIONS: tuple[SheetQuestion, ...] = (
          (-1.0, 'this is the value without the cost L = 1; H contains L')),
         'H is constant, and a free final time is a condition on H(T)'),
     FormulaQuestion(
-        '2.2-cost', "Exercise 2.2 (b): q' = u, Y' = q u' - u q'. Give the minimum of "
+        'exercise-2.2-cost', "Exercise 2.2 (b): q' = u, Y' = q u' - u q'. Give the minimum of "
         "1/2 int u'u dt over [0, 1] for y = (1, 2, 2).", 'number', 3.0 * math.pi, {},
         ((9.0 * math.pi, 'the cost grows with |y|, not with |y|^2'),
          (6.0 * math.pi, 'either the factor 1/2 of the cost is missing, or Y was taken for the '
           'area of the loop; it is twice that')),
         'the loop is a circle: length^2 = 4 pi area, |y| = 2 area, cost = length^2/2'),
     FormulaQuestion(
-        '2.2-speed', 'Exercise 2.2 (b): give |u| for y = (1, 2, 2).', 'number',
+        'exercise-2.2-speed', 'Exercise 2.2 (b): give |u| for y = (1, 2, 2).', 'number',
         sqrt(6.0 * math.pi), {},
         ((6.0 * math.pi, 'this is |u|^2'),
          (sqrt(12.0 * math.pi), 'Y is twice the area of the loop')),
         '|u| is the length of the circle, which is run through in 1 s'),
     FormulaQuestion(
-        '2.3-costate', "Exercise 2.3: minimise int x'^T x' dt over [0, 1] from (0, 0) to (3, 4), "
+        'exercise-2.3-costate',
+        "Exercise 2.3: minimise int x'^T x' dt over [0, 1] from (0, 0) to (3, 4), "
         "with H = u^T u + lambda u. Give lambda = (lambda1, lambda2).", 'two numbers',
         ((-6.0, -8.0),), {},
         ((((6.0, 8.0),), SIGN),
          (((-3.0, -4.0),), 'dH/du = 2 u + lambda: the factor 2 is missing')),
         'dH/du = 0 for u = (3, 4)'),
     FormulaQuestion(
-        '2.4-a-costate', "Exercise 2.4 (a): x' = -a x + b u, J = 1/2 int u^2 + 1/2 c x(T)^2, "
+        'exercise-2.4-a-costate',
+        "Exercise 2.4 (a): x' = -a x + b u, J = 1/2 int u^2 + 1/2 c x(T)^2, "
         't0 = 0. Give the costate lambda(t).', 'formula of a, b, c, x0, t, T',
         f'c*exp(a*(t - T))*{END}', _with(SCALAR),
         ((f'-c*exp(a*(t - T))*{END}', SIGN), (f'c*exp(-a*(t - T))*{END}', BACKWARDS)),
         "lambda' = -dH/dx = a lambda, and lambda(T) = c x(T)"),
     FormulaQuestion(
-        '2.4-a-input', 'Exercise 2.4 (a): give the optimal input u(t).',
+        'exercise-2.4-a-input', 'Exercise 2.4 (a): give the optimal input u(t).',
         'formula of a, b, c, x0, t, T', f'-b*c*exp(a*(t - T))*{END}', _with(SCALAR),
         ((f'b*c*exp(a*(t - T))*{END}', 'this input maximises H: u = -b lambda follows from '
           'dH/du = u + b lambda = 0'),
@@ -131,7 +134,7 @@ QUESTIONS: tuple[SheetQuestion, ...] = (
           "this solves Example 2.2, x' = a x + b u; here x' = -a x + b u")),
         'u = -b lambda; lambda is the costate of the question before'),
     FormulaQuestion(
-        '2.4-a-end', 'Exercise 2.4 (a): give the terminal state x(T).',
+        'exercise-2.4-a-end', 'Exercise 2.4 (a): give the terminal state x(T).',
         'formula of a, b, c, x0, T', END, SCALAR,
         (('exp(-a*T)*x0', 'this is the state without an input'),
          ('exp(-a*T)*x0/(1 + b**2*c*(1 - exp(-2*a*T))/a)',
@@ -142,13 +145,16 @@ QUESTIONS: tuple[SheetQuestion, ...] = (
           "this solves Example 2.2, x' = a x + b u; here x' = -a x + b u")),
         "solve x' = -a x - b^2 lambda with x(0) = x0, then set t = T"),
     FormulaQuestion(
-        '2.4-a-limit', 'Exercise 2.4 (a): give the limit of x(T) for c to infinity.', 'number',
+        'exercise-2.4-a-limit',
+        'Exercise 2.4 (a): give the limit of x(T) for c to infinity.', 'number',
         0.0, {}, (), 'the larger c is, the more a terminal state other than 0 costs'),
     ExtremalQuestion(
-        '2.4-a-extremal', 'Exercise 2.4 (a) with a = b = c = T = x0 = 1: give x(t), u(t) and '
+        'exercise-2.4-a-extremal',
+        'Exercise 2.4 (a) with a = b = c = T = x0 = 1: give x(t), u(t) and '
         'lambda(t).', 'keys x, u, lam with formulas of t', STATEMENT),
     ProblemQuestion(
-        '2.4-a-problem', 'Exercise 2.4 (a) with a = b = c = T = x0 = 1: state the problem as a '
+        'exercise-2.4-a-problem',
+        'Exercise 2.4 (a) with a = b = c = T = x0 = 1: state the problem as a '
         'problem file, with the state x and the input u.', 'keys of a problem file',
         find_cost(), find_extremal, 1.0,
         ((2.0 * find_cost(), 'both factors 1/2 of the cost are missing'),
@@ -156,7 +162,8 @@ QUESTIONS: tuple[SheetQuestion, ...] = (
          (2.0 * find_cost(c=0.5), 'the factor 1/2 of the running cost is missing'),
          (find_cost(a=-1.0), "the sign of the dynamics: x' = -a x + b u"))),
     FormulaQuestion(
-        '2.4-c-input', 'Exercise 2.4 (c): give the input of the flat trajectory from x0 to xf, '
+        'exercise-2.4-c-input',
+        'Exercise 2.4 (c): give the input of the flat trajectory from x0 to xf, '
         'with as few basis functions as possible.', 'formula of a, b, x0, xf, t, T',
         f'((xf - x0)/T + a*{LINE})/b', _with(FLAT),
         ((f'(xf - x0)/T + a*{LINE}', 'the division by b is missing'),
@@ -164,17 +171,19 @@ QUESTIONS: tuple[SheetQuestion, ...] = (
          (f'((xf - x0)/T - a*{LINE})/b', "the sign of a x: b u = x' + a x")),
         "x is a flat output: u = (x' + a x)/b with a straight line x(t)"),
     FormulaQuestion(
-        '2.4-d-cost', 'Exercise 2.4 (d), with a = b = 1, from x(0) = 0 to x(1) = 1: give '
+        'exercise-2.4-d-cost', 'Exercise 2.4 (d), with a = b = 1, from x(0) = 0 to x(1) = 1: give '
         '1/2 int u^2 of the flat trajectory.', 'number', 7.0 / 6.0, {},
         ((0.5, 'this is the cost of u = 1; the input of the flat trajectory is 1 + t'),),
         'u = 1 + t'),
     FormulaQuestion(
-        '2.4-d-optimum', 'Exercise 2.4 (d), with a = b = 1, from x(0) = 0 to x(1) = 1: give the '
+        'exercise-2.4-d-optimum',
+        'Exercise 2.4 (d), with a = b = 1, from x(0) = 0 to x(1) = 1: give the '
         'least 1/2 int u^2.', 'number', 1.0 / (1.0 - math.exp(-2.0)), {},
         ((7.0 / 6.0, 'this is the cost of the flat trajectory'),),
         'u = k e^t with the k for which x(1) = 1'),
     FormulaQuestion(
-        '2.5-costate', "Exercise 2.5 (a): x' = -a x^3 + b u. Give lambda' of Pontryagin's "
+        'exercise-2.5-costate',
+        "Exercise 2.5 (a): x' = -a x^3 + b u. Give lambda' of Pontryagin's "
         'conditions.', 'formula of a, x, lam', '3*a*x**2*lam',
         {'a': (0.5, 2.0), 'x': (-2.0, 2.0), 'lam': (-2.0, 2.0)},
         (('-3*a*x**2*lam', "the sign of the costate equation: lambda' = -dH/dx"),
@@ -183,7 +192,8 @@ QUESTIONS: tuple[SheetQuestion, ...] = (
          ('3*a*x**2', "lambda' is linear in lambda")),
         "lambda' = -dH/dx with H = u^2/2 + lambda (-a x^3 + b u)"),
     FormulaQuestion(
-        '2.5-c-input', 'Exercise 2.5 (c): give the input of the flat trajectory from x0 to xf, '
+        'exercise-2.5-c-input',
+        'Exercise 2.5 (c): give the input of the flat trajectory from x0 to xf, '
         'with as few basis functions as possible.', 'formula of a, b, x0, xf, t, T',
         f'((xf - x0)/T + a*{LINE}**3)/b', _with(FLAT),
         ((f'((xf - x0)/T + a*{LINE})/b',
@@ -191,7 +201,8 @@ QUESTIONS: tuple[SheetQuestion, ...] = (
          (f'(xf - x0)/T + a*{LINE}**3', 'the division by b is missing')),
         "u = (x' + a x^3)/b with a straight line x(t)"),
     FormulaQuestion(
-        '2.6-switching', 'Exercise 2.6: give dH/dv, whose sign decides between forward and '
+        'exercise-2.6-switching',
+        'Exercise 2.6: give dH/dv, whose sign decides between forward and '
         'reverse.', 'formula of lam1, lam2, theta', 'lam1*cos(theta) + lam2*sin(theta)',
         {'lam1': (-2.0, 2.0), 'lam2': (-2.0, 2.0), 'theta': (-3.0, 3.0)},
         (('lam1*sin(theta) + lam2*cos(theta)', 'sine and cosine are exchanged'),
@@ -200,7 +211,8 @@ QUESTIONS: tuple[SheetQuestion, ...] = (
           'theta is in radians; you convert from degrees')),
         'H = 1 + lambda1 v cos(theta) + lambda2 v sin(theta) + lambda3 omega'),
     FormulaQuestion(
-        '2.6-turn', 'Exercise 2.6: give the minimum time [s] to turn by 90 degrees in place, with '
+        'exercise-2.6-turn',
+        'Exercise 2.6: give the minimum time [s] to turn by 90 degrees in place, with '
         'M = 2 rad/s.', 'number', math.pi / 4.0, {},
         ((45.0, 'the angle is in degrees, M in rad/s: wanted radians'),
          (math.pi / 2.0, 'this is the time for M = 1 rad/s')),
@@ -227,7 +239,8 @@ QUESTIONS: tuple[SheetQuestion, ...] = (
         ((sqrt(2.0), 'the coefficient of s is 2 zeta omega0'),),
         's^2 + k2 s + k1 = s^2 + 2 zeta omega0 s + omega0^2'),
     FormulaQuestion(
-        '2.7-gain', "Exercise 2.7 for x1' = x2, x2' = u, y = x1, rho = 1/16: give the gain K.",
+        'exercise-2.7-gain',
+        "Exercise 2.7 for x1' = x2, x2' = u, y = x1, rho = 1/16: give the gain K.",
         '[k1, k2]', ((4.0, sqrt(8.0)),), {},
         ((((0.25, sqrt(0.125) / 2.0),),
           'the factor 1/rho is missing: K = R^-1 B^T P with R = rho'),
@@ -236,7 +249,7 @@ QUESTIONS: tuple[SheetQuestion, ...] = (
          (((-sqrt(2.0), sqrt(2.0)), (-sqrt(2.0), -sqrt(2.0))), POLES)),
         'P A + A^T P - P B R^-1 B^T P + H^T H = 0 with H = (1, 0), R = rho'),
     FormulaQuestion(
-        '2.7-poles', 'Exercise 2.7, same system: give the closed-loop poles.',
+        'exercise-2.7-poles', 'Exercise 2.7, same system: give the closed-loop poles.',
         '[[real, imaginary], [real, imaginary]], the positive imaginary part first',
         ((-sqrt(2.0), sqrt(2.0)), (-sqrt(2.0), -sqrt(2.0))), {},
         ((((sqrt(2.0), sqrt(2.0)), (sqrt(2.0), -sqrt(2.0))),
@@ -246,7 +259,8 @@ QUESTIONS: tuple[SheetQuestion, ...] = (
           'the pole with the positive imaginary part comes first')),
         's^2 + k2 s + k1 = 0'),
     FormulaQuestion(
-        '2.8-a-riccati', 'Exercise 2.8 (a): give the left side of the equation of the entry '
+        'exercise-2.8-a-riccati',
+        'Exercise 2.8 (a): give the left side of the equation of the entry '
         '(2, 2) of the Riccati equation P A + A^T P - P B B^T P + Q = 0, which is 0.',
         'formula of a, p12, p22', '2*p12 - 2*a*p22 - p22**2',
         {'a': (0.5, 3.0), 'p12': (-2.0, 2.0), 'p22': (-2.0, 2.0)},
@@ -255,7 +269,7 @@ QUESTIONS: tuple[SheetQuestion, ...] = (
          ('p12 - a*p22 - p22**2', 'P A and A^T P both contribute: the factor 2 is missing')),
         'multiply the matrices out'),
     FormulaQuestion(
-        '2.8-b-gain', 'Exercise 2.8 (b): give the gain K.', '[k1, k2], formulas of a, b',
+        'exercise-2.8-b-gain', 'Exercise 2.8 (b): give the gain K.', '[k1, k2], formulas of a, b',
         ((1.0, 'sqrt(a**2 + 2) - a'),), PLANT,
         (((1.0, '-sqrt(a**2 + 2) - a'), POSITIVE),
          ((1.0, 'sqrt(a**2 + 2) + a'), 'the sign of a: the entry (2, 2) of A is -a'),
@@ -266,24 +280,26 @@ QUESTIONS: tuple[SheetQuestion, ...] = (
          (('sqrt(a**2 + 2)', 1.0), 'this is the first row of P; K = B^T P is the second')),
         'p12^2 = 1 and p22^2 + 2 a p22 = 2 p12, with P > 0'),
     FormulaQuestion(
-        '2.8-c-frequency', 'Exercise 2.8 (c): give the natural frequency of the closed loop.',
+        'exercise-2.8-c-frequency',
+        'Exercise 2.8 (c): give the natural frequency of the closed loop.',
         'formula of a, b', 1.0, PLANT,
         (('a', 'this is the pole of the plant'),),
         's^2 + (a + k2) s + k1 = s^2 + 2 zeta omega0 s + omega0^2'),
     FormulaQuestion(
-        '2.8-c-damping', 'Exercise 2.8 (c): give the damping ratio of the closed loop.',
+        'exercise-2.8-c-damping', 'Exercise 2.8 (c): give the damping ratio of the closed loop.',
         'formula of a, b', 'sqrt(a**2 + 2)/2', PLANT,
         (('(sqrt(a**2 + 2) - a)/2', 'the plant has damping of its own: the coefficient of s is '
           'a + k2'),),
         's^2 + (a + k2) s + k1 = s^2 + 2 zeta omega0 s + omega0^2'),
     FormulaQuestion(
-        '2.9-a-riccati', "Exercise 2.9 (a): x' = a x + b u, J = 1/2 int u^2 with x(t) to 0. Give "
+        'exercise-2.9-a-riccati',
+        "Exercise 2.9 (a): x' = a x + b u, J = 1/2 int u^2 with x(t) to 0. Give "
         'the positive P.', 'formula of a, b', '2*a/b**2', PLANT,
         ((0.0, 'with P = 0 the state grows: this root does not lead to x(t) = 0'),
          ('2*a/b', 'this is the gain b P; wanted P')),
         '2 a P - b^2 P^2 = 0'),
     FormulaQuestion(
-        '2.9-a-gain', 'Exercise 2.9 (a): give the k of the feedback u = -k x.',
+        'exercise-2.9-a-gain', 'Exercise 2.9 (a): give the k of the feedback u = -k x.',
         'formula of a, b', '2*a/b', PLANT,
         (('2*a/b**2', 'this is P; the factor b is missing: u = -b P x'),
          ('a/b', 'this cancels a x, so that x stays where it is; the optimum moves the pole from '
@@ -291,7 +307,8 @@ QUESTIONS: tuple[SheetQuestion, ...] = (
          ('-2*a/b', NEGATIVE), ('-a', 'this is the closed-loop pole; wanted the gain')),
         'u = -b P x'),
     FormulaQuestion(
-        '2.9-b-end', 'Exercise 2.9 (b): a = 2, b = 0.5, x(0) = 4. Give x(tf) of the optimum for '
+        'exercise-2.9-b-end',
+        'Exercise 2.9 (b): a = 2, b = 0.5, x(0) = 4. Give x(tf) of the optimum for '
         'c = 10, tf = 1.', 'number',
         'exp(2)*4/(1 + 0.25*10*(exp(4) - 1)/4)', {},
         (('exp(-2)*4', 'this is the infinite horizon'),
@@ -300,20 +317,22 @@ QUESTIONS: tuple[SheetQuestion, ...] = (
           'b occurs twice: in the dynamics and in u = -b lambda')),
         "solve x' = a x - b^2 lambda with lambda(t) = c x(tf) e^(a (tf - t)), then set t = tf"),
     FormulaQuestion(
-        '2.10-A', 'Exercise 2.10 (a), vd = 10 m/s, l = 2 m: give A of the linearization about '
+        'exercise-2.10-A',
+        'Exercise 2.10 (a), vd = 10 m/s, l = 2 m: give A of the linearization about '
         'y = 0, theta = 0, phi = 0, for the state (y, theta).', '2 rows of 2 numbers',
         ((0.0, 10.0), (0.0, 0.0)), {},
         ((((0.0, 1.0), (0.0, 0.0)), "y' = vd sin(theta): the factor vd is missing"),
          (((0.0, 10.0), (0.0, 5.0)), 'phi is the input, not a state')),
         'differentiate f by y and theta'),
     FormulaQuestion(
-        '2.10-B', 'Exercise 2.10 (a): give B.', '2 rows of 1 number', ((0.0,), (5.0,)), {},
+        'exercise-2.10-B',
+        'Exercise 2.10 (a): give B.', '2 rows of 1 number', ((0.0,), (5.0,)), {},
         ((((0.0,), (10.0,)), "theta' = (vd/l) tan(phi): the division by l = 2 m is missing"),
          (((0.0,), (0.5,)), "theta' = (vd/l) tan(phi): the factor vd is missing"),
          (((5.0,), (0.0,)), 'the rows are exchanged: phi acts on theta')),
         'differentiate f by phi'),
     FormulaQuestion(
-        '2.10-gain', 'Exercise 2.10 (a) with Qx = diag(1, 0), Qu = 1: give the gain K.',
+        'exercise-2.10-gain', 'Exercise 2.10 (a) with Qx = diag(1, 0), Qu = 1: give the gain K.',
         '[k1, k2]', ((1.0, 2.0),), {},
         ((((-5.0, 5.0), (-5.0, -5.0)), POLES),
          (((0.2, 0.2),), 'this is the first row of P: K = Qu^-1 B^T P, its second row times 5'),

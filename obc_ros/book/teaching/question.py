@@ -57,7 +57,7 @@ WORDS = {
 
 @dataclass(frozen=True)
 class SheetQuestion(ABC):
-    """A question: the key of its answer, such as ``2.4-a-input``, its text, and what to write."""
+    """A question: the key of its answer, such as ``exercise-2.4-a-end``, its text, its form."""
 
     name: str
     text: str

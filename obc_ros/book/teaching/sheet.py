@@ -64,10 +64,16 @@ def check_sheet(path: Path) -> list[CheckedAnswer]:
         raise StatementError(f'{path}: wanted the names of questions with answers, found '
                              f'{describe_type(answers)}; obc gallery --sheet FILE writes a sheet')
     known = [question.name for question in QUESTIONS]
-    for name in answers:
-        if name not in known:
+    # For one version, the names of sheets that were written before `exercise-` was part of them.
+    former = {name.removeprefix('exercise-'): name for name in known}
+    for name in list(answers):
+        full = former.get(name, name)
+        if full not in known:
             raise StatementError(f"{path}: there is no question '{quote(str(name))}'"
                                  f'{suggest_name(str(name), known)}')
+        if full != name and full in answers:
+            raise StatementError(f"{path}: '{quote(str(name))}' and '{full}' are one question")
+        answers[full] = answers.pop(name)
     return [check_answer(question, answers.get(question.name)) for question in QUESTIONS]
 
 
