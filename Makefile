@@ -88,7 +88,7 @@ house: ## the folders, the imports between them, and the rules they break
 bench: setup ## the benchmarks, and which results in docs/ are older than their code
 	$(BIN)/obc bench $(ARGS)
 
-gallery: setup ## run the gallery and keep its pages in docs/gallery (ARGS='2.5' for one entry)
+gallery: setup ## run the gallery and keep its pages in docs/gallery (ARGS='example-2.5' for one entry)
 	$(BIN)/python docs/keep_gallery.py $(ARGS)
 
 picture: setup ## fly the aircraft, and draw the pictures of the README

@@ -7,7 +7,7 @@ The pages are plain Markdown. They name the commit they were computed at, so the
 package must be committed. Called by ``make gallery``::
 
     $ python docs/keep_gallery.py              # all entries
-    $ python docs/keep_gallery.py 2.5          # one of them
+    $ python docs/keep_gallery.py example-2.5  # one of them
 """
 
 from collections.abc import Iterator, Mapping

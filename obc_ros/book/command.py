@@ -56,6 +56,8 @@ def run(args: argparse.Namespace) -> int:
     require_ros('the gallery')
     from obc_ros.book.chapter.all import ENTRIES  # matplotlib takes a second
     known = {entry.name: entry for entry in ENTRIES}
+    # For one version, the names of examples before `example-` was part of them.
+    args.names = [f'example-{name}' if f'example-{name}' in known else name for name in args.names]
     unknown = [name for name in args.names if name not in known]
     if unknown:
         print(f"obc gallery: no entry '{quote(unknown[0])}'{_suggest(unknown[0], known)}; "

@@ -86,7 +86,7 @@ class EntryResult:
 @dataclass(frozen=True)
 class GalleryEntry:
     """
-    An example, a theorem or an exercise, as on the command line: '2.5', 'theorem-2.1'.
+    An example, a theorem or an exercise, as on the command line: 'example-2.5', 'theorem-2.1'.
 
     :ivar source: place in the book, or a publication.
     :ivar statement: paragraphs, in the markup of `page`.

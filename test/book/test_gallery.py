@@ -31,7 +31,7 @@ import pytest
 import support
 import yaml
 
-CHAPTER = {'2.1', '2.2', '2.3', '2.4', '2.5', '2.6', 'theorem-2.1', 'theorem-2.2',
+CHAPTER = {*(f'example-2.{k}' for k in range(1, 7)), 'theorem-2.1', 'theorem-2.2',
            *(f'exercise-2.{k}' for k in range(1, 11)), 'section-2.2', 'section-2.4', 'section-2.5',
            'figure-2.3', 'counterexample-2.2'}
 
@@ -123,19 +123,19 @@ def test_entries_beyond_the_chapter_have_headings_of_words() -> None:
 def test_the_command_writes_page_figures_and_numbers(tmp_path: Path, domain: int) -> None:
     """A second run keeps the results of the entries of the first."""
     folder = tmp_path / 'out'
-    for name in ('2.2', 'exercise-2.9'):
+    for name in ('example-2.2', 'exercise-2.9'):
         process = support.Process(
             [support.find('obc'), 'gallery', name, '--out', str(folder)], tmp_path / 'log', domain)
         assert process.wait(60.0) == 0, process.output()
     known = json.loads((folder / 'gallery.json').read_text())['entries']
-    assert [each['name'] for each in known] == ['2.2', 'exercise-2.9']
+    assert [each['name'] for each in known] == ['example-2.2', 'exercise-2.9']
     assert all(each['holds'] for each in known)
     assert all(each['seconds'] > 0 for each in known)
     assert {path.name for path in folder.iterdir()} >= {
-        'index.html', '2.2.png', 'exercise-2.9.png'}
+        'index.html', 'example-2.2.png', 'exercise-2.9.png'}
     parsed = PageReader()
     parsed.feed((folder / 'index.html').read_text())
-    assert parsed.images == ['2.2.png', 'exercise-2.9.png']
+    assert parsed.images == ['example-2.2.png', 'exercise-2.9.png']
     assert not parsed.foreign
     assert not parsed.open
 
@@ -144,17 +144,17 @@ def test_the_command_writes_page_figures_and_numbers(tmp_path: Path, domain: int
 def test_an_interrupt_keeps_the_finished_entries(tmp_path: Path, domain: int) -> None:
     folder = tmp_path / 'out'
     process = support.Process(
-        [support.find('obc'), 'gallery', '2.2', '2.5', '--out', str(folder)], tmp_path / 'log',
-        domain)
+        [support.find('obc'), 'gallery', 'example-2.2', 'example-2.5', '--out', str(folder)],
+        tmp_path / 'log', domain)
     try:
-        support.wait_for((folder / '2.2.png').exists, 60.0)
+        support.wait_for((folder / 'example-2.2.png').exists, 60.0)
         assert process.interrupt() == 1
     finally:
         process.end()
     assert 'ended by SIGINT' in process.output()
     assert 'Traceback' not in process.output()
     known = json.loads((folder / 'gallery.json').read_text())['entries']
-    assert [each['name'] for each in known] == ['2.2']
+    assert [each['name'] for each in known] == ['example-2.2']
 
 
 class PageReader(HTMLParser):
@@ -213,7 +213,7 @@ def test_the_error_is_relative_to_references_above_1(measured: object, exact: ob
 
 def test_an_unknown_entry_is_refused(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     assert main(['gallery', '2.7', '--out', str(tmp_path / 'out')]) == 2
-    words = "no entry '2.7' (did you mean 'exercise-2.7'?); there are 2.1"
+    words = "no entry '2.7' (did you mean 'exercise-2.7'?); there are example-2.1"
     assert words in capsys.readouterr().err
     assert not (tmp_path / 'out').exists()
 
@@ -222,6 +222,11 @@ def test_the_list_has_every_entry(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(['gallery', '--list']) == 0
     lines = capsys.readouterr().out.splitlines()
     assert [line.split()[0] for line in lines] == [entry.name for entry in ENTRIES]
+
+
+def test_an_example_is_known_by_its_number(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(['gallery', '2.4', '--list']) == 0
+    assert capsys.readouterr().out.startswith('example-2.4  ')
 
 
 def test_an_unwritable_folder_is_reported(tmp_path: Path, capsys: pytest.CaptureFixture[str]

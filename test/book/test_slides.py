@@ -41,9 +41,10 @@ class SlideReader(HTMLParser):
 def gallery(tmp_path):
     """Return a folder as `obc gallery` writes it, with two entries and three figures."""
     entries = [
-        {'name': '2.3', 'label': 'Example 2.3', 'title': 'Bang <bang> $x_1$', 'source': 'p. 5',
+        {'name': 'example-2.3', 'label': 'Example 2.3', 'title': 'Bang <bang> $x_1$',
+         'source': 'p. 5',
          'figures': ['2.3.png', '2.3-more.png']},
-        {'name': '2.5', 'label': 'Example 2.5', 'title': 'Aircraft', 'source': 'p. 9',
+        {'name': 'example-2.5', 'label': 'Example 2.5', 'title': 'Aircraft', 'source': 'p. 9',
          'figures': ['2.5.png']}]
     (tmp_path / 'gallery.json').write_text(json.dumps({'entries': entries}))
     for entry in entries:
@@ -77,8 +78,9 @@ def test_each_figure_is_a_slide_without_external_resources(gallery, capsys):
         assert key in text
 
 
-def test_entries_are_chosen_by_name(gallery):
-    assert main(['gallery', '2.5', '--slides', '--out', str(gallery)]) == 0
+@pytest.mark.parametrize('name', ['example-2.5', '2.5'])
+def test_entries_are_chosen_by_name(gallery, name):
+    assert main(['gallery', name, '--slides', '--out', str(gallery)]) == 0
     assert [image['alt'] for image in read(gallery).images] == ['Figure of Example 2.5: Aircraft']
 
 

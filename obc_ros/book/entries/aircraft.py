@@ -210,7 +210,7 @@ def _draw_flight(linear: Run, whole: Run) -> Figure:
 
 
 WEIGHTS_2_5 = GalleryEntry(
-    '2.5', 'Thrust vectored aircraft', 'Example 2.5, Figures 2.4 and 2.5', (
+    'example-2.5', 'Thrust vectored aircraft', 'Example 2.5, Figures 2.4 and 2.5', (
         'The set point of the hovering aircraft steps by 1 m in $x$ and in $y$. First with '
         '$Q_x = I$, $Q_u = ρI$; then with weights that penalise errors of 1 cm in $x$, 10 cm in '
         '$y$ and 5 degrees in $θ$ equally: $Q_x = diag(100, 1, 2π/9, 0, 0, 0)$, $Q_u = 0.1 I$.',),

@@ -322,7 +322,7 @@ def _draw_2_6(line: Trajectory, loop: Trajectory, printed: Array) -> Figure:
 
 
 EXAMPLE_2_3 = GalleryEntry(
-    '2.3', 'Bang-bang control', 'Example 2.3', (
+    'example-2.3', 'Bang-bang control', 'Example 2.3', (
         "Bring $x' = Ax + Bu$, $|u| ≤ 1$, to the origin in minimum time. $H = 1 + λ^T(Ax + Bu)$ "
         'is minimal for $u = -sgn(λ^T B)$: the input is always at one of its limits. Here for the '
         'double integrator from 24 initial states and for an undamped oscillator from 8.',),
@@ -330,7 +330,7 @@ EXAMPLE_2_3 = GalleryEntry(
     'The example uses $H = 0$ along the path, which follows from the free final time; Theorem 2.1 '
     'does not list this condition.')
 EXAMPLE_2_6 = GalleryEntry(
-    '2.6', 'Nonholonomic integrator', 'Example 2.6, equation (2.10)', (
+    'example-2.6', 'Nonholonomic integrator', 'Example 2.6, equation (2.10)', (
         "Minimum time for $x_1' = u_1$, $x_2' = u_2$, $x_3' = x_2 u_1$, $|u_i| ≤ 1$. From the "
         'origin to $(ρ, 0, 0)$ the optimal path is a straight line, on which the maximum '
         'principle does not determine one input; on paths to other points the inputs switch.',),

@@ -314,7 +314,7 @@ def _form(Q: Array, names: Sequence[str]) -> str:
 
 
 EXAMPLE_2_1 = GalleryEntry(
-    '2.1', 'Two free variables with a constraint', 'Example 2.1, Figures 2.1 and 2.2', (
+    'example-2.1', 'Two free variables with a constraint', 'Example 2.1, Figures 2.1 and 2.2', (
         'Minimise $F(x) = F_0 + (x_1 - a)^2 + (x_2 - b)^2$ subject to $G(x) = x_1 - x_2 = 0$. '
         'There is a multiplier with $∂F/∂x + λ^T ∂G/∂x = 0$ (2.1): at the minimum the gradient of '
         '$F$ need not vanish, but it is normal to the constraint.',),

@@ -248,7 +248,7 @@ THEOREM_2_2 = GalleryEntry(
     'not approach zero if the cost is finite: pulses of height 1 and width $2^{-k}$ have a finite '
     'integral. (Here it does: $x*(t)$ is a sum of exponentials.)')
 EXAMPLE_2_4 = GalleryEntry(
-    '2.4', 'Optimal control of a double integrator', 'Example 2.4', (
+    'example-2.4', 'Optimal control of a double integrator', 'Example 2.4', (
         "$x_1' = x_2$, $x_2' = u$ with $Q_x = diag(q^2, 0)$, $Q_u = 1$. The Riccati equation has "
         'the solution $P = [[√(2q^3), q], [q, √(2q)]]$, and the closed loop is damped by '
         '$ζ = 1/√2$ for every $q$.',),

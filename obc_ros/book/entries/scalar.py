@@ -198,7 +198,7 @@ def _draw_2_9(paths: list[Trajectory], distances: Sequence[float]) -> Any:
 
 
 EXAMPLE_2_2 = GalleryEntry(
-    '2.2', 'Scalar linear system', 'Example 2.2, equations (2.3) to (2.5)', (
+    'example-2.2', 'Scalar linear system', 'Example 2.2, equations (2.3) to (2.5)', (
         "Minimise $J = ½ ∫ u^2 dt + ½ c x(t_f)^2$ for $x' = ax + bu$, $x(t_0)$ and $t_f$ given. "
         'The maximum principle gives $u* = -bλ$ with $λ(t) = c x*(t_f) e^{a(t_f - t)}$, and from '
         'it the input (2.4) and the state (2.5). What is the limit of $x*(t_f)$ for $c → ∞$?',),
