@@ -15,8 +15,9 @@ from obc_ros.book.teaching.sheet import check_answer, check_sheet, format_sheet,
 from obc_ros.cli.obc import main
 from obc_ros.core.text.expressions import parse_number
 import pytest
-from scipy.integrate import quad, solve_bvp
+from scipy.integrate import quad, solve_bvp, solve_ivp
 from scipy.linalg import solve_continuous_are
+from scipy.signal import StateSpace, step
 import yaml
 
 ASKED = {question.name.removeprefix('exercise-'): question for question in QUESTIONS}
@@ -435,6 +436,136 @@ def test_the_flat_trajectories_reach_the_end():
             x = 0.4 + 1.5 * t / 1.3
             u = evaluate(name, **values, t=t).item()
             assert -0.8 * x**power + 1.6 * u == pytest.approx(1.5 / 1.3)
+
+
+@pytest.mark.parametrize('values', [
+    {'a': 0.6, 'b': 1.7, 'c': 0.9, 'x0': 1.4, 'T': 1.2},
+    {'a': 1.5, 'b': 0.5, 'c': 2.0, 'x0': 1.0, 'T': 1.0}], ids=str)
+def test_example_2_2_solves_its_boundary_value_problem(values):
+    a, b, c, x0, T = values.values()
+    x, u, lam = solve_example_2_2(a, b, x0, T, lambda end, costate: costate - c * end)
+    assert evaluate('example-2.2-end', **values).item() == pytest.approx(x(T), abs=1e-8)
+    for t in (0.0, 0.3, T):
+        assert evaluate('example-2.2-costate', **values, t=t).item() == pytest.approx(
+            lam(t), abs=1e-8)
+        assert evaluate('example-2.2-input', **values, t=t).item() == pytest.approx(
+            u(t), abs=1e-8)
+    x, u, _ = solve_example_2_2(a, b, x0, T, lambda end, costate: end)
+    del values['c']
+    assert evaluate('example-2.2-limit').item() == pytest.approx(x(T), abs=1e-8)
+    for t in (0.0, 0.3, T):
+        assert evaluate('example-2.2-limit-input', **values, t=t).item() == pytest.approx(
+            u(t), abs=1e-8)
+
+
+def solve_example_2_2(a, b, x0, T, end):
+    """Return x, u and lambda as functions, with a condition on x(T) and lambda(T)."""
+    found = solve_bvp(lambda t, y: [a * y[0] - b**2 * y[1], -a * y[1]],
+                      lambda start, at: [start[0] - x0, end(*at)],
+                      np.linspace(0, T, 50), np.ones((2, 50)), tol=1e-9, max_nodes=20_000)
+    assert found.success
+    return (lambda t: found.sol(t)[0]), (lambda t: -b * found.sol(t)[1]), (
+        lambda t: found.sol(t)[1])
+
+
+def test_the_aircraft_of_example_2_5_hovers_with_its_gain():
+    x, u = np.zeros(6), evaluate('example-2.5-equilibrium', m=MASS, g=9.8)[0]
+    assert np.abs(fly(x, u)).max() < 1e-12
+    A, B = differentiate(lambda at: fly(at, u), x), differentiate(lambda at: fly(x, at), u)
+    Qx, Qu = np.diag([100, 1, 2 * pi / 9, 0, 0, 0]), 0.1 * np.eye(2)
+    K = np.linalg.solve(Qu, B.T @ solve_continuous_are(A, B, Qx, Qu))
+    assert evaluate('example-2.5-gain').item() == pytest.approx(K[1, 1], rel=1e-6)
+
+
+MASS = 4.0
+
+
+def fly(x, u):
+    """Return x' of (x, y, theta, vx, vy, omega): Feedback Systems, Example 2.9."""
+    s, c = np.sin(x[2]), np.cos(x[2])
+    return np.array([x[3], x[4], x[5], (u[0] * c - u[1] * s - 0.05 * x[3]) / MASS,
+                     (u[0] * s + u[1] * c - 0.05 * x[4]) / MASS - 9.8, 0.25 * u[0] / 0.0475])
+
+
+def differentiate(f, at):
+    steps = 1e-4 * np.eye(at.size)
+    return np.column_stack([(f(at + step) - f(at - step)) / 2e-4 for step in steps])
+
+
+def test_the_weights_of_example_2_5_make_errors_equally_bad():
+    weight = evaluate('example-2.5-weight').item()
+    assert weight * np.radians(5.0)**2 == pytest.approx(100 * 0.01**2) == pytest.approx(0.1**2)
+
+
+def test_the_formulas_of_example_2_6_are_derivatives_of_the_hamiltonian():
+    names = ('lam1', 'lam2', 'lam3', 'x2', 'u1', 'u2')
+    at = dict(zip(names, (0.4, -0.7, 1.3, 0.8, -0.6, 0.9), strict=True))
+
+    def slope(name):
+        values = [evaluate_hamiltonian(**at | {name: at[name] + step}) for step in (0.5, -0.5)]
+        return values[0] - values[1]   # exact: H is linear in each
+
+    assert evaluate('example-2.6-costate', **at).item() == pytest.approx(-slope('x2'))
+    assert evaluate('example-2.6-switching', **at).item() == pytest.approx(slope('u1'))
+
+
+def evaluate_hamiltonian(lam1, lam2, lam3, x2, u1, u2, lam0=1.0):
+    return lam0 + lam1 * u1 + lam2 * u2 + lam3 * x2 * u1
+
+
+def test_the_line_of_example_2_6_is_certified_and_singular_in_one_input():
+    rho = 1.7
+    T = evaluate('example-2.6-time', rho=rho).item()
+    line = {'lam1': -1.0, 'lam2': 0.0, 'lam3': 0.0}
+    assert evaluate('example-2.6-line').tolist() == [list(line.values())]
+    t = np.linspace(0, T, 201)
+    zero = 0 * t
+    found = obc.certify(
+        {'system': 'nonholonomic_integrator', 'running_cost': '1',
+         'initial_state': {'x1': 0, 'x2': 0, 'x3': 0},
+         'terminal_constraints': [f'x1 - {rho}', 'x2', 'x3'],
+         'final_time': {'free': True, 'lower': 0.1, 'upper': 10}},
+        t=t, x=np.column_stack([t, zero, zero]), u=np.column_stack([zero + 1, zero]),
+        lam=np.tile([-1.0, 0.0, 0.0], (201, 1)), objective=T)
+    assert found.holds
+    H = {(u1, u2): evaluate_hamiltonian(**line, x2=0.0, u1=u1, u2=u2)
+         for u1 in (-1, 1) for u2 in (-1, 1)}
+    assert H[1, -1] == H[1, 1] == min(H.values()) < max(H.values())
+    assert evaluate('example-2.6-singular').item() == 2
+    lam0 = evaluate('example-2.6-multiplier').item()
+    assert evaluate_hamiltonian(**line, x2=0.0, u1=1.0, u2=0.0, lam0=lam0) == 0.0
+
+
+def test_the_loop_of_exercise_2_10_has_the_step_and_the_margins():
+    A, B = chain(10.0, 5.0)
+    K = evaluate('2.10-gain')
+    t = np.linspace(0, 1.5, 20_001)
+    closed = StateSpace(A - B @ K, B @ K @ [[1.0], [0.0]], [[1.0, 0.0]], [[0.0]])
+    y = step(closed, T=t)[1]
+    assert evaluate('2.10-overshoot').item() == pytest.approx(y.max() - 1, abs=1e-6)
+    rise = np.diff(np.interp([0.1, 0.9], y[:np.argmax(y)], t[:np.argmax(y)])).item()
+    assert evaluate('2.10-rise').item() == pytest.approx(rise, abs=1e-6)
+    w = evaluate('2.10-bandwidth').item()
+    T = K[0, 0] * np.linalg.solve(1j * w * np.eye(2) - A + B @ K, B)[0, 0]
+    assert abs(T) == pytest.approx(1 / sqrt(2))
+    w = evaluate('2.10-crossover').item()
+    L = (K @ np.linalg.solve(1j * w * np.eye(2) - A, B)).item()
+    assert abs(L) == pytest.approx(1.0)
+    assert evaluate('2.10-margin').item() == pytest.approx(np.angle(-L))
+
+
+def test_the_feedforward_of_exercise_2_10_drives_along_the_slalom():
+    def drive(t, x):
+        w = 2 * pi
+        phi = evaluate('2.10-b-steering', dr=w * np.cos(w * t), ddr=-w**2 * np.sin(w * t)).item()
+        return [10 * np.sin(x[1]), 5 * np.tan(phi)]
+
+    start = evaluate('2.10-b-heading', dr=2 * pi).item()
+    found = solve_ivp(drive, (0, 1), [0.0, start], rtol=1e-8, atol=1e-8, dense_output=True)
+    t = np.linspace(0, 1, 11)
+    assert found.sol(t)[0] == pytest.approx(np.sin(2 * pi * t), abs=1e-6)
+    headings = [evaluate('2.10-b-heading', dr=2 * pi * np.cos(2 * pi * each)).item() for each in t]
+    assert found.sol(t)[1] == pytest.approx(headings, abs=1e-6)
 
 
 def test_the_costs_of_exercise_2_4_d():

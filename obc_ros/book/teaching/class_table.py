@@ -7,12 +7,12 @@ import csv
 from dataclasses import dataclass
 from pathlib import Path
 
-from obc_ros.book.teaching.exercises import QUESTIONS
 from obc_ros.book.teaching.sheet import (
     check_sheet,
     CheckedAnswer,
     count_verdicts,
     print_sheet,
+    QUESTIONS,
     VERDICTS,
 )
 from obc_ros.cli.terminal import print_table

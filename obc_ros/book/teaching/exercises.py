@@ -21,7 +21,7 @@ BACKWARDS = ('the sign of the exponent: the costate grows with time, '
 # Exercise 2.4 with t0 = 0: x' = -a x + b u, J = 1/2 int u^2 + 1/2 c x(T)^2.
 SCALAR = {'a': (0.5, 2.0), 'b': (0.5, 2.0), 'c': (0.5, 2.0), 'x0': (0.5, 2.0), 'T': (0.5, 2.0)}
 FLAT = {'a': (0.5, 2.0), 'b': (0.5, 2.0), 'x0': (0.5, 2.0), 'xf': (0.5, 2.0), 'T': (0.5, 2.0)}
-TIME = {'t': (0.0, 0.5)}
+EARLY = {'t': (0.0, 0.5)}
 END = 'exp(-a*T)*x0/(1 + b**2*c*(1 - exp(-2*a*T))/(2*a))'   # x(T) of the optimum
 LINE = '(x0 + (xf - x0)*t/T)'
 # Exercise 2.4 with a = b = c = T = x0 = 1.
@@ -29,7 +29,7 @@ STATEMENT = {
     'states': ['x'], 'inputs': ['u'], 'dynamics': {'x': '-x + u'}, 'running_cost': 'u**2/2',
     'terminal_cost': 'x**2/2', 'initial_state': {'x': 1},
     'final_time': {'free': False, 'value': 1}}
-WEIGHT = {'q': (0.2, 5.0)}
+POSITION_WEIGHT = {'q': (0.2, 5.0)}
 PLANT = {'a': (0.5, 3.0), 'b': (0.5, 3.0)}
 POLES = 'these are the closed-loop poles; wanted the gain K of u = -K x'
 NEGATIVE = 'the sign: the law is u = -K x, so that K has no minus'
@@ -37,6 +37,7 @@ POSITIVE = 'the other root of the Riccati equation, for which P is not positive 
 SCALAR_FILTER = {'a': (-2.0, 2.0), 'q': (0.2, 5.0), 'r': (0.2, 5.0)}
 OMEGA = {'w': (0.2, 3.0)}
 DOYLE = {'q': (0.2, 200.0)}
+OMEGA0 = sqrt(50.0)   # [rad/s], of Exercise 2.10 with the gain (1, 2); zeta is 1/sqrt(2)
 
 
 def find_end(a: float = 1.0, c: float = 1.0) -> float:
@@ -49,6 +50,20 @@ def find_cost(a: float = 1.0, c: float = 1.0) -> float:
     return 0.5 * c * find_end(a, c) * math.exp(-a)
 
 
+def find_rise_time() -> float:
+    """Return the time from 10 to 90 % of a step, for omega0 = 1 and zeta = 1/sqrt(2)."""
+    def find_time(level: float) -> float:
+        # y = 1 - e^(-w t) (cos(w t) + sin(w t)) rises until w t = pi.
+        lower, upper = 0.0, math.pi
+        while upper - lower > 1e-14:
+            middle = (lower + upper) / 2.0
+            reached = 1.0 - math.exp(-middle) * (math.cos(middle) + math.sin(middle)) >= level
+            lower, upper = (lower, middle) if reached else (middle, upper)
+        return sqrt(2.0) * lower
+
+    return find_time(0.9) - find_time(0.1)
+
+
 def find_extremal(t: Array) -> tuple[Array, Array, Array]:
     """Return x, u and lambda of Exercise 2.4 with a = b = c = T = x(0) = 1."""
     lam = find_end() * np.exp(t - 1.0)
@@ -57,17 +72,10 @@ def find_extremal(t: Array) -> tuple[Array, Array, Array]:
 
 
 def _with(names: Mapping[str, tuple[float, float]]) -> dict[str, tuple[float, float]]:
-    return {**names, **TIME}
+    return {**names, **EARLY}
 
 
-QUESTIONS: tuple[SheetQuestion, ...] = (
-    FormulaQuestion(
-        'example-2.1-minimum', 'Example 2.1: minimise (x1 - a)^2 + (x2 - b)^2 with x1 - x2 = 0. '
-        'Give x1 at the minimum.', 'formula of a, b', '(a + b)/2',
-        {'a': (-2.0, 2.0), 'b': (-2.0, 2.0)},
-        (('a', 'this is the minimum without the constraint'),
-         ('(a - b)/2', 'the constraint is x1 = x2, not x1 = -x2')),
-        'both gradients vanish in sum: dF/dx + lambda dG/dx = 0, and x1 = x2'),
+EXERCISES: tuple[SheetQuestion, ...] = (
     FormulaQuestion(
         'exercise-2.1-a', 'Exercise 2.1 (a): F = (3, -2, 8) vanishes where G1 = (1, 0, 2) and '
         'G2 = (0, 1, -1) do. Give the numbers l1, l2 with F = l1 G1 + l2 G2.', 'two numbers',
@@ -82,19 +90,6 @@ QUESTIONS: tuple[SheetQuestion, ...] = (
         (('b - a', 'the sign: this is the multiplier of f - l g'),
          ('(a - b)/2', 'the derivative of (x1 - a)^2 is 2 (x1 - a)')),
         'df/dx1 + l dg/dx1 = 0 at x1 = (a + b)/2'),
-    FormulaQuestion(
-        'example-2.3-time', "Example 2.3: x1' = x2, x2' = u, |u| <= 1. Give the minimum time [s] "
-        'from (1, 0) to rest at 0.', 'number', 2.0, {},
-        ((sqrt(2.0), 'at this time x1 is 0, but x2 is not: the input has to brake'),
-         (1.0, 'this is the time of the switch')),
-        'accelerate over half of the way, brake over the other half'),
-    FormulaQuestion(
-        'example-2.3-hamiltonian', 'Example 2.3: T is free. Give the value of '
-        'H = 1 + lambda1 x2 + lambda2 u along the optimum.', 'number', 0.0, {},
-        ((1.0, 'transversality for a free T is a condition on H(T). You have the condition of '
-          'another problem, or left the cost 1 out of H'),
-         (-1.0, 'this is the value without the cost L = 1; H contains L')),
-        'H is constant, and a free final time is a condition on H(T)'),
     FormulaQuestion(
         'exercise-2.2-cost', "Exercise 2.2 (b): q' = u, Y' = q u' - u q'. Give the minimum of "
         "1/2 int u'u dt over [0, 1] for y = (1, 2, 2).", 'number', 3.0 * math.pi, {},
@@ -218,27 +213,6 @@ QUESTIONS: tuple[SheetQuestion, ...] = (
          (math.pi / 2.0, 'this is the time for M = 1 rad/s')),
         'the angle [rad] over the largest rate'),
     FormulaQuestion(
-        'example-2.4-gain', "Example 2.4: x1' = x2, x2' = u, Qx = diag(q^2, 0), Qu = 1. Give the "
-        'gain K of u = -K x.', '[k1, k2], formulas of q', (('q', 'sqrt(2*q)'),), WEIGHT,
-        ((('1/q', 'sqrt(2/q)'), 'this is printed in the book, and a misprint: it belongs to '
-          'Qx = diag(1, 0), Qu = q^2. From P follows K = Qu^-1 B^T P, its second row'),
-         (('sqrt(2*q**3)', 'q'), 'this is the first row of P: K = Qu^-1 B^T P is the second'),
-         (('-q', '-sqrt(2*q)'), NEGATIVE),
-         (('sqrt(q)', 'sqrt(2*sqrt(q))'), 'this is the gain for Qx = diag(q, 0); here it is q^2'),
-         (('q**2', 'sqrt(2)*q'), 'this is the gain for Qx = diag(q^4, 0); here it is q^2')),
-        'put K = (P12, P22) into the Riccati equation: P12^2 = q^2, P22^2 = 2 P12'),
-    FormulaQuestion(
-        'example-2.4-frequency', 'Example 2.4: give the natural frequency of the closed loop.',
-        'formula of q', 'sqrt(q)', WEIGHT,
-        (('sqrt(1/q)', 'this is printed in the book, and a misprint'),
-         ('q', 'this is the square of the frequency, the last coefficient of s^2 + k2 s + k1')),
-        's^2 + k2 s + k1 = s^2 + 2 zeta omega0 s + omega0^2'),
-    FormulaQuestion(
-        'example-2.4-damping', 'Example 2.4: give the damping ratio of the closed loop.',
-        'number', 1.0 / sqrt(2.0), {},
-        ((sqrt(2.0), 'the coefficient of s is 2 zeta omega0'),),
-        's^2 + k2 s + k1 = s^2 + 2 zeta omega0 s + omega0^2'),
-    FormulaQuestion(
         'exercise-2.7-gain',
         "Exercise 2.7 for x1' = x2, x2' = u, y = x1, rho = 1/16: give the gain K.",
         '[k1, k2]', ((4.0, sqrt(8.0)),), {},
@@ -340,6 +314,67 @@ QUESTIONS: tuple[SheetQuestion, ...] = (
          (((-1.0, -2.0),), NEGATIVE),
          (((180.0 / 3.141592653589793, 2.0),), 'phi is in degrees; wanted radians')),
         'p12 = 1/5 and 25 p22^2 = 20 p12; K = (5 p12, 5 p22)'),
+    FormulaQuestion(
+        'exercise-2.10-overshoot', 'Exercise 2.10 (a), with this gain: yd steps by 1 m. Give the '
+        'overshoot of y for the linear model, as a fraction of the step.', 'number',
+        math.exp(-math.pi), {},
+        ((100.0 * math.exp(-math.pi), 'this is in percent'),
+         (1.0 + math.exp(-math.pi), 'this is the peak; the overshoot is what exceeds 1 m'),
+         (math.exp(-math.pi / sqrt(2.0)), 'this is e^(-pi zeta): the exponent is divided by '
+          'sqrt(1 - zeta^2)'),
+         (math.exp(-2.0 * math.pi), 'this is the minimum after the peak')),
+        "y' vanishes after half a period of the damped oscillation; zeta = 1/sqrt(2)"),
+    FormulaQuestion(
+        'exercise-2.10-rise', 'Exercise 2.10 (a): give the time [s] in which y rises from 10 to '
+        '90 % of the step.', 'number', find_rise_time() / OMEGA0, {},
+        ((find_rise_time(), 'this is the time for omega0 = 1 rad/s'),
+         (math.pi / (OMEGA0 / sqrt(2.0)), 'this is the time of the peak'),
+         (0.75 * math.pi / (OMEGA0 / sqrt(2.0)), 'this is the time to 100 %')),
+        'y = 1 - e^(-w t) (cos(w t) + sin(w t)) with w = omega0/sqrt(2)'),
+    FormulaQuestion(
+        'exercise-2.10-bandwidth', 'Exercise 2.10 (a): give the frequency [rad/s] at which the '
+        'transfer function from yd to y has the magnitude 1/sqrt(2).', 'number', OMEGA0, {},
+        ((OMEGA0 / (2.0 * math.pi), 'this is in Hz'),
+         (OMEGA0**2, 'this is the square of the frequency'),
+         (OMEGA0 * sqrt(1.0 + sqrt(2.0)), 'this is where the loop transfer function has the '
+          'magnitude 1')),
+        'the characteristic polynomial is s^2 + 10 s + 50'),
+    FormulaQuestion(
+        'exercise-2.10-crossover', 'Exercise 2.10 (a): the loop is broken at the steering. Give '
+        'the frequency [rad/s] at which its transfer function has the magnitude 1.', 'number',
+        OMEGA0 * sqrt(1.0 + sqrt(2.0)), {},
+        ((OMEGA0, 'this is the natural frequency of the closed loop'),
+         (OMEGA0 * sqrt(1.0 + sqrt(2.0)) / (2.0 * math.pi), 'this is in Hz'),
+         (10.0, 'here the derivative part alone has the magnitude 1')),
+        'L = K (s I - A)^-1 B = (10 s + 50)/s^2'),
+    FormulaQuestion(
+        'exercise-2.10-margin', 'Exercise 2.10 (a): give the phase margin [rad].', 'number',
+        math.atan(sqrt(2.0 + 2.0 * sqrt(2.0))), {},
+        ((math.atan(sqrt(2.0 + 2.0 * sqrt(2.0))) - math.pi, 'this is the phase of the loop; the '
+          'margin is its distance from -pi'),
+         (math.pi / 2.0 - math.atan(sqrt(2.0 + 2.0 * sqrt(2.0))), 'this is the angle to '
+          '-pi/2; the double integrator has the phase -pi'),
+         (math.pi / 3.0, 'this is the least phase margin of a regulator; this one has more')),
+        'at the crossover frequency w, L = (50 + 10 j w)/(-w^2)'),
+    FormulaQuestion(
+        'exercise-2.10-b-heading', "Exercise 2.10 (b): y = r(t). Give theta_d from dr = r'.",
+        'formula of dr', 'asin(dr/10)', {'dr': (-6.0, 6.0)},
+        (('dr/10', 'this is the feedforward of the linear model; follow the nonlinear one'),
+         ('acos(dr/10)', 'theta is measured from the x axis'),
+         ('atan(dr/10)', "vd is the speed along the path: y' = vd sin(theta)")),
+        "y' = vd sin(theta)"),
+    FormulaQuestion(
+        'exercise-2.10-b-steering', "Exercise 2.10 (b): give phi_d from dr = r' and ddr = r''.",
+        'formula of dr, ddr', 'atan(2*ddr/(10*sqrt(100 - dr**2)))',
+        {'dr': (-6.0, 6.0), 'ddr': (-40.0, 40.0)},
+        (('ddr/50', 'this is the feedforward of the linear model; follow the nonlinear one'),
+         ('2*ddr/(10*sqrt(100 - dr**2))', "theta' = (vd/l) tan(phi): the arc tangent is missing"),
+         ('atan(ddr/50)', "theta' = r''/(vd cos(theta)): the cosine is missing"),
+         ('atan(2*ddr/sqrt(100 - dr**2))', "theta' = (vd/l) tan(phi): the division by vd is "
+          'missing'),
+         ('atan(ddr/(10*sqrt(100 - dr**2)))', "theta' = (vd/l) tan(phi): the factor l is "
+          'missing')),
+        "differentiate sin(theta) = r'/vd, and put theta' into theta' = (vd/l) tan(phi)"),
     FormulaQuestion(
         'estimation-1-variance', "Estimation 1: x' = a x + w, y = x + v, intensities q of w and r "
         'of v. Give the variance p of the error of the steady Kalman filter.',

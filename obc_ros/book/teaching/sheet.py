@@ -8,12 +8,14 @@ from pathlib import Path
 import textwrap
 from typing import Any
 
-from obc_ros.book.teaching.exercises import QUESTIONS
+from obc_ros.book.teaching.examples import EXAMPLES
+from obc_ros.book.teaching.exercises import EXERCISES
 from obc_ros.book.teaching.question import SheetQuestion
 from obc_ros.cli.terminal import print_table
 from obc_ros.core.text.errors import describe_type, ObcError, quote, StatementError, suggest_name
 from obc_ros.core.text.yaml_files import read_yaml
 
+QUESTIONS: tuple[SheetQuestion, ...] = (*EXAMPLES, *EXERCISES)
 COMMENT_WIDTH = 97   # characters
 VERDICTS = ('right', 'wrong', 'unreadable', 'open')
 COLOURS = {'right': 'green', 'wrong': 'red', 'unreadable': 'red'}
