@@ -65,7 +65,7 @@ def main(root: Path = ROOT) -> int:
 
 def read_figures(root: Path = ROOT) -> Iterator[Figure]:
     """Yield the figures of the README and of docs/, and those of rows without a commit."""
-    for page in (root / 'README.md', *sorted((root / 'docs').glob('*.md'))):
+    for page in (root / 'README.md', *sorted((root / 'docs').rglob('*.md'))):
         text, named = page.read_text(encoding='utf-8'), ['']
         for block in BLOCK.finditer(text):
             line, waiting = text.count('\n', 0, block.start()) + 1, list[str]()

@@ -53,15 +53,15 @@ rosdoc2_settings = {'allow_other_extensions': True, 'enable_autodoc': False,
 
 
 def list_others(app: Any, page: str, source: list[str]) -> None:
-    """Add to the contents the pages that they do not name; to two pages, those of their folder."""
-    if page == 'index':
-        named = {line.strip() for line in source[0].splitlines()}
-        others = sorted(each for each in app.env.found_docs - named - {page} if '/' not in each)
-        source[0] = source[0].replace('   (all others)\n', ''.join(
-            f'   {each}\n' for each in others))
-    if page == 'gallery':
-        entries = re.findall(r'\]\((gallery/.*)\.md\)', source[0])  # in the order of the book
-        source[0] += '\n```{toctree}\n:hidden:\n\n' + '\n'.join(entries) + '\n```\n'
+    """Add to some pages the contents of their folder."""
+    if page in ('gallery', 'derivations', 'development/index'):
+        folder = page.split('/')[0]
+        named = re.findall(rf'\]\((?:{folder}/)?([^/]*)\.md\)', source[0])  # in their order
+        there = sorted(each.partition('/')[2] for each in app.env.found_docs - {page}
+                       if each.startswith(f'{folder}/'))
+        pages = [each for each in dict.fromkeys([*named, *there]) if each in there]
+        source[0] += '\n```{toctree}\n:hidden:\n\n' + ''.join(
+            f'/{folder}/{each}\n' for each in pages) + '```\n'
     if page == 'notebooks' and any(each.startswith('notebooks/') for each in app.env.found_docs):
         source[0] += '\n```{toctree}\n:maxdepth: 1\n:glob:\n\nnotebooks/*\n```\n'
 

@@ -3,8 +3,9 @@
 """
 Measure the layout of the package: folders, imports, names (`make house`).
 
-The rules are those of docs/architecture.md. Imports are read from the syntax trees, those inside
-functions and under TYPE_CHECKING included. Nothing is imported but Python's own library.
+The rules are those of docs/development/architecture.md. Imports are read from the syntax trees,
+those inside functions and under TYPE_CHECKING included. Nothing is imported but Python's own
+library.
 """
 
 import ast

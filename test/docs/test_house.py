@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""The layout of the package obeys docs/architecture.md and agrees with its picture."""
+"""The layout of the package obeys docs/development/architecture.md and agrees with its picture."""
 
 from collections import Counter
 import importlib
@@ -11,7 +11,7 @@ from xml.etree import ElementTree
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
-PAGES = [ROOT / 'docs' / f'{name}.md' for name in ('architecture', 'decisions')]
+PAGES = [ROOT / 'docs' / 'development' / f'{name}.md' for name in ('architecture', 'decisions')]
 
 
 @pytest.fixture(scope='module')

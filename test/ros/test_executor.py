@@ -24,7 +24,8 @@ def test_sigterm_ends_a_node_with_status_0(spawn: Any, probe: Any, node: str) ->
     The exit status is 0, the output has no traceback, and the graph lists the node no more.
 
     An observer that processes a node's last announcement after its disposal lists the node for
-    ever (docs/reliability.md). On an overloaded machine this happens to one observer in a hundred.
+    ever (docs/development/reliability.md). On an overloaded machine this happens to one observer
+    in a hundred.
     A defect of our nodes would show in every attempt, so one of three attempts must succeed.
     """
     for name in (node, f'{node}_again', f'{node}_once_more'):

@@ -52,8 +52,8 @@ def limit_leaving() -> Iterator[None]:
     End the process with status 1 if a node does not leave the graph.
 
     Fast DDS may never return if it processes news of another node at this moment
-    (docs/reliability.md). It then holds the interpreter's lock: only this timer can end the
-    process.
+    (docs/development/reliability.md). It then holds the interpreter's lock: only this timer can
+    end the process.
     """
     faulthandler.dump_traceback_later(PATIENCE, exit=True, file=2)
     try:
