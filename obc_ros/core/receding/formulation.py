@@ -10,7 +10,7 @@ With the error e = x - xe - drift t and v = u - ue, the plan minimises
 subject to e_(k+1) = F(e_k, v_k), the input held over the period, and to the input bounds. W is
 the cost integrated over a period of the linearization, P that of the sampled regulator with these
 weights. State bounds and path constraints are softened: s_i are their excesses, sigma_i their
-penalties. See docs/receding_horizon.md.
+penalties. See docs/receding_horizon_theory.md.
 """
 
 from collections.abc import Mapping, Sequence
