@@ -27,7 +27,7 @@ Record = Mapping[str, Any]
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = ROOT / 'docs' / 'gallery'
-DERIVATIONS = ROOT / 'docs' / 'derivations.md'
+DERIVATIONS = ROOT / 'docs' / 'derivations'
 OUT = ROOT / 'out' / 'gallery'
 SOURCES = ('obc_ros', 'msg', 'srv', 'action')
 WIDTH = 118  # of a line of Markdown
@@ -81,8 +81,9 @@ def sections(record: Record, commit: str) -> Iterator[str]:
     for figure in record['figures']:
         yield f'![Figure of {name}]({figure})'
     yield from map(paragraph, record['notes'])
-    if f'\n## {record["label"]}\n' in DERIVATIONS.read_text(encoding='utf-8'):
-        yield f'[Derivation](../derivations.md#{anchor(record["label"])}) of the formulas.'
+    if page := find_derivation(record['label']):
+        place = f'{page.name}#{anchor(record["label"])}'
+        yield f'[Derivation](../derivations/{place}) of the formulas.'
     if record['erratum']:
         yield '## Errata of the book'
         yield from map(paragraph, filter(None, (record['erratum'], record['finding'])))
@@ -101,6 +102,12 @@ def sections(record: Record, commit: str) -> Iterator[str]:
         *(note for note, wanted in notes if wanted),
         'Without a ROS 2 installation, write `obc` in place of `ros2`.']))
     yield 'The [gallery](../gallery.md) lists all entries.'
+
+
+def find_derivation(heading: str) -> Path | None:
+    """Return the page of the derivations that has a section of this name."""
+    return next((page for page in DERIVATIONS.glob('*.md')
+                 if f'\n## {heading}\n' in page.read_text(encoding='utf-8')), None)
 
 
 def anchor(heading: str) -> str:

@@ -108,13 +108,18 @@ def test_a_figure_has_high_resolution_and_a_small_file(entry: GalleryEntry) -> N
 
 
 def test_each_derivation_is_linked_from_the_page_of_its_entry() -> None:
-    text = (DOCS / 'derivations.md').read_text(encoding='utf-8')
-    headings = re.findall(r'^## (.*)$', text, re.MULTILINE)
+    order = re.findall(r'\]\(derivations/(.*)\.md\)', (DOCS / 'derivations.md').read_text('utf-8'))
+    texts = {f'{stem}.md': (DOCS / 'derivations' / f'{stem}.md').read_text('utf-8')
+             for stem in order}
+    assert {path.name for path in (DOCS / 'derivations').iterdir()} == texts.keys()
+    places = {heading: page for page, text in texts.items()
+              for heading in re.findall(r'^## (.*)$', text, re.MULTILINE)}
     entries = {records.label(entry.name): entry for entry in ENTRIES}
-    assert headings == [label for label in entries if label in headings]  # in the same order
-    assert set(entries) - set(headings) == {'Example 2.5'}  # flown, nothing to derive
-    anchors = {re.sub(r'[^\w -]', '', each.lower()).replace(' ', '-') for each in headings}
-    assert set(re.findall(r'\]\(#(.*?)\)', text)) <= anchors
-    for heading in headings:
-        name, = re.findall(r'derivations\.md#(\S+)\)', read(entries[heading]))
-        assert name == heading.lower().replace('.', '').replace(' ', '-')
+    assert list(places) == [label for label in entries if label in places]  # in the same order
+    assert set(entries) - places.keys() == {'Example 2.5'}  # flown, nothing to derive
+    targets = {heading: f'{page}#{heading.lower().replace(".", "").replace(" ", "-")}'
+               for heading, page in places.items()}
+    assert {target for text in texts.values()
+            for target in re.findall(r'\]\((\w+\.md#.*?)\)', text)} <= {*targets.values()}
+    for heading, target in targets.items():
+        assert re.findall(r'\]\(\.\./derivations/(\S+)\)', read(entries[heading])) == [target]
