@@ -2,13 +2,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """Formulas as MathML, which browsers show by themselves: no script and no font is loaded."""
 
+import logging
 import re
 from typing import Any
 
 from docutils import nodes
 from docutils.utils.math import MathError
 from docutils.utils.math.latex2mathml import tex2mathml
-from sphinx.util import logging
 
 
 def setup(app: Any) -> None:
@@ -22,18 +22,36 @@ def _inline(translator: Any, node: nodes.math) -> None:
 
 
 def _block(translator: Any, node: nodes.math_block) -> None:
-    translator.body.append(f'<div class="math">{_markup(node, as_block=True)}</div>\n')
+    parts = split(node.astext())
+    markup = ' '.join(_markup(node, as_block=True, text=part) for part in parts)
+    if len(parts) > 1:  # each on the line of the one before, if there is room
+        markup = markup.replace(' display="block"', ' displaystyle="true"')
+    translator.body.append(f'<div class="math">{markup}</div>\n')
     raise nodes.SkipNode
 
 
-def _markup(node: nodes.Element, as_block: bool) -> str:
-    text = node.astext()
+def split(text: str) -> list[str]:
+    r"""Return the formulas that ``\qquad`` separates, outside of braces and environments."""
+    parts, depth = [''], 0
+    for token in re.findall(r'\\(?:begin|end|left|right)\b|\\qquad\b|\\.|[^\\]', text, re.DOTALL):
+        depth += token in ('{', r'\begin', r'\left')
+        depth -= token in ('}', r'\end', r'\right')
+        if token == r'\qquad' and not depth:
+            parts.append('')
+        else:
+            parts[-1] += token
+    return [part.strip() for part in parts]
+
+
+def _markup(node: nodes.Element, as_block: bool, text: str = '') -> str:
+    text = text or node.astext()
     if '\\\\' in text and '\\begin' not in text:
         text = f'\\begin{{aligned}}{text}\\end{{aligned}}'
     try:
         markup = str(tex2mathml(text, as_block=as_block))
     except MathError as error:
-        logging.getLogger(__name__).warning('formula %r: %s', text, error, location=node)
+        logging.getLogger('sphinx.mathml').warning('formula %r: %s', text, error,
+                                                   extra={'location': node})
         return ''
     # Bars are alike on both sides: a browser cannot tell which opens, and spaces them out.
     bar = r'<mo stretchy="false" lspace="0" rspace="0">\1</mo>'
