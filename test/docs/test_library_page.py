@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""The programs of docs/library.md and of README.md print what the pages say."""
+"""The programs of the pages print what the pages say, and save the figures that they show."""
 
 from pathlib import Path
 import re
@@ -17,15 +17,19 @@ PRINTED = re.compile(r'^print\(.*\)  # (.*)$', re.MULTILINE)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize('page', ['docs/library.md', 'README.md'])
-def test_the_programs_print_what_the_page_says(page):
-    """A line `print(...)  # text` prints this text."""
-    program = '\n'.join(BLOCK.findall((ROOT / page).read_text(encoding='utf-8')))
+@pytest.mark.parametrize('page', ['docs/library.md', 'docs/python.md', 'README.md'])
+def test_the_programs_print_what_the_page_says(page, tmp_path):
+    """A line `print(...)  # text` prints this text; each figure that is saved is on the page."""
+    text = (ROOT / page).read_text(encoding='utf-8')
+    program = '\n'.join(BLOCK.findall(text))
     expected = PRINTED.findall(program)
     assert len(expected) == program.count('print(') > 0
     printed = subprocess.run([sys.executable, '-c', program], capture_output=True, text=True,
-                             check=True).stdout
+                             check=True, cwd=tmp_path).stdout
     assert printed.splitlines() == expected
+    shown = re.findall(r'\]\(python/(.*\.png)\)', text)
+    assert sorted(shown) == sorted(figure.name for figure in tmp_path.glob('*.png'))
+    assert all((ROOT / 'docs' / 'python' / figure).is_file() for figure in shown)
 
 
 def test_the_page_lists_the_public_names():
