@@ -17,9 +17,8 @@ PRINTED = re.compile(r'^print\(.*\)  # (.*)$', re.MULTILINE)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize('page', [
-    'docs/library.md', 'docs/python.md', 'docs/certificate.md', 'docs/regulator.md', 'docs/proofs.md',
-    'README.md'])
+@pytest.mark.parametrize('page', ['README.md', *(f'docs/{name}.md' for name in (
+    'certificate', 'library', 'proofs', 'python', 'regulator'))])
 def test_the_programs_print_what_the_page_says(page, tmp_path):
     """A line `print(...)  # text` prints this text; each figure that is saved is on the page."""
     text = (ROOT / page).read_text(encoding='utf-8')
