@@ -19,17 +19,22 @@ from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.ocp.solution import Certificate, Optimality, Solution
 from obc_ros.core.ocp.statement import build_problem
 from obc_ros.core.text.errors import describe_type, ObcError, quote
-from obc_ros.core.text.tables import format_html_table
+from obc_ros.core.text.tables import format_entry, format_html_table, Tabulated
 
 
-@dataclass(frozen=True)
-class PathPoint:
+@dataclass(frozen=True, repr=False)
+class PathPoint(Tabulated):
     """Values at a time [s] or at times (M,): a number or an array (M,) for each name."""
 
     t: float | Array
     x: Mapping[str, Any]
     u: Mapping[str, Any]
     costates: Mapping[str, Any]
+
+    def _rows(self) -> list[tuple[str, ...]]:
+        return [('t', format_entry(self.t)), *(
+            (f'{kind} {name}', format_entry(value)) for kind in ('x', 'u', 'costates')
+            for name, value in getattr(self, kind).items())]
 
 
 @dataclass(frozen=True, eq=False, repr=False)

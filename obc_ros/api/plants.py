@@ -18,7 +18,7 @@ from obc_ros.core.systems.file import build_system
 from obc_ros.core.text.errors import describe_type, DynamicsError, quote, StatementError
 from obc_ros.core.text.expressions import check_name
 from obc_ros.core.text.stated_functions import call_with_symbols
-from obc_ros.core.text.tables import format_table
+from obc_ros.core.text.tables import format_table, Tabulated
 
 # Errors of a function that was written for numbers and is called with symbols.
 _FAULTS = (ArithmeticError, AttributeError, LookupError, NotImplementedError, RuntimeError,
@@ -28,7 +28,7 @@ _FAULTS = (ArithmeticError, AttributeError, LookupError, NotImplementedError, Ru
 _SIZES = 0.1, 1.0, 1.0, 10.0   # of states and inputs at which functions are compared
 
 
-class System:
+class System(Tabulated):
     """
     A controlled system dx/dt = f(x, u) with named states, inputs and parameters.
 
@@ -221,6 +221,18 @@ class System:
         states, inputs = (quote(', '.join(names), NAMED_AT_MOST)
                           for names in (self.states, self.inputs))
         return f'<System {quote(self.name)}: states {states}; inputs {inputs}>'
+
+    __str__ = __repr__
+
+    def _title(self) -> str:
+        return f'System {self.name}'
+
+    def _repr_html_(self) -> str:
+        """Return signals and parameters for a notebook."""
+        return super()._repr_html_() if self._model is None else self._model._repr_html_()
+
+    def _rows(self) -> list[tuple[str, ...]]:
+        return [('states', ', '.join(self.states)), ('inputs', ', '.join(self.inputs))]
 
 
 def _is_equal(one: System, other: System) -> bool:

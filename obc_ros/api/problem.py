@@ -10,12 +10,13 @@ import numpy as np
 from obc_ros.core.ocp import problem as ocp
 from obc_ros.core.ocp.statement import build_problem
 from obc_ros.core.text.errors import quote, StatementError, suggest_name
+from obc_ros.core.text.tables import format_entry, Tabulated
 from obc_ros.core.text.yaml_files import FileEntry, read_entries, read_text_entries
 
 NAMED_AT_MOST = 60   # characters of a list of names in a text
 
 
-class Problem:
+class Problem(Tabulated):
     """
     An optimal control problem: minimise a cost subject to dynamics, bounds and constraints.
 
@@ -112,6 +113,16 @@ class Problem:
         states, inputs = (quote(', '.join(names), NAMED_AT_MOST)
                           for names in (self.states, self.inputs))
         return f'<Problem {quote(self.name)}: states {states}; inputs {inputs}; {time}>'
+
+    __str__ = __repr__
+
+    def _title(self) -> str:
+        return f'Problem {self.name}'
+
+    def _rows(self) -> list[tuple[str, ...]]:
+        """Return what the statement says of each key."""
+        return [(key, 'a function' if callable(value) else format_entry(value))
+                for key, value in self.statement.items() if key != 'name' and value is not None]
 
     def __reduce__(self) -> tuple[Callable[..., 'Problem'], tuple[dict[str, Any]]]:
         """Return how another process makes the problem: from its statement."""

@@ -21,7 +21,7 @@ from obc_ros.core.numerics.arrays import Array, Complex
 from obc_ros.core.riccati.fixed_horizon import solve_finite_horizon
 from obc_ros.core.systems.equilibrium import linearize
 from obc_ros.core.text.errors import describe_type, quote, StatementError
-from obc_ros.core.text.tables import format_html_table, format_table
+from obc_ros.core.text.tables import format_html_table, format_table, Tabulated
 
 LOOPS = 'setpoint', 'disturbance', 'loop', 'plant'
 _POINTS = 201   # times of a finite horizon, unless they are given
@@ -176,8 +176,8 @@ class RegulatorDesign:
         return format_html_table(('K', *self.states), self._rows(), repr(self).strip('<>'))
 
 
-@dataclass(frozen=True, eq=False)
-class FiniteHorizonDesign:
+@dataclass(frozen=True, eq=False, repr=False)
+class FiniteHorizonDesign(Tabulated):
     """u = -K(t) x at `t` (N,) [s]: K (N, m, n), P (N, n, n); the cost from t on is x'P(t) x."""
 
     t: Array

@@ -8,7 +8,7 @@ import math
 
 from obc_ros.core.ocp.solution import Attempt, Verdict
 from obc_ros.core.text.errors import quote
-from obc_ros.core.text.tables import ZERO
+from obc_ros.core.text.tables import Tabulated, ZERO
 
 TREE_HEADER = ('attempt', 'cost', 'loss', 'work', 'result')
 _LEAF = 'collocation'   # alone in an attempt it says nothing that the attempt does not
@@ -18,8 +18,10 @@ _WIDE = 60   # characters: largest width of the first column
 _WITH_COST = Verdict.CONVERGED, Verdict.CERTIFIED, Verdict.ACCEPTED, Verdict.NOT_CERTIFIED
 
 
-class SearchTree(tuple[Attempt, ...]):
+class SearchTree(tuple[Attempt, ...], Tabulated):
     """The attempts of a search, in order of their numbers; as text they are a tree."""
+
+    _HEADER = TREE_HEADER
 
     @property
     def costs(self) -> int:
@@ -31,12 +33,7 @@ class SearchTree(tuple[Attempt, ...]):
         """Return the tree as a table without control characters, with lines cut off at a width."""
         if not self:
             return 'nothing: the request was answered without a search'
-        children: dict[int, list[Attempt]] = defaultdict(list)
-        for attempt in self:
-            children[attempt.parent].append(attempt)
-        rows = [TREE_HEADER, *((branch + _name(attempt), _number(attempt.cost, '.8g'),
-                                _number(attempt.loss, '.0e'), str(attempt.work), _result(attempt))
-                               for branch, attempt in _walk(children, 0, ''))]
+        rows = [TREE_HEADER, *self._rows()]
         widths = [min(_WIDE, max(len(row[0]) for row in rows)), *(
             max(len(row[k]) for row in rows) for k in (1, 2, 3))]
         lines = ('  '.join((_cut(row[0], widths[0]).ljust(widths[0]),
@@ -51,7 +48,18 @@ class SearchTree(tuple[Attempt, ...]):
 
     def __repr__(self) -> str:
         """Return how many attempts there are."""
-        return f'<SearchTree: {len(self)} attempts; print() shows the tree>'
+        return f'<{self._title()}; print() shows the tree>'
+
+    def _title(self) -> str:
+        return f'SearchTree: {len(self)} attempts'
+
+    def _rows(self) -> list[tuple[str, ...]]:
+        children: dict[int, list[Attempt]] = defaultdict(list)
+        for attempt in self:
+            children[attempt.parent].append(attempt)
+        return [(branch + _name(attempt), _number(attempt.cost, '.8g'),
+                 _number(attempt.loss, '.0e'), str(attempt.work), _result(attempt))
+                for branch, attempt in _walk(children, 0, '')]
 
 
 def _walk(children: Mapping[int, Sequence[Attempt]], parent: int, indent: str

@@ -16,7 +16,8 @@ from obc_ros.api.plants import require_system, System
 from obc_ros.api.regulators import RegulatorDesign
 from obc_ros.core.numerics.arrays import Array, integrate
 from obc_ros.core.systems.equilibrium import check_numbers
-from obc_ros.core.text.errors import describe_type, ObcError, StatementError
+from obc_ros.core.text.errors import describe_type, ObcError, quote, StatementError
+from obc_ros.core.text.tables import Tabulated
 
 ControlLaw = Callable[[float, Array], Any]
 
@@ -27,7 +28,7 @@ _SAME = 1e-9                         # of a period: times so close count as equa
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Simulation:
+class Simulation(Tabulated):
     """
     A simulated path: each state and input at the times `t`.
 
@@ -41,6 +42,8 @@ class Simulation:
         States, and the inputs within their limits, in the order of `states` and `inputs`.
 
     """
+
+    _HEADER = ('kind', 'name', 'first', 'last', 'unit')
 
     t: Array
     system: System
@@ -89,7 +92,18 @@ class Simulation:
 
     def __repr__(self) -> str:
         """Return the system, the number of times and the duration."""
-        return f'<Simulation of {self.system.name}: {len(self.t)} times to {self.t[-1]:g} s>'
+        return f'<{self._title()}>'
+
+    __str__ = __repr__
+
+    def _title(self) -> str:
+        return (f'Simulation of {quote(self.system.name)}: {len(self.t)} times to '
+                f'{self.t[-1]:g} s')
+
+    def _rows(self) -> list[tuple[str, ...]]:
+        return [(kind, name, *(f'{values[k]:.6g}' for k in (0, -1)), self.system.units.get(
+            name, '')) for kind, columns in (('state', self.x), ('input', self.u))
+            for name, values in columns.items()]
 
 
 def simulate(system: System, law: Any, x0: Sequence[float] | Array, t: Sequence[float] | Array

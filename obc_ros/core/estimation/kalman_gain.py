@@ -22,10 +22,11 @@ from obc_ros.core.lqr.weights import Weights
 from obc_ros.core.numerics.arrays import Array, linalg
 from obc_ros.core.riccati.checks import check_definite, check_matrix, check_semidefinite
 from obc_ros.core.text.errors import RefusedDesignError, StatementError
+from obc_ros.core.text.tables import Tabulated
 
 
-@dataclass(frozen=True, eq=False)
-class KalmanDesign:
+@dataclass(frozen=True, eq=False, repr=False)
+class KalmanDesign(Tabulated):
     """
     A steady Kalman filter with verified stability, the plant and the noise.
 

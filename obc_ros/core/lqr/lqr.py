@@ -20,13 +20,14 @@ from obc_ros.core.numerics.arrays import Array, lapack
 from obc_ros.core.numerics.rounding import EPS
 from obc_ros.core.riccati import care, checks, dare
 from obc_ros.core.text.errors import RefusedDesignError, StatementError
+from obc_ros.core.text.tables import Tabulated
 
 _LARGEST_RESIDUAL = 1e-8
 _LEAST_ROBUSTNESS = 10.0
 
 
-@dataclass(frozen=True, eq=False)
-class LqrDesign:
+@dataclass(frozen=True, eq=False, repr=False)
+class LqrDesign(Tabulated):
     """
     A state feedback u = -K x with verified stability, the plant and the cost.
 

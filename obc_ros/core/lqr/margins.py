@@ -16,14 +16,15 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from obc_ros.core.lqr.step_figures import compute_step_figures, SetPointSteps
 from obc_ros.core.numerics.arrays import Array, Complex, linalg
+from obc_ros.core.text.tables import Tabulated
 
 _POINTS = 400  # frequencies of the sweep, besides those near each mode
 _TURN = 0.25    # radians by which a delay turns between two of them
 _AT_ONCE = 1_000_000  # numbers of T that are evaluated at once
 
 
-@dataclass(frozen=True, eq=False)
-class Figures:
+@dataclass(frozen=True, eq=False, repr=False)
+class Figures(Tabulated):
     """
     Poles, margins and step figures of a closed loop.
 

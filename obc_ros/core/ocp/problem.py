@@ -20,6 +20,7 @@ import numpy as np
 from obc_ros.core.numerics.arrays import Array, Mask
 from obc_ros.core.ocp.guess import Guess
 from obc_ros.core.ocp.phases import PhaseLayout
+from obc_ros.core.text.tables import Tabulated
 
 Kept = TypeVar('Kept')
 
@@ -66,8 +67,8 @@ class FreeStart:
     linked: tuple[tuple[int, int], ...] = ()
 
 
-@dataclass(frozen=True, eq=False)
-class Problem:
+@dataclass(frozen=True, eq=False, repr=False)
+class Problem(Tabulated):
     """
     A valid optimal control problem: symbols, expressions in them, and numbers.
 
@@ -100,14 +101,14 @@ class Problem:
     states: tuple[str, ...]
     inputs: tuple[str, ...]
     parameters: tuple[str, ...]
-    x: ca.SX = field(repr=False)
-    u: ca.SX = field(repr=False)
-    p: ca.SX = field(repr=False)
-    f: ca.SX = field(repr=False)
-    L: ca.SX = field(repr=False)
-    V: ca.SX = field(repr=False)
-    psi: ca.SX = field(repr=False)
-    path: ca.SX = field(repr=False)
+    x: ca.SX
+    u: ca.SX
+    p: ca.SX
+    f: ca.SX
+    L: ca.SX
+    V: ca.SX
+    psi: ca.SX
+    path: ca.SX
     p_value: Array
     x0: Array
     x_lower: Array
@@ -128,6 +129,9 @@ class Problem:
     phases: PhaseLayout | None = None
     ends: tuple[str, ...] = ()
     units: Mapping[str, str] = field(default_factory=dict)
+
+    def _title(self) -> str:
+        return f'Problem {self.name}'
 
     @property
     def n(self) -> int:

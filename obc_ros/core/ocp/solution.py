@@ -14,7 +14,7 @@ import math
 
 import numpy as np
 from obc_ros.core.numerics.arrays import Array
-from obc_ros.core.text.tables import format_residual, format_table
+from obc_ros.core.text.tables import format_residual, format_table, Tabulated
 
 MOST_MINIMA = 8       # costs of local minima in a solution, at most
 MOST_ATTEMPTS = 300   # attempts in a solution, at most
@@ -56,8 +56,8 @@ class Condition(StrEnum):
 _FEASIBLE = (Condition.DYNAMICS, Condition.START, Condition.END, Condition.BOUNDS, Condition.COST)
 
 
-@dataclass(frozen=True)
-class Certificate:
+@dataclass(frozen=True, repr=False)
+class Certificate(Tabulated):
     """
     One scaled residual for each necessary condition, and its tolerance.
 
@@ -106,14 +106,22 @@ class Certificate:
             return f'{worst} is not shown to hold: its residual could not be computed'
         return f'{worst} does not hold: its residual is {residual:.2g}, over {tolerance:.2g}'
 
+    _HEADER = ('condition', 'residual', 'tolerance', 'verdict')
+
     def rows(self) -> list[tuple[str, str, str, str]]:
         """Return condition, residual, tolerance and verdict of each condition, as text."""
         return [(str(key), format_residual(self.residuals[key]), f'{tolerance:.2g}',
                  'holds' if self.residuals[key] <= tolerance else 'does not hold')
                 for key, tolerance in self.tolerances.items()]
 
+    def _title(self) -> str:
+        return f'Certificate: {self.sentence}' if self.tolerances else 'Certificate: none'
+
+    def _rows(self) -> list[tuple[str, ...]]:
+        return [*self.rows()]
+
     def __str__(self) -> str:
-        return format_table(('condition', 'residual', 'tolerance', 'verdict'), self.rows())
+        return format_table(self._HEADER, self.rows())
 
     def _size(self, key: str) -> float:
         return self.residuals[key] / self.tolerances[key]
@@ -164,8 +172,8 @@ class Attempt:
     why: str
 
 
-@dataclass(frozen=True)
-class Optimality:
+@dataclass(frozen=True, repr=False)
+class Optimality(Tabulated):
     """
     Optimality of a certified solution among all paths of its problem.
 
@@ -181,9 +189,12 @@ class Optimality:
     starts: int = 0
     minima: tuple[float, ...] = ()
 
+    def _title(self) -> str:
+        return f'Optimality: {self.kind}'
 
-@dataclass(frozen=True, eq=False)
-class Solution:
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Solution(Tabulated):
     """
     States, inputs and costates on a grid, the cost, and the method of solution.
 
@@ -233,6 +244,9 @@ class Solution:
     attempts: tuple[Attempt, ...] = ()
     free_parameters: Mapping[str, float] = field(default_factory=dict)
     remark: str = ''
+
+    def _title(self) -> str:
+        return f'Solution: {self.status.value}'
 
     @property
     def certified(self) -> bool:

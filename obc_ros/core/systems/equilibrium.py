@@ -17,6 +17,7 @@ from obc_ros.core.numerics.arrays import Array, Mask
 from obc_ros.core.numerics.newton import take_damped_steps
 from obc_ros.core.systems.system import Signal, System
 from obc_ros.core.text.errors import DynamicsError, ObcError, StatementError
+from obc_ros.core.text.tables import Tabulated
 
 _STEPS = 50
 _HALVINGS = 30
@@ -25,8 +26,8 @@ _ROUNDING = 16.0 * np.finfo(float).eps  # of f, relative to its terms
 _NEGLIGIBLE = 1e-5  # times the tolerance, where Newton's method ends: below it is rounding error
 
 
-@dataclass(frozen=True, eq=False)
-class Equilibrium:
+@dataclass(frozen=True, eq=False, repr=False)
+class Equilibrium(Tabulated):
     """
     State and input with constant dx/dt: zero, or a drift of states that f does not depend on.
 

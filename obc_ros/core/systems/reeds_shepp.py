@@ -25,12 +25,14 @@ SYCON-91-10, 1991.
 """
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from math import acos, asin, atan2, cos, hypot, inf, isfinite, pi, remainder, sin, sqrt
 from typing import NamedTuple
 
 import numpy as np
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.text.errors import StatementError
+from obc_ros.core.text.tables import Tabulated
 
 # Word up to the sign of v, kappa, beta, sign of v, sum of the middle lengths, middle lengths.
 _Row = tuple[str, float, float, float, float, tuple[float, ...]]
@@ -52,6 +54,18 @@ class Segment(NamedTuple):
     length: float
 
 
+@dataclass(frozen=True, repr=False)
+class _ShownPath(Tabulated):
+    length: float
+    radius: float
+    word: str
+    start: tuple[float, ...]
+    goal: tuple[float, ...]
+
+    def _title(self) -> str:
+        return 'CarPath'
+
+
 class CarPath(NamedTuple):
     """Shortest path of a car from pose to pose, (x, y, theta) [m, m, rad]."""
 
@@ -60,6 +74,16 @@ class CarPath(NamedTuple):
     radius: float   # minimum turning radius [m]
     length: float   # sum of the segments' absolute lengths [m]
     segments: tuple[Segment, ...]   # none has length zero
+
+    def __repr__(self) -> str:
+        """Return length, word, start and goal as a table."""
+        return repr(self._shown())
+
+    __str__ = __repr__
+
+    def _repr_html_(self) -> str:
+        """Return them for a notebook."""
+        return self._shown()._repr_html_()
 
     @property
     def word(self) -> str:
@@ -97,6 +121,9 @@ class CarPath(NamedTuple):
         points[:, 1] = y + along_y * s - side * np.cos(theta)
         points[:, 2] = theta
         return points
+
+    def _shown(self) -> _ShownPath:
+        return _ShownPath(self.length, self.radius, self.word, self.start, self.goal)
 
     def _pieces(self) -> tuple[list[float], list[float]]:
         """Return where segments begin, and (theta, rate, side, x, along_x, y, along_y) of each."""

@@ -17,6 +17,7 @@ import numpy as np
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.systems.robot_fields import read_robot_fields, RobotFields
 from obc_ros.core.text.errors import DynamicsError
+from obc_ros.core.text.tables import Tabulated
 
 # Of the symbols of states, inputs and parameters: expressions.
 _Equations = Callable[[list[ca.SX], list[ca.SX], list[ca.SX]], Sequence[Any]]
@@ -46,8 +47,8 @@ class Parameter:
     description: str = ''
 
 
-@dataclass(frozen=True, eq=False)
-class System:
+@dataclass(frozen=True, eq=False, repr=False)
+class System(Tabulated):
     """
     A system dx/dt = f(x, u; p).
 
@@ -65,27 +66,40 @@ class System:
     :ivar y: h(x, u; p), shape (q, 1). Without `outputs` it is x.
     """
 
+    _HEADER = ('kind', 'name', 'unit', 'range', 'value')
+
     name: str
     states: tuple[Signal, ...]
     inputs: tuple[Signal, ...]
     parameters: tuple[Parameter, ...]
-    x: ca.SX = field(repr=False)
-    u: ca.SX = field(repr=False)
-    p: ca.SX = field(repr=False)
-    xdot: ca.SX = field(repr=False)
+    x: ca.SX
+    u: ca.SX
+    p: ca.SX
+    xdot: ca.SX
     setpoint: tuple[float, ...]
     setpoint_input: tuple[float, ...]
     description: str = ''
     plane: str = ''
-    rebuild: 'Callable[[Mapping[str, float]], System] | None' = field(default=None, repr=False)
+    rebuild: 'Callable[[Mapping[str, float]], System] | None' = None
     outputs: tuple[Signal, ...] = ()
-    y: ca.SX = field(default_factory=lambda: ca.SX(0, 1), repr=False)
-    robot: RobotFields = field(default=RobotFields(), repr=False)
+    y: ca.SX = field(default_factory=lambda: ca.SX(0, 1))
+    robot: RobotFields = RobotFields()
 
     def __post_init__(self) -> None:
         if not self.outputs:
             object.__setattr__(self, 'outputs', self.states)
             object.__setattr__(self, 'y', self.x)
+
+    def _title(self) -> str:
+        return f'System {self.name}: {self.description}'.rstrip(': ')
+
+    def _rows(self) -> list[tuple[str, ...]]:
+        groups: tuple[tuple[str, Sequence[Signal | Parameter]], ...] = (
+            ('state', self.states), ('input', self.inputs), ('parameter', self.parameters),
+            ('output', self.outputs))
+        return [(kind, each.name, each.unit, f'[{each.lower:g}, {each.upper:g}]', (
+            f'{each.value:g}' if isinstance(each, Parameter) else ''))
+            for kind, signals in groups for each in signals]
 
     @property
     def n(self) -> int:

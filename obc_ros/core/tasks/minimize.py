@@ -32,14 +32,15 @@ from obc_ros.core.text.fields import (
     read_names,
     read_section,
 )
+from obc_ros.core.text.tables import Tabulated
 
 KEYS = ('variables', 'parameters', 'cost', 'equalities', 'inequalities', 'bounds', 'guess')
 MAX_COUNT = 500       # maximum number of variables, of constraints, of parameters
 STARTS = 12           # initial points without a guess, for a problem that is not convex
 
 
-@dataclass(frozen=True, eq=False)
-class Minimum:
+@dataclass(frozen=True, eq=False, repr=False)
+class Minimum(Tabulated):
     """
     The solution of a static problem.
 
@@ -56,6 +57,9 @@ class Minimum:
     lam: Array = field(default_factory=lambda: np.zeros(0))
     mu: Array = field(default_factory=lambda: np.zeros(0))
     certificate: Certificate | None = None
+
+    def _title(self) -> str:
+        return f'Minimum: {self.status.value}'
 
 
 @dataclass(frozen=True, eq=False)

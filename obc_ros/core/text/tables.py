@@ -2,8 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Numbers as text, and tables as plain text and as HTML."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import fields, is_dataclass
 from html import escape
+from typing import Any
 
 from obc_ros.core.text.errors import quote
 
@@ -11,6 +13,78 @@ MOST_DIGITS = 17   # with which two doubles that differ are printed differently
 # Smaller values are printed as 0, or as 'below' it: they are rounding errors. The tolerances of
 # certificates and of the gallery are at least 1e-9.
 ZERO = 1e-9
+MOST_ROWS = 36   # of an object as text: it fits a screen
+FEW_NUMBERS = 16   # of an array that is printed, others by their shape
+_LONGEST = 100   # characters of a cell
+
+
+class Tabulated:
+    """An object that Python and a notebook show as a table, by default of its fields."""
+
+    _HEADER: tuple[str, ...] = ('', 'value')
+
+    def _title(self) -> str:
+        """Return the line above the table."""
+        return type(self).__name__
+
+    def _rows(self) -> Sequence[tuple[str, ...]]:
+        """Return the rows under `_HEADER`."""
+        if not is_dataclass(self):
+            return []
+        return [(each.name, format_entry(getattr(self, each.name))) for each in fields(self)]
+
+    def __str__(self) -> str:
+        """Return title and table, at most a screen."""
+        rows = list(self._rows())
+        if len(rows) > MOST_ROWS:
+            left_out = f'... {len(rows) - MOST_ROWS + 1} more'
+            rows[MOST_ROWS - 1:] = [(left_out, *[''] * (len(self._HEADER) - 1))]
+        title = quote(self._title(), 200)
+        return f'{title}\n{format_table(self._HEADER, rows)}' if rows else title
+
+    def __repr__(self) -> str:
+        """Return title and table."""
+        return Tabulated.__str__(self)
+
+    def _repr_html_(self) -> str:
+        """Return title and table for a notebook."""
+        return format_html_table(self._HEADER, self._rows(), self._title())
+
+
+def format_entry(value: Any) -> str:
+    """Return a value in a cell of a table: ``1.5``, ``[1, 2]``, ``array (201, 2)``, ``p, v``."""
+    if isinstance(value, Tabulated):
+        return value._title()
+    if hasattr(value, 'numel'):   # of CasADi
+        return 'expressions {} x {}'.format(*value.shape)
+    if hasattr(value, 'tolist'):   # of NumPy
+        small = value.size and value.size <= FEW_NUMBERS and value.ndim <= 2
+        return _format_numbers(value.tolist()) if small or value.ndim == 0 else (
+            f'array {value.shape}')
+    if isinstance(value, Mapping):
+        listed = ', '.join(f'{key} = {format_entry(each)}' for key, each in value.items())
+        return _shorten(listed) or 'none'
+    if isinstance(value, (list, tuple)) and all(
+            isinstance(each, (str, int, float)) for each in value):
+        return _shorten(', '.join(map(format_entry, value))) or 'none'
+    if isinstance(value, (list, tuple)):
+        return f'{len(value)} x {type(value[0]).__name__}'
+    if isinstance(value, (bool, int, float, complex)):
+        return str(value) if isinstance(value, (bool, int)) else _format_numbers(value)
+    return 'none' if value is None else _shorten(str(value)) if isinstance(value, str) else (
+        f'a {type(value).__name__}')
+
+
+def _format_numbers(value: Any) -> str:
+    if isinstance(value, list):
+        return f'[{", ".join(map(_format_numbers, value))}]'
+    if isinstance(value, complex):
+        return f'{value.real:.6g}{value.imag:+.6g}j' if value.imag else f'{value.real:.6g}'
+    return f'{value:.6g}' if isinstance(value, float) else str(value)
+
+
+def _shorten(text: str) -> str:
+    return quote(text, _LONGEST)
 
 
 def format_table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
