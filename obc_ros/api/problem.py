@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 from obc_ros.core.ocp import problem as ocp
-from obc_ros.core.ocp.statement import build_problem
+from obc_ros.core.ocp.statement import build_problem, replace_functions
 from obc_ros.core.text.errors import quote, StatementError, suggest_name
 from obc_ros.core.text.tables import format_entry, Tabulated
 from obc_ros.core.text.yaml_files import FileEntry, read_entries, read_text_entries
@@ -126,7 +126,7 @@ class Problem(Tabulated):
 
     def __reduce__(self) -> tuple[Callable[..., 'Problem'], tuple[dict[str, Any]]]:
         """Return how another process makes the problem: from its statement."""
-        return Problem.from_dict, (self.statement,)
+        return Problem.from_dict, (replace_functions(self.statement),)
 
 
 def require_problem(problem: object, keys: Mapping[str, Any]) -> Problem:

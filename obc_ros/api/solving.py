@@ -21,10 +21,12 @@ from obc_ros.core.ocp.augmentation import hide_added_states
 from obc_ros.core.ocp.certificate import certificate
 from obc_ros.core.ocp.method_names import get_method
 from obc_ros.core.ocp.solution import Certificate, Report, Solution, Status
+from obc_ros.core.ocp.statement import replace_functions
 from obc_ros.core.solver import solve as solver
 from obc_ros.core.solver.options import read_options
 from obc_ros.core.solver.program_cache import Cache
 from obc_ros.core.text.errors import describe_type, StatementError
+from obc_ros.core.text.recorded_functions import pack_statement
 
 _INTERPOLATIONS = 'linear', 'zoh'
 
@@ -57,8 +59,8 @@ def solve(problem: Problem | Mapping[str, Any] | None = None, *, time_limit: flo
     isolated : bool
         Whether to solve the problem in a process of its own, which is ended at the time limit,
         whatever it does. The limit then counts all but the start of the process, about a second.
-        The process may use 2 GiB, and keeps nothing for the next problem. Expressions must be
-        texts, and a system its name. Needs Linux or macOS.
+        The process may use 2 GiB, and keeps nothing for the next problem. It gets what
+        functions have returned here. A system must be its name. Needs Linux or macOS.
     **keys
         Keys of the statement: the problem, or changes of it.
 
@@ -97,15 +99,16 @@ def _solve_isolated(problem: Problem | Mapping[str, Any] | None, keys: Mapping[s
                     report: Report | None, time_limit: float, request: Mapping[str, Any]
                     ) -> Answer:
     """Return the answer of another process; this one does not build the problem."""
-    statement = convert_numbers(combine_statement(problem, keys))
+    statement = replace_functions(convert_numbers(combine_statement(problem, keys)))
     try:
-        json.dumps(statement)
+        packed = pack_statement(statement)
+        json.dumps(packed)
     except (TypeError, ValueError, RecursionError):
-        raise StatementError('isolated: another process gets the statement; wanted expressions as '
-                             'texts, not as functions, and a system by its name') from None
+        raise StatementError('isolated: another process gets the statement; wanted texts, numbers '
+                             'and functions, and a system by its name') from None
     from obc_ros.workers.responses import solve_in_process  # loaded on request only
     solution, states, inputs = solve_in_process(
-        {**request, 'statement': statement, 'cache_size': 1}, time_limit, report)
+        {**request, **packed, 'cache_size': 1}, time_limit, report)
     if solution.status is Status.MALFORMED:
         raise StatementError(solution.message)
     return Answer(str(statement.get('name', 'problem')), states, inputs, solution,

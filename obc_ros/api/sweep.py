@@ -11,7 +11,7 @@ a journal (`journal`), from which the dataset is made (`dataset`).
 from collections import Counter
 from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import closing
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from importlib import metadata
 import json
 import math
@@ -26,6 +26,7 @@ from obc_ros.core.ocp.method_names import get_method
 from obc_ros.core.ocp.statement import load_file
 from obc_ros.core.solver.options import read_options
 from obc_ros.core.text.errors import StatementError
+from obc_ros.core.text.recorded_functions import RecordedFunction
 from obc_ros.sweep.axes import check_count, make_axes, make_draws, RandomNumber, SweepAxis
 from obc_ros.sweep.chunk_solver import Chunk, Row, solve_locally
 from obc_ros.sweep.chunks import divide_grid, Indices, order_samples
@@ -345,10 +346,6 @@ def load_numbers(problem: Problem | Mapping[str, Any] | str | Path
     """Return the numbers, that can be varied, of a problem or case, its statement, or its file."""
     if isinstance(problem, Problem | Mapping):
         statement = dict(problem.statement if isinstance(problem, Problem) else problem)
-        for key, value in statement.items():
-            if callable(value):
-                raise StatementError(f'{key}: a sweep sends statements to other processes; write '
-                                     'expressions as texts, not as functions')
     else:
         entries = load_file(problem)
         if len(entries) != 1:
@@ -391,4 +388,6 @@ def _as_plain(value: Any) -> Any:
     """Return a number or an array of NumPy as JSON has it."""
     if isinstance(value, (np.ndarray, np.generic)):
         return value.tolist()
+    if isinstance(value, RecordedFunction):
+        return asdict(value)
     raise TypeError(f'{type(value).__name__} is not a number, a text, a list or a mapping')

@@ -17,6 +17,7 @@ from obc_ros.core.solver.options import read_options
 from obc_ros.core.solver.program_cache import Cache
 from obc_ros.core.solver.solve import solve
 from obc_ros.core.text.errors import ObcError
+from obc_ros.core.text.recorded_functions import unpack_statement
 from obc_ros.sweep.closed_loops import simulate_regulator
 from obc_ros.workers.wire import Packet
 
@@ -48,7 +49,7 @@ def answer(kind: str, request: Packet, time_limit: float, report: Report,
 
 def _solve_problem(plain: dict[str, Any], time_limit: float, report: Report) -> dict[str, Any]:
     solution = solve(
-        build_problem(plain['statement']), method=plain['method'], time_limit=time_limit,
+        build_problem(unpack_statement(plain)), method=plain['method'], time_limit=time_limit,
         report=report, cache=_caches[0], max_intervals=MAX_INTERVALS,
         options=read_options(plain['options']))
     found = {'status': solution.status.value, 'message': '' if solution.certified

@@ -14,14 +14,16 @@ The numbers of a problem that a sweep can vary.
 """
 
 from collections.abc import Mapping
+from dataclasses import replace
 from functools import cached_property
 import math
 from typing import Any
 
 import numpy as np
-from obc_ros.core.ocp.statement import build_problem
+from obc_ros.core.ocp.statement import build_problem, replace_functions
 from obc_ros.core.systems.registry import get_registered
 from obc_ros.core.text.errors import ObcError, quote, StatementError, suggest_name
+from obc_ros.core.text.recorded_functions import pack_statement, RecordedFunction
 from obc_ros.sweep.dataset import PROBLEM_QUANTITIES
 
 Place = tuple[str | int, ...]
@@ -42,8 +44,8 @@ class ProblemNumbers:
     quantities = PROBLEM_QUANTITIES
 
     def __init__(self, statement: Mapping[str, Any]) -> None:
-        self.statement = dict(statement)
-        self.problem = build_problem(self.statement)
+        self.problem = build_problem(statement)
+        self.statement = replace_functions(statement)   # which other processes can read
         self.dimensions = {'state': self.problem.states, 'input': self.problem.inputs}
 
     @cached_property
@@ -80,7 +82,7 @@ class ProblemNumbers:
             found[str(section)] = replace_number(
                 found.get(str(section)), tuple(rest), value,
                 self._bounds.get(rest[0], (None, None)))
-        return {'statement': found}
+        return pack_statement(found)
 
     def long_key(self, key: str) -> str:
         """Return the key that begins with the section of the statement."""
@@ -134,6 +136,8 @@ def replace_number(value: Any, place: Place, number: float,
     """
     if not place:
         return number
+    if isinstance(value, RecordedFunction):
+        return replace(value, form=replace_number(value.form, place, number, bounds))
     step, rest = place[0], place[1:]
     if isinstance(step, str):
         section = dict(value or {})

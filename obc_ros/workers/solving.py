@@ -22,6 +22,7 @@ from obc_ros.core.systems.file import build_plant
 from obc_ros.core.systems.registry import find_registered
 from obc_ros.core.tasks.motion_planning import Motion
 from obc_ros.core.text.errors import ObcError, quote, StatementError
+from obc_ros.core.text.recorded_functions import unpack_statement
 from obc_ros.workers.wire import Packet
 
 ARRAYS = ('t', 'x', 'u', 'lam', 'hamiltonian', 'nu', 'switching_times')
@@ -60,11 +61,12 @@ def solve_statement(request: Packet, time_limit: float, report: Report, keep: Ke
     Return the solution of a statement, packed.
 
     :param request: ``statement``, ``method`` (empty: that of the statement) and ``cache_size``;
-        optional are ``options`` and ``max_intervals``.
+        optional are ``functions`` (see `recorded_functions`), ``options`` and ``max_intervals``.
     :param time_limit, report, keep: see `answer_by`.
     """
     plain = request.plain
-    problem, options = build_problem(plain['statement']), read_options(plain.get('options', ()))
+    problem = build_problem(unpack_statement(plain))
+    options = read_options(plain.get('options', ()))
     system = plain['statement'].get('system') or ''
     solution = solve(problem, method=plain['method'], time_limit=time_limit,
                      report=report, cache=get_cache(plain['cache_size']),

@@ -65,7 +65,8 @@ def test_a_process_of_its_own_gives_the_same_answer():
     assert obc.certify({**LEAST_TIME, 'initial_state': {'p': 4, 'v': 0}}, answer).holds
     assert answer.plot().axes
     for changes, word in (({'dynamics': {'p': 'v', 'v': 'w'}}, 'dynamics.v'),
-                          ({'dynamics': lambda x, u: {'p': x.v, 'v': u.u}}, 'isolated: '),
+                          ({'dynamics': lambda x, u: {'p': x.v, 'v': x.w}}, 'dynamics: '),
+                          ({'initial_state': {'p': {1}, 'v': 0}}, 'isolated: '),
                           ({'options': ['no=1']}, 'no')):
         with pytest.raises(StatementError, match=word):
             obc.solve(LEAST_TIME, isolated=True, **changes)

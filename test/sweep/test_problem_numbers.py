@@ -2,12 +2,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """The numbers of a problem by key: each can be varied, and nothing else changes with it."""
 
+import json
+
+import casadi as ca
 import numpy as np
 from obc_ros.api.problem import Problem
 from obc_ros.api.sweep import load_numbers
 from obc_ros.core.ocp.statement import build_problem
 from obc_ros.core.solver.program_cache import collect_numbers
 from obc_ros.core.text.errors import StatementError
+from obc_ros.core.text.recorded_functions import unpack_statement
 from obc_ros.sweep.problem_numbers import ProblemNumbers
 import pytest
 
@@ -92,5 +96,8 @@ def test_units_are_those_of_the_statement():
 
 def test_a_problem_of_the_library_is_swept_by_its_statement():
     assert isinstance(load_numbers(Problem(**STATEMENT)), ProblemNumbers)
-    with pytest.raises(StatementError, match='^running_cost: a sweep sends statements to other'):
-        load_numbers(Problem(**STATEMENT | {'running_cost': lambda x, u: u.a**2}))
+    stated = load_numbers(Problem(**STATEMENT | {'running_cost': lambda x, u: u.a**2}))
+    request = json.loads(json.dumps(stated.vary({'m': 3.0})))   # workers read plain data
+    problem = build_problem(unpack_statement(request))
+    assert dict(zip(problem.parameters, problem.p_value, strict=True))['m'] == 3.0
+    assert ca.is_equal(problem.L, problem.u[0]**2, 2)

@@ -12,14 +12,15 @@ are the last ones (`augmentation`).
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
-from typing import Generic, TypeVar
+from dataclasses import dataclass, field, fields, replace
+from typing import Any, Generic, TypeVar
 
 import casadi as ca
 import numpy as np
 from obc_ros.core.numerics.arrays import Array, Mask
 from obc_ros.core.ocp.guess import Guess
 from obc_ros.core.ocp.phases import PhaseLayout
+from obc_ros.core.text.packed_expressions import pack_expressions, PackedExpressions
 from obc_ros.core.text.tables import Tabulated
 
 Kept = TypeVar('Kept')
@@ -133,6 +134,14 @@ class Problem(Tabulated):
     def _title(self) -> str:
         return f'Problem {self.name}'
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Return how another process makes the problem, with symbols of its own."""
+        packed = pack_expressions(*([getattr(self, name) for name in names] for names in (
+            SYMBOLIC[:3], SYMBOLIC[3:])))
+        return _unpack_problem, (packed, {
+            each.name: getattr(self, each.name) for each in fields(self)
+            if each.name not in SYMBOLIC})
+
     @property
     def n(self) -> int:
         """Return the number of states."""
@@ -195,6 +204,11 @@ class Problem(Tabulated):
         if self.start is None:
             return self
         return replace(self, start=None, x0=np.where(self.given_at_start, self.x0, x))
+
+
+def _unpack_problem(packed: PackedExpressions, numbers: Mapping[str, Any]) -> Problem:
+    columns, expressions = packed.unpack()
+    return Problem(**numbers, **dict(zip(SYMBOLIC, columns + expressions, strict=True)))
 
 
 class ByStructure(Generic[Kept]):

@@ -41,7 +41,11 @@ from obc_ros.core.text.fields import (
     read_names,
     read_section,
 )
-from obc_ros.core.text.stated_functions import call_functions, STATED_FUNCTIONS
+from obc_ros.core.text.stated_functions import (
+    call_functions,
+    record_functions,
+    STATED_FUNCTIONS,
+)
 from obc_ros.core.text.yaml_files import read_entries
 
 FOR_THE_SOLVER = (
@@ -112,6 +116,15 @@ def build_problem(mapping: object) -> Problem:
             raise StatementError(layout.name_phases(str(error))) from None
         _check_durations(given['phases'], problem)
     return replace(problem, units={**problem.units, **_read_units(given)})
+
+
+def replace_functions(mapping: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a valid statement in which what its functions return is recorded as plain data."""
+    given = dict(mapping)
+    if any(callable(value) for value in given.values()):
+        plant = _registered_plant(given) if given.get('system') is not None else _own_plant(given)
+        given = record_functions(given, ('dynamics', *STATED_FUNCTIONS), *plant.arguments)
+    return given
 
 
 def _check_each_phase(given: Given) -> None:

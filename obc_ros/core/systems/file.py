@@ -12,6 +12,7 @@ to expression of states, inputs and parameters) and `ros` (fields of messages, s
 """
 
 from collections.abc import Mapping, Sequence
+from functools import partial
 import math
 from pathlib import Path
 from typing import Any
@@ -30,6 +31,7 @@ from obc_ros.core.text.fields import (
     read_names,
     read_section,
 )
+from obc_ros.core.text.recorded_functions import record_function
 from obc_ros.core.text.stated_functions import call_functions
 from obc_ros.core.text.yaml_files import read_yaml
 
@@ -111,6 +113,8 @@ def _system(given: Given, stem: str, chosen: Values) -> System:
     x_limits = _bounds(given, 'state_bounds', states, values)
     u_limits = _bounds(given, 'input_bounds', inputs, values)
 
+    kept = dict(given)   # without functions, which do not pickle
+
     def dynamics(x: list[ca.SX], u: list[ca.SX], p: list[ca.SX]) -> list[ca.SX]:
         by_name = [dict(zip(names, symbols, strict=True)) for names, symbols in (
             (states, x), (inputs, u), (values, p))]
@@ -119,8 +123,12 @@ def _system(given: Given, stem: str, chosen: Values) -> System:
         for missing in (name for name in states if name not in equations):
             raise StatementError(f"dynamics: no equation for the state '{missing}'")
         symbols = by_name[0] | by_name[1] | by_name[2]
-        return [expressions.parse_expression(equations[name], symbols, f'dynamics.{name}')
+        rows = [expressions.parse_expression(equations[name], symbols, f'dynamics.{name}')
                 for name in states]
+        if callable(given.get('dynamics')):
+            kept['dynamics'] = record_function(
+                'dynamics', dict(zip(states, rows, strict=True)), symbols)
+        return rows
 
     def measured(x: list[ca.SX], u: list[ca.SX], p: list[ca.SX]) -> list[ca.SX]:
         symbols = dict(zip((*states, *inputs, *values), (*x, *u, *p), strict=True))
@@ -139,10 +147,14 @@ def _system(given: Given, stem: str, chosen: Values) -> System:
         setpoint_input=_numbers(given, 'setpoint_input', inputs, values),
         description=_text(given, 'description', _text(given, 'title', '')),
         plane=_plane(given),
-        rebuild=lambda new: _system(given, stem, {**chosen, **new}),
+        rebuild=partial(_rebuild, kept, stem, chosen),
         outputs=[Signal(name, units.get(name, ''), angle=name in angles) for name in outputs],
         output_map=measured,
         ros=read_section(given, 'ros'))
+
+
+def _rebuild(given: Given, stem: str, chosen: Values, new: Values) -> System:
+    return _system(given, stem, {**chosen, **new})
 
 
 def _outputs(given: Given, states: tuple[str, ...], taken: tuple[str, ...]) -> dict[str, Any]:

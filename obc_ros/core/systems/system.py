@@ -7,7 +7,7 @@ Every plant is a `System`: the registered ones, those in files and those in requ
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 import math
 from typing import Any
@@ -17,6 +17,7 @@ import numpy as np
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.systems.robot_fields import read_robot_fields, RobotFields
 from obc_ros.core.text.errors import DynamicsError
+from obc_ros.core.text.packed_expressions import pack_expressions, PackedExpressions
 from obc_ros.core.text.tables import Tabulated
 
 # Of the symbols of states, inputs and parameters: expressions.
@@ -89,6 +90,17 @@ class System(Tabulated):
         if not self.outputs:
             object.__setattr__(self, 'outputs', self.states)
             object.__setattr__(self, 'y', self.x)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Return how another process makes the system, with symbols of its own."""
+        commands = self.robot.commands
+        packed = pack_expressions((self.x, self.u, self.p), (
+            self.xdot, self.y, *(each for message in commands.values()
+                                 for each in message.values())))
+        numbers = {each.name: getattr(self, each.name) for each in fields(self)
+                   if each.name not in ('x', 'u', 'p', 'xdot', 'y', 'robot')}
+        return _unpack_system, (packed, numbers, replace(self.robot, commands={
+            name: tuple(message) for name, message in commands.items()}))
 
     def _title(self) -> str:
         return f'System {self.name}: {self.description}'.rstrip(': ')
@@ -202,6 +214,16 @@ class System(Tabulated):
         return replace(self, parameters=tuple(
             replace(parameter, value=checked.get(parameter.name, parameter.value))
             for parameter in self.parameters))
+
+
+def _unpack_system(packed: PackedExpressions, numbers: Mapping[str, Any], robot: RobotFields
+                   ) -> System:
+    (x, u, p), (xdot, y, *rest) = packed.unpack()
+    left = iter(rest)
+    commands = {name: {each: next(left) for each in message}
+                for name, message in robot.commands.items()}
+    return System(**numbers, x=x, u=u, p=p, xdot=xdot, y=y,
+                  robot=replace(robot, commands=commands))
 
 
 def define(name: str, states: Sequence[Signal], inputs: Sequence[Signal],

@@ -9,6 +9,7 @@ Exercise 2.6 and the thrust vectored aircraft of figure 2.3.
 
 from collections.abc import Mapping
 from dataclasses import replace
+from functools import partial
 from math import inf
 from typing import Any
 
@@ -100,8 +101,12 @@ def _two_wheeled(values: Mapping[str, float]) -> System:
         setpoint_input=(L / 2, 0.0),
         description='two wheeled robot (Exercise 2.6)',
         plane='horizontal',
-        rebuild=lambda new: _two_wheeled({**values, **new}),
+        rebuild=partial(_change_two_wheeled, values),
         ros={'cmd_vel': {'linear.x': 'v', 'angular.z': 'omega'}})
+
+
+def _change_two_wheeled(values: Mapping[str, float], new: Mapping[str, float]) -> System:
+    return _two_wheeled({**values, **new})
 
 
 def define_aircraft() -> System:

@@ -15,6 +15,7 @@ import warnings
 import casadi as ca
 import numpy as np
 from obc_ros.core.text.errors import describe_type, quote, StatementError, suggest_name
+from obc_ros.core.text.recorded_functions import record_function, RecordedFunction
 
 # What the functions take. The first arguments are required, the others follow in this order.
 _PATH = (('x', 'u'), ('p', 't'))
@@ -70,9 +71,20 @@ def call_functions(given: Mapping[Any, Any], keys: Collection[str], x: _Symbols,
                'p': NamedSymbols('a parameter', p), 't': t}
     found = dict(given)
     for key in keys:
-        if callable(given.get(key)):
-            found[key] = _arrange(key, _call(key, given[key], symbols), tuple(x))
+        value = given.get(key)
+        if isinstance(value, RecordedFunction):
+            found[key] = value.evaluate({**x, **u, **p} | ({} if t is None else {'t': t}))
+        elif callable(value):
+            found[key] = _arrange(key, _call(key, value, symbols), tuple(x))
     return found
+
+
+def record_functions(given: Mapping[Any, Any], keys: Collection[str], x: _Symbols, u: _Symbols,
+                     p: _Symbols, t: ca.SX | None) -> dict[Any, Any]:
+    """Return a statement in which what functions returned is recorded; see `call_functions`."""
+    called, known = call_functions(given, keys, x, u, p, t), {**x, **u, **p}
+    return {key: record_function(key, called[key], known | ({} if t is None else {'t': t}))
+            if key in keys and callable(value) else value for key, value in given.items()}
 
 
 def call_with_symbols(function: Callable[..., Any], *symbols: Any) -> Any:
