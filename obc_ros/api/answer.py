@@ -4,7 +4,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from importlib import import_module
 from typing import Any
 
@@ -221,7 +221,7 @@ class Answer:
             If there is no path, or `ax` is something else.
 
         """
-        return present(self.draw, ax, show)
+        return present(partial(draw_answer, self), ax, show)
 
     def plot_search(self, *, ax: Any = None, show: bool | None = None) -> Any:
         """
@@ -238,20 +238,7 @@ class Answer:
             The figure.
 
         """
-        return present(self.draw_costs, ax, show)
-
-    def draw(self, into: Any = None) -> Any:
-        """Return the figure of `plot`, without pyplot; `into`: as for `place_panels`."""
-        verdict = ('certified' if self.solution.certified else f'{self.status}: '
-                   f'{self.certificate.sentence if self.certificate else self.message}')
-        problem = self._require_problem()
-        return draw_path(problem, self.solution, f'{self._heading}\nJ = {self.objective:.8g}, '
-                         f'T = {self.t[-1]:.8g} s, {verdict}'
-                         f'{self.remark and chr(10)}{self.remark}', into)
-
-    def draw_costs(self, into: Any = None) -> Any:
-        """Return the figure of `plot_search`, without pyplot."""
-        return draw_search(self.solution, self._heading, into)
+        return present(partial(draw_answer_search, self), ax, show)
 
     def as_json(self) -> dict[str, Any]:
         """
@@ -325,6 +312,21 @@ class Answer:
         if self.problem is None and self.statement is not None:
             return build_problem(dict(self.statement))
         return self.problem
+
+
+def draw_answer(answer: Answer, into: Any = None) -> Any:
+    """Return the figure of `Answer.plot`, without pyplot; `into`: as for `place_panels`."""
+    found, problem = answer.solution, answer._require_problem()
+    verdict = ('certified' if found.certified else f'{answer.status}: '
+               f'{answer.certificate.sentence if answer.certificate else answer.message}')
+    return draw_path(problem, found, f'{answer._heading}\nJ = {answer.objective:.8g}, '
+                     f'T = {answer.t[-1]:.8g} s, {verdict}'
+                     f'{answer.remark and chr(10)}{answer.remark}', into)
+
+
+def draw_answer_search(answer: Answer, into: Any = None) -> Any:
+    """Return the figure of `Answer.plot_search`, as `draw_answer`."""
+    return draw_search(answer.solution, answer._heading, into)
 
 
 def _lists(columns: Mapping[str, Array]) -> dict[str, list[float]]:

@@ -12,6 +12,7 @@ import nbclient
 import nbformat
 import numpy as np
 import obc_ros as obc
+from obc_ros.api.answer import draw_answer, draw_answer_search
 from obc_ros.core.text.errors import ObcError
 import pytest
 
@@ -62,7 +63,7 @@ def test_without_windows_pyplot_has_the_figure_and_nothing_is_shown(found, recwa
 
 def test_commands_draw_without_pyplot(answer):
     before = plt.get_fignums()
-    assert answer.draw().axes and answer.draw_costs().axes
+    assert draw_answer(answer).axes and draw_answer_search(answer).axes
     assert plt.get_fignums() == before
     code = ('import sys, matplotlib.figure, obc_ros.api.figures.path as path\n'
             'path.new_figure(2.0).subplots().plot([0, 1])\n'

@@ -125,10 +125,11 @@ def _ask_server(args: argparse.Namespace, asked: Sequence[Question]) -> None:
 
 def _draw(path: Path, question: Question, formats: Sequence[str]) -> None:
     if question.solution and question.solution.t.size:
+        from obc_ros.api.answer import draw_answer, draw_answer_search  # with CasADi
         answer = question.read_answer(with_problem=True)
-        save_figure(answer.draw(), path, formats)
+        save_figure(draw_answer(answer), path, formats)
         if answer.trace.costs > 1:
-            save_figure(answer.draw_costs(), path.with_name(f'{path.name}.search'), formats)
+            save_figure(draw_answer_search(answer), path.with_name(f'{path.name}.search'), formats)
 
 
 def _print_trees(asked: Sequence[Question]) -> None:
