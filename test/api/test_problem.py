@@ -121,7 +121,7 @@ RATES = {'h': 'v', 'v': '-g + u'}
 
 
 @pytest.mark.parametrize(('key', 'function', 'said'), [
-    ('dynamics', lambda x: {},
+    ('dynamics', lambda state: {},
      r'^dynamics: wanted a function of x, u \(and p, t if needed\), found one of 1 argument$'),
     ('terminal_cost', lambda: 0,
      r'^terminal_cost: wanted a function of x \(and p, t if needed\), found one of 0 arguments'),
@@ -149,11 +149,29 @@ RATES = {'h': 'v', 'v': '-g + u'}
     ('dynamics', lambda x, u: {'h': x.v, 'v': ca.if_else(x.h > 0, u.u, 0)},
      r'^dynamics\.v: comparisons and if_else are not supported'),
     ('dynamics', lambda x, u: {'h': x.v, 'v': ca.floor(u.u)},
+     r'^dynamics\.v: an expression may not contain floor\(a\), which jumps'),
+    ('dynamics', lambda x, u: {'h': x.v, 'v': ca.erf(u.u)},
      r'^dynamics\.v: an operation is not supported; an expression may contain \+'),
     ('dynamics', lambda x, u: {'h': x.v, 'v': math.sin(x.h)},
-     r'^dynamics\.v: nan is not a finite number'),
+     r'^dynamics: math\.sin takes numbers: write numpy\.sin$'),
+    ('running_cost', lambda x, u: u.u**2 + max(0, math.sin(x.h)), '^running_cost: math.sin takes'),
+    ('running_cost', lambda x, u: 1 if math.sin(x.h) > 0 else 0, '^running_cost: math.sin takes'),
+    ('running_cost', lambda x, u: math.pow(u.u + 0, 2), 'write numpy.power$'),
+    ('running_cost', lambda x, u: u.u * np.asarray(x.h, dtype=float), 'takes numbers'),
+    ('running_cost', lambda x, u: max(0, x.h),
+     r"^running_cost: 'max\(0, x.h\)': if, and, or, max, min and a < b < c need numbers, not sym"),
+    ('running_cost', lambda x, u: x.h if 0 < x.v < 1 else 0, 'write the larger of two as'),
+    ('running_cost', lambda x, u: np.where(x.v > 0, x.v, 0), 'nor numpy.where; write'),
+    ('running_cost', lambda x, u: np.maximum(x.v, 0), r'write \(a \+ b \+ fabs\(a - b\)\)/2'),
+    ('running_cost', lambda x, u: np.sign(x.v), r'sign\(a\), nor cbrt\(a\), which has it; write'),
+    ('running_cost', lambda x, u: np.cbrt(x.v), r'a\*\*\(1/3\) for a positive a'),
+    ('running_cost', lambda x, u: np.arcsinh(x.v), r'asinh\(a\); write log'),
+    ('running_cost', lambda x, u: x + 1,
+     r"^running_cost: the argument is a state by name, not a number: write x.h, x\['h'\] or x\[0"),
+    ('running_cost', lambda x, u: x[2], '^running_cost: 2 is not the number of a state; there '),
+    ('terminal_cost', lambda x, u: 0, "^terminal_cost: wanted a function of x .*, found one of '"),
     ('dynamics', lambda x, u: 1 / 0, '^dynamics: the function raised ZeroDivisionError: '),
-    ('dynamics', lambda x, u: {'h': x.v, 'v': u.u if x.h > 0 else 0}, '^dynamics: the function '),
+    ('dynamics', lambda x, u: {'h': x.v, 'v': u.u if x.h > 0 else 0}, "^dynamics: 'x.h > 0': "),
     ('running_cost', lambda x, u: None, '^running_cost: the function returned nothing'),
     ('running_cost', lambda x, u: {'u': 1}, '^running_cost: .* found a mapping'),
     ('running_cost', lambda x, u: 1 / (x.h - 10), '^running_cost: undefined at the initial state'),
@@ -189,6 +207,30 @@ def test_functions_of_numpy_are_those_of_casadi():
     one, other = (ca.Function('L', [each.x, each.u, each.p], [each.L])([0.3, 5], [2], each.p_value)
                   for each in built)
     assert one == other
+
+
+@pytest.mark.parametrize(('one', 'other'), [
+    (lambda x, u: np.hypot(x.h, u.u), lambda x, u: ca.sqrt(x.h**2 + u.u**2)),
+    (lambda x, u: np.log1p(x.h), lambda x, u: ca.log(1 + x.h)),
+    (lambda x, u: 2 * np.expm1(x.h) + x.v, lambda x, u: 2 * (ca.exp(x.h) - 1) + x.v),
+    (lambda t, x, u: u.u + t, lambda x, u, p, t: u.u + t),
+    (lambda u: u.u**2, lambda x, u: u.u**2),
+    (lambda p, u, x: x.h * p.g, lambda x, u, p: x.h * p.g),
+    (lambda state, force: state.h * force.u, lambda x, u: x.h * u.u),
+    (lambda x, u: x[0] + x[-1] * u[0], lambda x, u: x.h + x.v * u.u),
+    (lambda x, u: np.array([1, 2]) @ x, lambda x, u: x.h + 2 * x.v)])
+def test_what_means_the_same_is_the_same_problem(one, other):
+    found, wanted = (Problem(**GOOD | {'running_cost': each}).built for each in (one, other))
+    along = [ca.Function('L', [each.x, each.u, each.p], [each.L])(
+        np.arange(1, each.n + 1) / 3, [2], each.p_value) for each in (found, wanted)]
+    assert along[0] == along[1]
+
+
+def test_symbols_have_values_again_after_a_statement():
+    symbol = ca.SX.sym('x')
+    with pytest.raises(StatementError):
+        Problem(**GOOD | {'running_cost': lambda x, u: math.sin(x.h)})
+    assert math.isnan(float(symbol))
 
 
 def test_functions_may_take_free_parameters_and_the_time():

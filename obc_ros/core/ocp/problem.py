@@ -208,7 +208,8 @@ class Problem(Tabulated):
 
 def _unpack_problem(packed: PackedExpressions, numbers: Mapping[str, Any]) -> Problem:
     columns, expressions = packed.unpack()
-    return Problem(**numbers, **dict(zip(SYMBOLIC, columns + expressions, strict=True)))
+    symbolic: dict[str, Any] = dict(zip(SYMBOLIC, columns + expressions, strict=True))
+    return Problem(**numbers, **symbolic)
 
 
 class ByStructure(Generic[Kept]):

@@ -79,7 +79,9 @@ class CarPath(NamedTuple):
         """Return length, word, start and goal as a table."""
         return repr(self._shown())
 
-    __str__ = __repr__
+    def __str__(self) -> str:
+        """Return the same table."""
+        return repr(self)
 
     def _repr_html_(self) -> str:
         """Return them for a notebook."""

@@ -99,8 +99,8 @@ class System(Tabulated):
                                  for each in message.values())))
         numbers = {each.name: getattr(self, each.name) for each in fields(self)
                    if each.name not in ('x', 'u', 'p', 'xdot', 'y', 'robot')}
-        return _unpack_system, (packed, numbers, replace(self.robot, commands={
-            name: tuple(message) for name, message in commands.items()}))
+        return _unpack_system, (packed, numbers, replace(self.robot, commands={}), {
+            name: tuple(message) for name, message in commands.items()})
 
     def _title(self) -> str:
         return f'System {self.name}: {self.description}'.rstrip(': ')
@@ -216,12 +216,12 @@ class System(Tabulated):
             for parameter in self.parameters))
 
 
-def _unpack_system(packed: PackedExpressions, numbers: Mapping[str, Any], robot: RobotFields
-                   ) -> System:
+def _unpack_system(packed: PackedExpressions, numbers: Mapping[str, Any], robot: RobotFields,
+                   messages: Mapping[str, Sequence[str]]) -> System:
     (x, u, p), (xdot, y, *rest) = packed.unpack()
     left = iter(rest)
     commands = {name: {each: next(left) for each in message}
-                for name, message in robot.commands.items()}
+                for name, message in messages.items()}
     return System(**numbers, x=x, u=u, p=p, xdot=xdot, y=y,
                   robot=replace(robot, commands=commands))
 

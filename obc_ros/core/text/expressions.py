@@ -19,6 +19,7 @@ from typing import Any, NamedTuple
 
 import casadi as ca
 from obc_ros.core.text.errors import describe_type, quote, StatementError, suggest_name
+from obc_ros.core.text.symbol_guards import LARGER, rewrite_operations, SMALLER
 
 MAX_LENGTH = 20_000   # characters
 MAX_SYMBOLS = 4_000   # numbers, names, operators and brackets
@@ -67,10 +68,19 @@ _KNOWN = {getattr(ca, f'OP_{name}') for name in (
     'ADD', 'SUB', 'MUL', 'DIV', 'POW', 'CONSTPOW', 'NEG', 'SQ', 'TWICE', 'INV', 'SQRT', 'SIN',
     'COS', 'TAN', 'ASIN', 'ACOS', 'ATAN', 'ATAN2', 'SINH', 'COSH', 'TANH', 'EXP', 'LOG', 'FABS',
     'CONST', 'INPUT', 'OUTPUT', 'ASSIGN')}
-_IN_WORDS = {ca.OP_FMAX: 'fmax(a, b); write (a + b + fabs(a - b))/2',
-             ca.OP_FMIN: 'fmin(a, b); write (a + b - fabs(a - b))/2',
-             ca.OP_HYPOT: 'hypot(a, b); write sqrt(a**2 + b**2)',
-             ca.OP_LOG1P: 'log1p(a); write log(1 + a)', ca.OP_EXPM1: 'expm1(a); write exp(a) - 1'}
+_IN_WORDS = {ca.OP_FMAX: f'fmax(a, b); write {LARGER}',
+             ca.OP_FMIN: f'fmin(a, b); write {SMALLER}',
+             ca.OP_SIGN: 'sign(a), nor cbrt(a), which has it; write a/sqrt(a**2 + e**2) with a '
+                         'small number e, or a**(1/3) for a positive a',
+             ca.OP_FLOOR: 'floor(a), which jumps; state phases, or a smooth function',
+             ca.OP_CEIL: 'ceil(a), which jumps; state phases, or a smooth function',
+             ca.OP_ASINH: 'asinh(a); write log(a + sqrt(a**2 + 1))',
+             ca.OP_ACOSH: 'acosh(a); write log(a + sqrt(a**2 - 1))',
+             ca.OP_ATANH: 'atanh(a); write log((1 + a)/(1 - a))/2'}
+# What takes the place of operations that have no name in texts.
+_REWRITTEN: dict[int, Callable[..., Any]] = {
+    ca.OP_HYPOT: lambda a, b: ca.sqrt(a**2 + b**2), ca.OP_LOG1P: lambda a: ca.log(1 + a),
+    ca.OP_EXPM1: lambda a: ca.exp(a) - 1}
 _COMPARISONS = {getattr(ca, f'OP_{name}') for name in (
     'LT', 'LE', 'EQ', 'NE', 'NOT', 'AND', 'OR', 'IF_ELSE_ZERO')}
 
@@ -160,6 +170,9 @@ def _check_symbolic(value: ca.SX, symbols: Mapping[str, ca.SX], where: str) -> c
             raise StatementError(f"{where}: the symbol '{symbol.name()}' is none of those that "
                                  'the function was called with')
     program = ca.Function('expression', list(symbols.values()), [value])
+    if any(program.instruction_id(k) in _REWRITTEN for k in range(program.n_instructions())):
+        [value] = rewrite_operations(program, list(symbols.values()), _REWRITTEN)
+        program = ca.Function('expression', list(symbols.values()), [value])
     for k in range(program.n_instructions()):
         operation = program.instruction_id(k)
         if operation not in _KNOWN:
@@ -176,7 +189,8 @@ def _check_symbolic(value: ca.SX, symbols: Mapping[str, ca.SX], where: str) -> c
 
 def _describe_operation(operation: int) -> str:
     if operation in _COMPARISONS:
-        return 'comparisons and if_else are not supported'
+        return ('comparisons and if_else are not supported, nor numpy.where; write the larger of '
+                f'two as {LARGER}, or a smooth function such as (1 + tanh(a/e))/2 for a > 0')
     if operation in _IN_WORDS:
         return f'an expression may not contain {_IN_WORDS[operation]}'
     return ('an operation is not supported; an expression may contain + - * / **, sin, cos, tan, '

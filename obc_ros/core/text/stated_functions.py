@@ -16,6 +16,7 @@ import casadi as ca
 import numpy as np
 from obc_ros.core.text.errors import describe_type, quote, StatementError, suggest_name
 from obc_ros.core.text.recorded_functions import record_function, RecordedFunction
+from obc_ros.core.text.symbol_guards import refuse_values
 
 # What the functions take. The first arguments are required, the others follow in this order.
 _PATH = (('x', 'u'), ('p', 't'))
@@ -34,7 +35,7 @@ _Symbols = Mapping[str, ca.SX]
 
 
 class NamedSymbols:
-    """Symbols by name: ``x.p`` or ``x['p']``; iteration yields them in order."""
+    """Symbols by name or number: ``x.p``, ``x['p']``, ``x[0]``; iteration yields them in order."""
 
     __slots__ = ('_symbols', '_what')
 
@@ -42,10 +43,18 @@ class NamedSymbols:
         self._what, self._symbols = what, dict(symbols)
 
     def __getattr__(self, name: str) -> ca.SX:
+        if name.startswith('__'):   # of Python or NumPy
+            raise AttributeError(name)
         return self[name]
 
-    def __getitem__(self, name: str) -> ca.SX:
-        if name not in self._symbols:
+    def __getitem__(self, name: str | int) -> ca.SX:
+        if isinstance(name, (int, np.integer)) and not isinstance(name, bool):
+            try:
+                return tuple(self._symbols.values())[name]
+            except IndexError:   # it also ends an iteration by numbers
+                raise _NoSymbolError(f'{name} is not the number of {self._what}; there are '
+                                     f'{len(self)}, from 0 on') from None
+        if not isinstance(name, str) or name not in self._symbols:
             known = ', '.join(self._symbols) or 'none'
             raise StatementError(f"'{quote(str(name))}' is not the name of {self._what}"
                                  f'{suggest_name(str(name), self._symbols)}; there are '
@@ -57,6 +66,15 @@ class NamedSymbols:
 
     def __len__(self) -> int:
         return len(self._symbols)
+
+    def _refuse(self, *operands: object) -> Any:
+        name = next(iter(self._symbols), 'p')
+        raise StatementError(f'the argument is {self._what} by name, not a number: write '
+                             f"x.{name}, x['{name}'] or x[0]; numpy.array(x) is the array of all")
+
+    __add__ = __radd__ = __sub__ = __rsub__ = __mul__ = __rmul__ = __truediv__ = _refuse
+    __rtruediv__ = __pow__ = __rpow__ = __neg__ = __abs__ = __call__ = __float__ = _refuse
+    __lt__ = __le__ = __gt__ = __ge__ = _refuse
 
 
 def call_functions(given: Mapping[Any, Any], keys: Collection[str], x: _Symbols, u: _Symbols,
@@ -93,39 +111,56 @@ def call_with_symbols(function: Callable[..., Any], *symbols: Any) -> Any:
 
     CasADi warns if the function calls one of NumPy, such as numpy.sin. The expression is the same
     as with the function of CasADi.
+
+    :raises StatementError: if the function needs the value of a symbol, as one of math does.
     """
-    with warnings.catch_warnings():
+    with warnings.catch_warnings(), refuse_values():
         warnings.filterwarnings('ignore', r'\s*casadi: a numpy function', FutureWarning)
         return function(*symbols)
 
 
+class _NoSymbolError(StatementError, IndexError):
+    """No symbol has a number."""
+
+
 def _call(key: str, function: Callable[..., Any], symbols: Mapping[str, Any]) -> object:
-    required, more = _ARGUMENTS[key]
-    letters = required + more
-    try:
-        count = sum(each.default is each.empty and each.kind in (
-            each.POSITIONAL_ONLY, each.POSITIONAL_OR_KEYWORD)
-            for each in inspect.signature(function).parameters.values())
-    except (TypeError, ValueError):   # a builtin has no signature
-        count = 0
-    if not len(required) <= count <= len(letters):
-        raise StatementError(
-            f'{key}: wanted a function of {", ".join(required)} (and {", ".join(more)} if '
-            f'needed), found one of {count} argument{"s" * (count != 1)}')
-    if 't' in letters[:count] and symbols['t'] is None:
+    letters = _choose_arguments(key, function)
+    if 't' in letters and symbols['t'] is None:
         raise StatementError(f"{key}: the function takes the time, but the statement gives the "
                              "name 't' another meaning")
     try:
-        found = call_with_symbols(function, *(symbols[letter] for letter in letters[:count]))
+        found = call_with_symbols(function, *(symbols[letter] for letter in letters))
     except StatementError as error:
         raise StatementError(f'{key}: {error}') from None
     except _FAULTS as error:
+        if isinstance(error.__cause__, StatementError):   # NumPy raises one of its own then
+            raise StatementError(f'{key}: {error.__cause__}') from None
         words = quote(' '.join(str(error).split()), 200)
         raise StatementError(f'{key}: the function raised {type(error).__name__}: {words}; '
                              'it is called with CasADi symbols') from error
     if found is None:
         raise StatementError(f'{key}: the function returned nothing')
     return found
+
+
+def _choose_arguments(key: str, function: Callable[..., Any]) -> tuple[str, ...]:
+    """Return what a function is called with: by the names x, u, p, t, else by position."""
+    required, more = _ARGUMENTS[key]
+    try:
+        names = tuple(each.name for each in inspect.signature(function).parameters.values()
+                      if each.default is each.empty and each.kind in (
+                          each.POSITIONAL_ONLY, each.POSITIONAL_OR_KEYWORD))
+    except (TypeError, ValueError):   # a builtin has no signature
+        names = ()
+    wanted = f'{key}: wanted a function of {", ".join(required)} (and {", ".join(more)} if needed)'
+    if names and set(names) <= set('xupt'):
+        if unknown := [name for name in names if name not in required + more]:
+            raise StatementError(f"{wanted}, found one of '{unknown[0]}'")
+        return names
+    if not len(required) <= len(names) <= len(required + more):
+        raise StatementError(
+            f'{wanted}, found one of {len(names)} argument{"s" * (len(names) != 1)}')
+    return (required + more)[:len(names)]
 
 
 def _arrange(key: str, value: object, states: tuple[str, ...]) -> object:

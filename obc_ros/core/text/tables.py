@@ -3,7 +3,6 @@
 """Numbers as text, and tables as plain text and as HTML."""
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import fields, is_dataclass
 from html import escape
 from typing import Any
 
@@ -29,9 +28,8 @@ class Tabulated:
 
     def _rows(self) -> Sequence[tuple[str, ...]]:
         """Return the rows under `_HEADER`."""
-        if not is_dataclass(self):
-            return []
-        return [(each.name, format_entry(getattr(self, each.name))) for each in fields(self)]
+        return [(name, format_entry(getattr(self, name)))
+                for name in getattr(self, '__dataclass_fields__', ())]
 
     def __str__(self) -> str:
         """Return title and table, at most a screen."""
