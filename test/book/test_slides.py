@@ -42,10 +42,11 @@ def gallery(tmp_path):
     """Return a folder as `obc gallery` writes it, with two entries and three figures."""
     entries = [
         {'name': 'example-2.3', 'label': 'Example 2.3', 'title': 'Bang <bang> $x_1$',
-         'source': 'p. 5',
+         'source': 'p. 5', 'statement': ['Minimise $T$ & more.', 'From $x_0$.'],
+         'erratum': 'Printed: $u^2$.', 'notes': ['Above: <u>.'],
          'figures': ['2.3.png', '2.3-more.png']},
         {'name': 'example-2.5', 'label': 'Example 2.5', 'title': 'Aircraft', 'source': 'p. 9',
-         'figures': ['2.5.png']}]
+         'statement': ['Hover.'], 'erratum': '', 'notes': ['x' * 2000], 'figures': ['2.5.png']}]
     (tmp_path / 'gallery.json').write_text(json.dumps({'entries': entries}))
     for entry in entries:
         for figure in entry['figures']:
@@ -76,6 +77,19 @@ def test_each_figure_is_a_slide_without_external_resources(gallery, capsys):
     assert not re.search(r'https?:|@import|url\(', text)
     for key in ('ArrowRight', 'PageDown', 'ArrowLeft', '@media print'):
         assert key in text
+
+
+def test_a_slide_has_statement_erratum_and_caption(gallery):
+    assert main(['gallery', '--slides', '--out', str(gallery)]) == 0
+    first, second, third = (gallery / 'slides.html').read_text(encoding='utf-8').split(
+        '<section>')[1:]
+    for slide in (first, second):
+        assert '<p>Minimise <i>T</i> &amp; more.</p>\n<p>From <i>x</i><sub>0</sub>.</p>' in slide
+        assert '<b>Erratum.</b> Printed: <i>u</i><sup>2</sup>.' in slide
+        assert '<p class="caption">Above: &lt;u&gt;.</p>' in slide
+        assert 'class="words"' in slide
+    assert 'Erratum' not in third
+    assert 'class="words long"' in third
 
 
 @pytest.mark.parametrize('name', ['example-2.5', '2.5'])
