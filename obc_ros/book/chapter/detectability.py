@@ -162,4 +162,5 @@ COUNTEREXAMPLE_2_2 = GalleryEntry(
     counterexample_2_2,
     'The theorem needs observability or, as section 2.4 says before it, detectability: an '
     'unobservable mode must be stable. Here it is not, (2.9) has two solutions $P ≥ 0$, and the '
-    'optimal one does not stabilise.')
+    'optimal one does not stabilise. Section 2.4 calls detectability a condition for an optimum '
+    'to exist; it exists here, and detectability would make it stabilise.')

@@ -239,4 +239,6 @@ SECTION_2_4 = GalleryEntry(
         'backwards from the end, and $u = -K(t) x$ with $K(t) = Q_u^{-1}B^T P(t)$.',
         "Here for $x' = x + u$ with $Q_x = Q_u = 1$, and for the double integrator with "
         '$Q_x = diag(1, 0)$, $Q_u = 1$.'),
-    section_2_4)
+    section_2_4,
+    'In the third line of (2.6), “$Q_u u + λ^T B$” adds a column and a row: '
+    '$Q_u u + B^T λ = 0$.')

@@ -353,7 +353,9 @@ SECTION_2_5 = GalleryEntry(
         'and Ho, $q_i = 1/x_{i,max}^2$, $ρ_j = 1/u_{j,max}^2$ for acceptable deviations of '
         '0.5 m, 0.5 m, 15 degrees, 1 m/s, 1 m/s, 90 degrees/s and 2 N, 10 N; for an output, '
         f'$Q_x = H^T H$, $Q_u = ρI$ with $z = Hx = (x, y)$ and $ρ = {RHO:g}$.',),
-    section_2_5)
+    section_2_5,
+    '“$Q_u = diag(ρ_1, ..., ρ_n)$” has as many entries as there are inputs: '
+    '$Q_u = diag(ρ_1, ..., ρ_m)$.')
 
 
 TARGET = np.array([5.0, 1.5, 0.0, 0.0, 0.0, 0.0])

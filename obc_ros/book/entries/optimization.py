@@ -319,6 +319,8 @@ EXAMPLE_2_1 = GalleryEntry(
         'There is a multiplier with $∂F/∂x + λ^T ∂G/∂x = 0$ (2.1): at the minimum the gradient of '
         '$F$ need not vanish, but it is normal to the constraint.',),
     example_2_1,
+    'Equation (2.1) needs independent gradients of the constraints, which only Exercise 2.1 (b) '
+    'says: $F = x$ on $G = x^2 = 0$ has no multiplier. '
     'Section 2.1 writes $max F = min (-F)$; the points agree, the values do not: '
     '$max F = -min (-F)$. Equation (2.2) calls the constrained minimum that of $F + λ^T G$; it is '
     'a stationary point of it, which need not be a minimum. $F = x_1^2 - x_2^2$ on $x_2 = 0$ has '
