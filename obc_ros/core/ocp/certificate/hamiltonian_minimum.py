@@ -98,7 +98,39 @@ class InputMinimum:
 
     @cached_property
     def _groups(self) -> list[_Group]:
-        return _groups(self._problem)
+        problem, m, u = self._problem, self._problem.m, self._problem.u
+        Huu = ca.jacobian(ca.gradient(self._H, u), u)
+        # The sparsity has an entry wherever dH/du_i depends on u_j, also through |u|.
+        linked = np.eye(m, dtype=bool)
+        linked[Huu.sparsity().get_triplet()] = True
+        rows = find_dependence(problem.path, u)
+        groups = linked | ((rows.T.astype(int) @ rows.astype(int)) > 0)
+        groups |= groups.T
+        for k in range(m):
+            groups |= np.outer(groups[:, k], groups[k])
+        entries = list(zip(*Huu.sparsity().get_triplet(), strict=True))
+        varies = ca.jacobian_sparsity(Huu.nz[:], u)
+        bent = np.zeros((m, m, m), dtype=bool)
+        for entry, j in zip(*varies.get_triplet(), strict=True):
+            bent[(*entries[entry], j)] = True
+        kinked = Instructions(ca.Function('H', [problem.x, u, problem.p], [
+            problem.L, problem.f])).have(*_KINKED)
+        result = []
+        for members in sorted({tuple(int(j) for j in np.flatnonzero(row)) for row in groups}):
+            shared = tuple(int(j) for j in np.flatnonzero(rows[:, members].any(axis=1)))
+            if shared or kinked:
+                searched = members
+            elif not bent[np.ix_(members, members, members)].any():
+                searched = ()
+            else:
+                easy: list[int] = []
+                for j in members:
+                    apart = not (linked[j, easy].any() or linked[easy, j].any())
+                    if apart and not bent[j, j, j]:
+                        easy.append(j)
+                searched = tuple(j for j in members if j not in easy)
+            result.append(_Group(members, searched, shared))
+        return result
 
     @cached_property
     def _beside(self) -> list[int]:
@@ -231,42 +263,6 @@ class _Box:
     upper: Array
     scale: Array
     H: float
-
-
-def _groups(problem: Problem) -> list[_Group]:
-    m, u, lam = problem.m, problem.u, ca.SX.sym('lam', problem.n)
-    Hu = ca.gradient(problem.L + ca.dot(lam, problem.f), u)
-    Huu = ca.jacobian(Hu, u)
-    # The sparsity has an entry wherever dH/du_i depends on u_j, also through |u|.
-    linked = np.eye(m, dtype=bool)
-    linked[Huu.sparsity().get_triplet()] = True
-    rows = find_dependence(problem.path, u)
-    groups = linked | ((rows.T.astype(int) @ rows.astype(int)) > 0)
-    groups |= groups.T
-    for k in range(m):
-        groups |= np.outer(groups[:, k], groups[k])
-    entries = list(zip(*Huu.sparsity().get_triplet(), strict=True))
-    varies = ca.jacobian_sparsity(Huu.nz[:], u)
-    bent = np.zeros((m, m, m), dtype=bool)
-    for entry, j in zip(*varies.get_triplet(), strict=True):
-        bent[(*entries[entry], j)] = True
-    kinked = Instructions(ca.Function('H', [problem.x, u, problem.p], [
-        problem.L, problem.f])).have(*_KINKED)
-    result = []
-    for members in sorted({tuple(int(j) for j in np.flatnonzero(row)) for row in groups}):
-        shared = tuple(int(j) for j in np.flatnonzero(rows[:, members].any(axis=1)))
-        if shared or kinked:
-            searched = members
-        elif not bent[np.ix_(members, members, members)].any():
-            searched = ()
-        else:
-            easy: list[int] = []
-            for j in members:
-                if not bent[j, j, j] and not linked[j, easy].any() and not linked[easy, j].any():
-                    easy.append(j)
-            searched = tuple(j for j in members if j not in easy)
-        result.append(_Group(members, searched, shared))
-    return result
 
 
 def _slack(problem: Problem, at: Points, rows: list[int]) -> Array:
