@@ -230,27 +230,22 @@ class _Multistart:
         return costs
 
     def _remember(self, record: Answered, minima: list[float]) -> None:
-        """Keep the best solution for neighbouring problems."""
+        """Keep the best solution, and rivals that may be the best of neighbouring problems."""
         bench, cost, coarse = self._bench, self._best.solution.objective, self._coarse
         if record.extremal:
             record = replace(record, extremal=bench.programs.indirect.thinned(
                 bench.stated, record.extremal, record.sizes))
+        rivals: list[TranscriptionOutcome] = []
+        for outcome in sorted(self._found, key=lambda outcome: outcome.objective):
+            above = outcome.objective - (rivals[-1].objective if rivals else coarse)
+            if (outcome.converged and above > ANOTHER * abs(coarse) and outcome.objective
+                    <= coarse + bench.options.neighbour.near * abs(coarse)):
+                rivals.append(outcome)
         bench.programs.remember(replace(
-            record, rivals=self._find_rivals(), refined=cost / coarse if coarse else 1,
+            record, rivals=tuple(rivals[:MOST_MINIMA]), refined=cost / coarse if coarse else 1,
             looked=collect_numbers(bench.stated),
             optimality=describe_local(bench.trace.count(GUESS), cost, minima)),
             self._pool.known_minima.minima)
-
-    def _find_rivals(self) -> tuple[TranscriptionOutcome, ...]:
-        """Return outcomes of other local minima, of which a neighbour's best may be one."""
-        rivals: list[TranscriptionOutcome] = []
-        coarse, near = self._coarse, self._bench.options.neighbour.near
-        for outcome in sorted(self._found, key=lambda outcome: outcome.objective):
-            above = outcome.objective - (rivals[-1].objective if rivals else coarse)
-            if (outcome.converged and above > ANOTHER * abs(coarse)
-                    and outcome.objective <= coarse + near * abs(coarse)):
-                rivals.append(outcome)
-        return tuple(rivals[:MOST_MINIMA])
 
 
 def better(best: Solution, other: Solution) -> Solution:
