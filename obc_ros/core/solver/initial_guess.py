@@ -98,21 +98,17 @@ class Guesser:
                 return problem.x0.copy(), fixed
             if not np.array_equal(jacobian, before):
                 before, inverse = jacobian, np.linalg.pinv(jacobian, rcond=1e-8)
-            move = self._heedful(problem, x, -inverse @ psi, inverse)
+            move = -inverse @ psi
+            if self._curved:   # the step ends where the norm of psi starts to grow
+                part = np.linspace(0.0, 1.0, _POINTS)[:, None]
+                along, _ = self._psi(x + part * move, problem.p_value)
+                left = np.linalg.norm(along @ inverse.T, axis=1)
+                grows = np.append(~(left[1:] <= left[:-1] * (1 + 1e-9)), True)
+                move = part[max(1, int(np.argmax(grows)))] * move
             x = np.clip(x + move, problem.x_lower, problem.x_upper)
             if np.max(np.abs(move)) <= 1e-9 * (1 + np.max(np.abs(x))):
                 break
         return x, np.diag(inverse @ jacobian) > 1 - 1e-6
-
-    def _heedful(self, problem: Problem, x: Array, move: Array, inverse: Array) -> Array:
-        """Return a step, shortened to where the norm of psi starts to grow."""
-        if not self._curved:
-            return move
-        part = np.linspace(0.0, 1.0, _POINTS)[:, None]
-        psi, _ = self._psi(x + part * move, problem.p_value)
-        left = np.linalg.norm(psi @ inverse.T, axis=1)
-        grows = np.append(~(left[1:] <= left[:-1] * (1 + 1e-9)), True)
-        return np.asarray(part[max(1, int(np.argmax(grows)))] * move)
 
     def steady_input(self, problem: Problem, x: Array) -> Array:
         """Return the input (m,) within bounds that minimises |f(x, u)|, from u = 0."""
