@@ -22,6 +22,7 @@ from typing import Any
 import numpy as np
 from obc_ros.core.ocp.statement import build_problem, replace_functions
 from obc_ros.core.systems.registry import get_registered
+from obc_ros.core.text.comparisons import state_comparisons
 from obc_ros.core.text.errors import ObcError, quote, StatementError, suggest_name
 from obc_ros.core.text.recorded_functions import pack_statement, RecordedFunction
 from obc_ros.sweep.dataset import PROBLEM_QUANTITIES
@@ -45,7 +46,8 @@ class ProblemNumbers:
 
     def __init__(self, statement: Mapping[str, Any]) -> None:
         self.problem = build_problem(statement)
-        self.statement = replace_functions(statement)   # which other processes can read
+        # Which other processes can read, and in which each bound has its place.
+        self.statement = state_comparisons(replace_functions(statement))
         self.dimensions = {'state': self.problem.states, 'input': self.problem.inputs}
 
     @cached_property

@@ -28,6 +28,7 @@ from obc_ros.core.systems import registry
 from obc_ros.core.systems.file import FOR_PEOPLE, OF_A_PLANT
 from obc_ros.core.systems.system import System
 from obc_ros.core.text import expressions
+from obc_ros.core.text.comparisons import state_comparisons
 from obc_ros.core.text.errors import describe_type, ObcError, quote, StatementError, suggest_name
 from obc_ros.core.text.expressions import check_name, parse_number
 from obc_ros.core.text.fields import (
@@ -105,6 +106,7 @@ def build_problem(mapping: object) -> Problem:
     """
     given = read_mapping(mapping, 'problem')
     check_keys(given, FOR_THE_SOLVER, OF_A_PLANT + FOR_PEOPLE)
+    given = state_comparisons(given)
     if given.get('phases') is None:
         problem = _build_problem(given)
     else:
@@ -420,7 +422,8 @@ def _path_constraints(given: Given, plant: _Plant) -> tuple[ca.SX, Array, Array]
     names = _column((plant.x | plant.u | plant.free).values())
     for index, entry in enumerate(read_list(given, 'path_constraints')):
         where = f'path_constraints[{index}]'
-        entry = read_mapping(entry, where)
+        entry = read_mapping(entry, where, 'a mapping such as {expr: v, upper: 1}, or a '
+                             'comparison, v <= 1')
         check_keys(entry, ('expr', 'lower', 'upper'), where=where)
         if entry.get('expr') is None:
             raise StatementError(f'{where}: expr is missing')

@@ -22,6 +22,7 @@ from obc_ros.core.numerics.instructions import Instructions
 from obc_ros.core.numerics.rounding import EPS
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.systems.system import System
+from obc_ros.core.text.comparisons import state_comparisons
 from obc_ros.core.text.errors import ObcError, StatementError
 from obc_ros.core.text.expressions import insert_numbers
 
@@ -181,7 +182,7 @@ def _write_path_constraints(problem: Problem, statement: Mapping[str, Any], syst
     values = {name: value for name, value in zip(
         problem.parameters, problem.p_value.tolist(), strict=True) if name not in own}
     rows = []
-    for entry in statement.get('path_constraints') or ():
+    for entry in state_comparisons(statement).get('path_constraints') or ():
         text = {key: insert_numbers(value, values) for key, value in entry.items()
                 if value is not None}
         if 'upper' in text:

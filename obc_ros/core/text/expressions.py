@@ -39,6 +39,7 @@ FUNCTIONS: dict[str, _Function] = {
         'log', 'sqrt')},
     'abs': _Function(1, ca.fabs, abs)}
 CONSTANTS: dict[str, float] = {'pi': math.pi}
+RESERVED_NAMES = frozenset({*FUNCTIONS, *CONSTANTS})
 
 _BINARY: dict[type[ast.operator], Callable[[Any, Any], Any]] = {
     ast.Add: operator.add,
@@ -147,7 +148,7 @@ def check_name(name: object, where: str) -> str:
     if len(name) > 64 or not re.fullmatch(r'[A-Za-z_][A-Za-z0-9_]*', name):
         raise StatementError(f"{where}: '{_short(name)}' is not a name; a name has the letters "
                              'a-z, A-Z, digits and _, and does not begin with a digit')
-    if keyword.iskeyword(name) or name in FUNCTIONS or name in CONSTANTS:
+    if keyword.iskeyword(name) or name in RESERVED_NAMES:
         raise StatementError(f"{where}: the name '{name}' is reserved")
     return name
 

@@ -14,6 +14,7 @@ import warnings
 
 import casadi as ca
 import numpy as np
+from obc_ros.core.text.comparisons import state_row
 from obc_ros.core.text.errors import describe_type, quote, StatementError, suggest_name
 from obc_ros.core.text.recorded_functions import record_function, RecordedFunction
 from obc_ros.core.text.symbol_guards import refuse_values
@@ -177,11 +178,18 @@ def _arrange(key: str, value: object, states: tuple[str, ...]) -> object:
                                  f'{len(states)} states')
         return dict(zip(states, rows, strict=True))
     if key in _LISTS:
-        rows = _rows(value)
-        return value if rows is None else [
-            {name: _plain(each) for name, each in row.items()} if isinstance(row, Mapping)
-            else row for row in rows]
+        alone = isinstance(value, tuple) and len(value) == 3 and not any(
+            isinstance(each, ca.SX) for each in value[1:])   # (expression, lower, upper)
+        rows = _rows([value] if alone else value)
+        return value if rows is None else [_arrange_row(key, row, f'{key}[{k}]')
+                                           for k, row in enumerate(rows)]
     return _plain(value)
+
+
+def _arrange_row(key: str, row: Any, where: str) -> Any:
+    stated = state_row(key, row, where)
+    return {name: _plain(each) for name, each in stated.items()} if isinstance(
+        stated, Mapping) else stated
 
 
 def _rows(value: object) -> list[Any] | None:

@@ -81,7 +81,8 @@ def _decide(value: ca.SX) -> bool:
         told = f"'{quote(call, 40)}': " if call else ''
         raise StatementError(
             f'{told}if, and, or, max, min and a < b < c need numbers, not symbols; write the '
-            f'larger of two as {LARGER}, the smaller as {SMALLER}') from None
+            f'larger of two as {LARGER}, the smaller as {SMALLER}, and a constraint a < b < c as '
+            '(b, a, c)') from None
 
 
 def _read_call(frame: FrameType) -> str:
