@@ -3,6 +3,7 @@
 """The formulas of the site fit a telephone: none is cut, and short ones share a line."""
 
 from importlib import util
+import json
 from pathlib import Path
 import re
 import shutil
@@ -37,8 +38,12 @@ class Translator:
 
 def list_formulas() -> list[str]:
     """Return the formulas of all pages that have lines of their own."""
-    texts = (re.sub('^```.*?^```', '', page.read_text(encoding='utf-8'), flags=re.DOTALL | re.M)
-             for page in sorted(DOCS.rglob('*.md')))
+    texts = [re.sub('^```.*?^```', '', page.read_text(encoding='utf-8'), flags=re.DOTALL | re.M)
+             for page in sorted(DOCS.rglob('*.md'))]
+    books = (json.loads(page.read_text(encoding='utf-8'))
+             for page in sorted((DOCS.parent / 'notebooks').glob('*.ipynb')))
+    texts += [''.join(cell['source']) for book in books for cell in book['cells']
+              if cell['cell_type'] == 'markdown']
     return [found.strip() for text in texts
             for found in re.findall(r'\$\$(.*?)\$\$', text, re.DOTALL)]
 
