@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Formulas as MathML, which browsers show by themselves: no script and no font is loaded."""
 
+from collections.abc import Iterator
 import logging
 import re
 from typing import Any
@@ -10,6 +11,12 @@ from docutils import nodes
 from docutils.utils.math import MathError
 from docutils.utils.math.latex2mathml import tex2mathml
 
+TOKEN = re.compile(r'\\[A-Za-z]+|\\.| - |[^\\]', re.DOTALL)
+OPENING = {'{', '(', '[', r'\begin', r'\left', r'\lvert'}
+CLOSING = {'}', ')', ']', r'\end', r'\right', r'\rvert'}
+OPERATORS = {'=', '<', '>', '+', ' - ', r'\le', r'\ge', r'\to'}
+SHORT = 40  # characters of a formula that fits a line
+
 
 def setup(app: Any) -> None:
     """Register the renderer ``mathml``."""
@@ -17,7 +24,9 @@ def setup(app: Any) -> None:
 
 
 def _inline(translator: Any, node: nodes.math) -> None:
-    translator.body.append(_markup(node, as_block=False))
+    parts = break_after_operators(node.astext())
+    translator.body.append('<wbr>'.join(_markup(node, as_block=False, text=part)
+                                        for part in parts))
     raise nodes.SkipNode
 
 
@@ -31,16 +40,34 @@ def _block(translator: Any, node: nodes.math_block) -> None:
 
 
 def split(text: str) -> list[str]:
-    r"""Return the formulas that ``\qquad`` separates, outside of braces and environments."""
-    parts, depth = [''], 0
-    for token in re.findall(r'\\(?:begin|end|left|right)\b|\\qquad\b|\\.|[^\\]', text, re.DOTALL):
-        depth += token in ('{', r'\begin', r'\left')
-        depth -= token in ('}', r'\end', r'\right')
-        if token == r'\qquad' and not depth:
+    r"""Return the formulas that ``\qquad`` separates, outside of brackets and environments."""
+    parts = ['']
+    for token, is_outside in _walk(text):
+        if token == r'\qquad' and is_outside:
             parts.append('')
         else:
             parts[-1] += token
     return [part.strip() for part in parts]
+
+
+def break_after_operators(text: str) -> list[str]:
+    """Return the parts of a long formula in a line of text, which a browser does not break."""
+    parts = ['']
+    for token, is_outside in _walk(text):
+        is_operator = token in OPERATORS and not parts[-1].endswith(('^', '_'))
+        parts[-1] += token
+        if is_operator and is_outside and len(text) > SHORT:
+            parts.append('')
+    return [part for part in parts if part.strip()]
+
+
+def _walk(text: str) -> Iterator[tuple[str, bool]]:
+    """Yield the tokens of a formula, and whether they are outside of all brackets."""
+    depth = 0
+    for token in TOKEN.findall(text):
+        depth -= token in CLOSING
+        yield token, not depth
+        depth += token in OPENING
 
 
 def _markup(node: nodes.Element, as_block: bool, text: str = '') -> str:
