@@ -94,7 +94,7 @@ FAULTS = [
     ('terminal_cost', 'h +', "^terminal_cost: 'h \\+' is not an expression"),
     # Terminal conditions
     ('initial_state', ..., '^initial_state: missing'),
-    ('initial_state', [10, -2], '^initial_state: wanted a number for each state'),
+    ('initial_state', [10, -2, 3], '^initial_state: wanted a number for each state'),
     ('initial_state.v', ..., "^initial_state: no value for the state 'v'"),
     ('initial_state.w', 1, r"^initial_state\.w: 'w' is not a state"),
     ('initial_state.v', math.nan, r'^initial_state\.v: nan'),

@@ -6,30 +6,33 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from obc_ros.api.answer import Answer
-from obc_ros.api.problem import convert_numbers
+from obc_ros.api.given import as_state, convert_numbers, StateLike
+from obc_ros.api.plants import as_system, SystemLike
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.ocp.augmentation import hide_added_states
+from obc_ros.core.systems.file import evaluate_parameters
 from obc_ros.core.systems.reeds_shepp import find_shortest_path
+from obc_ros.core.systems.registry import find_registered, is_file
 from obc_ros.core.tasks import minimize as static
 from obc_ros.core.tasks.minimize import Minimum
 from obc_ros.core.tasks.motion_planning import Motion, solve_motion
 from obc_ros.core.text.errors import describe_type, StatementError
 
 
-def plan(system: str, start: Sequence[float] | Array, goal: Sequence[float] | Array,
+def plan(system: SystemLike, start: StateLike, goal: StateLike,
          objective: str = 'time', *, parameters: Mapping[str, Any] | None = None,
          Qx: Sequence[float] | Array = (), Qu: Sequence[float] | Array = (),
          final_time: float = 0.0, input_bounds: Mapping[str, Any] | None = None,
          time_limit: float = 60.0) -> Answer:
     """
-    Plan a motion of a registered system from a start to a goal.
+    Plan a motion of a system from a start to a goal.
 
     Parameters
     ----------
-    system : str
-        Name of a registered system, such as 'vehicle'.
-    start, goal : array_like, shape (n,)
-        States at 0 and T.
+    system : str, Path, System, mapping, Problem, StateSpace or NonlinearIOSystem
+        The name of a registered system, such as 'vehicle', or another one, as for `equilibrium`.
+    start, goal : array_like, shape (n,), or mapping
+        States at 0 and T, in order or by name.
     objective : str
         'time' (minimum time), 'effort' (input cost) or 'quadratic' (state and input cost).
     parameters : mapping, optional
@@ -54,11 +57,12 @@ def plan(system: str, start: Sequence[float] | Array, goal: Sequence[float] | Ar
         If an argument is invalid.
 
     """
-    if not isinstance(system, str):
-        raise StatementError(f'system: wanted a name, found {describe_type(system)}')
+    chosen = convert_numbers(parameters or {})
+    plant = (find_registered(system, chosen) if isinstance(system, str) and not is_file(system)
+             else as_system(system).model.with_parameters(evaluate_parameters(chosen)))
     motion = Motion(
-        system=system, start=convert_numbers(start), goal=convert_numbers(goal),
-        objective=objective, parameters=convert_numbers(parameters or {}), Qx=Qx, Qu=Qu,
+        plant, as_state(start, plant.state_names, 'start'),
+        as_state(goal, plant.state_names, 'goal'), objective=objective, Qx=Qx, Qu=Qu,
         final_time=final_time, input_bounds=convert_numbers(input_bounds or {}))
     problem, solution = solve_motion(motion, time_limit)
     return Answer(problem.name, problem.states[:problem.stated], problem.inputs,

@@ -3,20 +3,23 @@
 """Controlled systems as a user states them, and python-control's systems as such."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import casadi as ca
 import numpy as np
-from obc_ros.api.problem import convert_numbers, NAMED_AT_MOST
+from obc_ros.api.given import as_input, as_state, convert_numbers, NAMED_AT_MOST, StateLike
 from obc_ros.core.numerics.arrays import Array
+from obc_ros.core.ocp import problem as ocp
 from obc_ros.core.systems import registry
 from obc_ros.core.systems import system as plant
 from obc_ros.core.systems.equilibrium import Equilibrium, find_equilibrium, linearize
 from obc_ros.core.systems.file import build_system
 from obc_ros.core.text.errors import describe_type, DynamicsError, quote, StatementError
-from obc_ros.core.text.expressions import check_name
+from obc_ros.core.text.expressions import check_name, parse_number
+from obc_ros.core.text.fields import read_bounds
 from obc_ros.core.text.stated_functions import call_with_symbols
 from obc_ros.core.text.tables import format_table, Tabulated
 
@@ -25,7 +28,19 @@ _FAULTS = (ArithmeticError, AttributeError, LookupError, NotImplementedError, Ru
            TypeError, ValueError)
 
 
+_OF_PROBLEMS = 'system', 'free_parameters', 'phases'   # keys that a system ignores
 _SIZES = 0.1, 1.0, 1.0, 10.0   # of states and inputs at which functions are compared
+
+
+class HasModel(Protocol):
+    """An object with the system that it is about: a System, a Problem."""
+
+    @property
+    def model(self) -> plant.System:
+        """Return the system with its CasADi expressions."""
+
+
+SystemLike = HasModel | plant.System | ocp.Problem | str | Path | Mapping[str, Any]
 
 
 class System(Tabulated):
@@ -123,7 +138,8 @@ class System(Tabulated):
             If it is something else, or in discrete time.
 
         """
-        if not is_of_control(system) or not hasattr(system, 'nstates'):
+        if not is_of_control(system) or not any(
+                hasattr(system, name) for name in ('A', 'updfcn')):
             raise DynamicsError('from_control: wanted a StateSpace or a NonlinearIOSystem of '
                                 f'python-control, found {describe_type(system)}')
         if system.dt:
@@ -176,10 +192,13 @@ class System(Tabulated):
         """Return the system with other values of parameters; DynamicsError if one is invalid."""
         return System._of(self.model.with_parameters(convert_numbers(values)))
 
-    def f(self, x: Sequence[float] | Array, u: Sequence[float] | Array) -> Array:
-        """Return dx/dt, shape (n,), at a state (n,) and an input (m,)."""
-        state, force = np.asarray(x, dtype=np.float64), np.asarray(u, dtype=np.float64)
-        return self._rates(state, force) if self._rates else self.model.f(state, force)
+    def f(self, x: StateLike, u: StateLike) -> Array:
+        """Return dx/dt, shape (n,), at a state (n,) and an input (m,), in order or by name."""
+        return self.evaluate(as_state(x, self.states, 'x'), as_input(u, self.inputs, 'u'))
+
+    def evaluate(self, x: Array, u: Array) -> Array:
+        """Return dx/dt as `f`, of arrays that are not checked."""
+        return self._rates(x, u) if self._rates else self.model.f(x, u)
 
     @cached_property
     def limits(self) -> tuple[Array, Array]:
@@ -188,8 +207,8 @@ class System(Tabulated):
             return np.full(len(self.inputs), -np.inf), np.full(len(self.inputs), np.inf)
         return self._model.u_min, self._model.u_max
 
-    def linearize(self, x: Sequence[float] | Array | None = None,
-                  u: Sequence[float] | Array | None = None) -> tuple[Array, Array]:
+    def linearize(self, x: StateLike | None = None, u: StateLike | None = None
+                  ) -> tuple[Array, Array]:
         """Return A = df/dx and B = df/du at the equilibrium of a set point, as `equilibrium`."""
         at = equilibrium(self, x, u)
         return linearize(self.model, at.x, at.u)
@@ -204,14 +223,18 @@ class System(Tabulated):
         import control
         if self._model is None:
             def update(t: float, x: Array, u: Array, params: Mapping[str, float]) -> Array:
-                return self.f(x, u)
+                return self.evaluate(x, u)
         else:
             model = self._model
             f = ca.Function('f', [model.x, model.u, model.p], [model.xdot])
 
             def update(t: float, x: Array, u: Array, params: Mapping[str, float]) -> Array:
                 p = [params.get(name, value) for name, value in self.parameters.items()]
-                return np.asarray(f(x, u, p).full().ravel())
+                if np.asarray(x).dtype != object:
+                    return np.asarray(f(x, u, p).full().ravel())
+                found = np.empty(len(self.states), dtype=object)   # of symbols, by `from_control`
+                found[:] = ca.vertsplit(f(ca.vertcat(*x), ca.vertcat(*u), p))
+                return found
         return control.NonlinearIOSystem(
             update, None, states=list(self.states), inputs=list(self.inputs),
             outputs=list(self.states), params=self.parameters, name=self.name or 'system')
@@ -280,18 +303,19 @@ def _describe(name: str) -> str:
 systems = SystemNames()
 
 
-def equilibrium(system: System, x: Sequence[float] | Array | None = None,
-                u: Sequence[float] | Array | None = None) -> Equilibrium:
+def equilibrium(system: SystemLike, x: StateLike | None = None, u: StateLike | None = None
+                ) -> Equilibrium:
     """
     Find the state and the input at which a system rests, or drifts evenly.
 
     Parameters
     ----------
-    system : System
-        The system.
-    x : array_like, shape (n,), optional
-        Set point; default: that of the system.
-    u : array_like, shape (m,), optional
+    system : System, str, Path, mapping, Problem, StateSpace or NonlinearIOSystem
+        The system, the name of a registered one, a file, the keys of one, the plant of a problem,
+        or a system of python-control.
+    x : array_like, shape (n,), or mapping, optional
+        Set point, in the order of the states or by name; default: that of the system.
+    u : array_like, shape (m,), or mapping, optional
         Initial guess of the input. Inputs that the set point does not determine keep it.
 
     Returns
@@ -301,19 +325,67 @@ def equilibrium(system: System, x: Sequence[float] | Array | None = None,
 
     Raises
     ------
+    StatementError
+        If an argument is invalid.
     DynamicsError
         If no input within the limits holds the system there.
 
     """
-    return find_equilibrium(require_system(system).model, x, u)
+    plant = as_system(system)
+    return find_equilibrium(
+        plant.model, None if x is None else as_state(x, plant.states, 'x'),
+        None if u is None else as_input(u, plant.inputs, 'u'))
 
 
-def require_system(system: object) -> System:
-    """Return a System; DynamicsError if it is something else."""
-    if not isinstance(system, System):
-        raise DynamicsError(f'system: wanted a System, found {describe_type(system)}; '
-                            "System.from_name('aircraft') is one")
-    return system
+def as_system(value: object) -> System:
+    """
+    Return the system that a function was called with.
+
+    :param value: a System; anything that has one as its `model`, such as a Problem; the name of a
+        registered system; a file; a mapping with the keys of a system file or of a problem; or a
+        system of python-control.
+    :raises StatementError, DynamicsError: if it is something else, or is not valid.
+    """
+    if isinstance(value, System):
+        return value
+    if isinstance(value, plant.System):
+        return System._of(value)
+    if isinstance(value, Path) or isinstance(value, str) and registry.is_file(value):
+        return System.from_file(value)
+    if isinstance(value, str):
+        return System.from_name(value)
+    if isinstance(value, Mapping):
+        return System._of(_take_plant(convert_numbers(value)))
+    if isinstance(value, ocp.Problem):
+        return System._of(_take_plant(value.statement))
+    if is_of_control(value):
+        return System.from_control(value)
+    if isinstance(model := getattr(value, 'model', None), plant.System):
+        return System._of(model)
+    raise StatementError('system: wanted a System, a name, a file, a mapping, a Problem or a '
+                         f'system of python-control, found {describe_type(value)}')
+
+
+def _take_plant(statement: Mapping[Any, Any]) -> plant.System:
+    """Return the system of a statement: its own, or the one that it names with its numbers."""
+    named = statement.get('system')
+    if named is None:
+        return build_system({key: statement[key] for key in statement if key not in _OF_PROBLEMS})
+    section = statement.get('parameters') or {}
+    options = registry.get_options(named) if isinstance(named, str) else {}
+    model = as_system(named).model if not options else registry.find_registered(
+        named, {key: section[key] for key in options if key in section})
+    own = {each.name: each.value for each in model.parameters}
+    numbers = dict[str, float]()
+    for key in section:
+        if key not in options:
+            numbers[key] = parse_number(section[key], {**own, **numbers}, f'parameters.{key}')
+    model = model.with_parameters({key: numbers[key] for key in own if key in numbers})
+    limits = {name: read_bounds(pair, {**own, **numbers}, f'input_bounds.{name}')
+              for name, pair in (statement.get('input_bounds') or {}).items()}
+    return replace(model, inputs=tuple(
+        replace(each, lower=limits[each.name][0], upper=limits[each.name][1])
+        if each.name in limits else each for each in model.inputs))
 
 
 def is_of_control(value: object) -> bool:

@@ -3,17 +3,20 @@
 """An optimal control problem as a user states it."""
 
 from collections.abc import Callable, Mapping
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-import numpy as np
+from obc_ros.api.answer import Answer, PathPoint
+from obc_ros.api.given import convert_numbers, NAMED_AT_MOST
+from obc_ros.api.plants import as_system
 from obc_ros.core.ocp import problem as ocp
 from obc_ros.core.ocp.statement import build_problem, replace_functions
-from obc_ros.core.text.errors import quote, StatementError, suggest_name
+from obc_ros.core.systems.registry import is_file
+from obc_ros.core.systems.system import System
+from obc_ros.core.text.errors import describe_type, quote, StatementError, suggest_name
 from obc_ros.core.text.tables import format_entry, Tabulated
 from obc_ros.core.text.yaml_files import FileEntry, read_entries, read_text_entries
-
-NAMED_AT_MOST = 60   # characters of a list of names in a text
 
 
 class Problem(Tabulated):
@@ -30,7 +33,8 @@ class Problem(Tabulated):
         The keys of a problem file. `dynamics`, `running_cost` and `path_constraints` may be
         functions of (x, u) or (x, u, p), `terminal_cost` and `terminal_constraints` of (x) or
         (x, p); each returns what the key has in a file, with expressions in place of texts.
-        `system` may be a name or a `System`.
+        `system` may be a name, a `System`, a file, the keys of one, or a system of python-control;
+        `initial_state` also a list in the order of the states, or a point of `Answer.at`.
 
     Raises
     ------
@@ -47,10 +51,16 @@ class Problem(Tabulated):
     """
 
     def __init__(self, **statement: Any) -> None:
-        self._set(statement)
+        self._set(_read_keys(statement))
 
     def _set(self, statement: object) -> None:
         self.statement: dict[str, Any] = convert_numbers(statement)
+        if isinstance(statement, Mapping):
+            start, system = statement.get('initial_state'), statement.get('system')
+            if isinstance(start, PathPoint):
+                self.statement['initial_state'] = convert_numbers(start.x)
+            if not isinstance(system, str | None):
+                self.statement['system'] = as_system(system)
         self.built: ocp.Problem = build_problem(self.statement)
 
     @classmethod
@@ -88,7 +98,7 @@ class Problem(Tabulated):
 
     def replace(self, **keys: Any) -> 'Problem':
         """Return this problem with other values of some keys, checked as by `Problem`."""
-        return Problem.from_dict({**self.statement, **keys})
+        return Problem.from_dict({**self.statement, **_read_keys(keys)})
 
     @property
     def name(self) -> str:
@@ -104,6 +114,11 @@ class Problem(Tabulated):
     def inputs(self) -> tuple[str, ...]:
         """Return the names of the inputs, in order."""
         return self.built.shown_inputs
+
+    @cached_property
+    def model(self) -> System:
+        """Return the plant with its CasADi expressions, and the bounds of the inputs."""
+        return as_system(self.built).model
 
     def __repr__(self) -> str:
         """Return name, states, inputs and final time."""
@@ -129,23 +144,45 @@ class Problem(Tabulated):
         return Problem.from_dict, (replace_functions(self.statement),)
 
 
-def require_problem(problem: object, keys: Mapping[str, Any]) -> Problem:
-    """Return the problem that a function was called with: a Problem, a statement, or keys."""
-    if isinstance(problem, Problem) and not keys:
-        return problem
-    return Problem.from_dict(combine_statement(problem, keys))
+ProblemLike = Problem | ocp.Problem | Answer | Mapping[str, Any] | str | Path
 
 
-def combine_statement(problem: object, keys: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the statement that a function was called with, unchecked; see `require_problem`."""
-    if problem is None:
-        return dict(keys)
-    if isinstance(problem, Problem):
-        return {**problem.statement, **keys}
-    if isinstance(problem, Mapping):
-        return {**problem, **keys}
-    raise StatementError('problem: wanted a Problem, a mapping or the keys of a statement, found '
-                         f'a {type(problem).__name__}; Problem.from_file reads a file')
+def as_problem(value: object, keys: Mapping[str, Any]) -> Problem:
+    """Return the problem that a function was called with, with other values of some keys."""
+    if isinstance(value, Problem) and not keys:
+        return value
+    return Problem.from_dict(as_statement(value, keys))
+
+
+def as_statement(value: object, keys: Mapping[str, Any]) -> dict[str, Any]:
+    """
+    Return the statement that a function was called with, unchecked, as `as_problem`.
+
+    :param value: a Problem, an answer, a mapping, a file, a YAML text; None: the keys alone.
+    """
+    if isinstance(value, Answer):
+        value = value.problem or value.statement or value
+    if isinstance(value, Problem | ocp.Problem):
+        value = value.statement
+    elif isinstance(value, Path) or isinstance(value, str) and _is_path(value):
+        value = choose_entry(read_entries(value), str(value), None)
+    elif isinstance(value, str):
+        value = choose_entry(read_text_entries(value), 'problem', None)
+    if value is None or isinstance(value, Mapping):
+        return {**(value or {}), **_read_keys(keys)}
+    raise StatementError('problem: wanted a Problem, an answer, a mapping, a file, YAML or the '
+                         f'keys of a statement, found {describe_type(value)}')
+
+
+def _is_path(text: str) -> bool:
+    return '\n' not in text and is_file(text)
+
+
+def _read_keys(keys: Mapping[str, Any]) -> Mapping[str, Any]:
+    """Return keywords with the system of a file; that of a text or a file is none."""
+    system = keys.get('system')
+    named = isinstance(system, str) and is_file(system)
+    return {**keys, 'system': as_system(system)} if named else keys
 
 
 def choose_entry(entries: list[tuple[str, FileEntry]], where: str, name: str | None) -> Any:
@@ -164,14 +201,3 @@ def choose_entry(entries: list[tuple[str, FileEntry]], where: str, name: str | N
         raise StatementError(f'{where}: {len(names)} entries; give the name of one: {listed}')
     raise StatementError(f"{where}: {len(named) or 'no'} entries have the name '{quote(name)}'"
                          f'{suggest_name(name, names)}; there are {listed}')
-
-
-def convert_numbers(value: Any) -> Any:
-    """Return a statement with lists and numbers of Python in place of those of NumPy."""
-    if isinstance(value, Mapping):
-        return {key: convert_numbers(each) for key, each in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [convert_numbers(each) for each in value]
-    if isinstance(value, np.ndarray):
-        return convert_numbers(value.tolist())
-    return value.item() if isinstance(value, np.generic) else value

@@ -2,14 +2,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """Linear quadratic regulators of matrices, systems and python-control's state spaces."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
-from obc_ros.api.plants import choose_names, equilibrium, is_of_control, System
+from obc_ros.api.given import as_state, as_weight, StateLike
+from obc_ros.api.plants import as_system, choose_names, equilibrium, is_of_control
 from obc_ros.core.lqr import lqr as regulator
 from obc_ros.core.lqr.held_loop import HeldLoop
 from obc_ros.core.lqr.held_margins import compute_held_margins
@@ -108,9 +108,11 @@ class RegulatorDesign:
                                                  0.0, self.period))
         return compute_margins(self.A, self.B, self.K, self.period)
 
-    def __call__(self, t: float, x: Sequence[float] | Array) -> Array:
-        """Return the input u = ue - K (x - xe), shape (m,), at a state (n,)."""
-        return self.ue - self.K @ (np.asarray(x, dtype=np.float64) - self.xe)
+    def __call__(self, t: float, x: StateLike) -> Array:
+        """Return the input u = ue - K (x - xe), shape (m,), at a state, in order or by name."""
+        state = x if isinstance(x, np.ndarray) and x.shape == self.xe.shape else as_state(
+            x, self.states, 'x')
+        return self.ue - self.K @ (state - self.xe)
 
     def to_control(self, loop: str = 'setpoint') -> Any:
         """
@@ -185,7 +187,7 @@ class FiniteHorizonDesign(Tabulated):
     K: Array
 
 
-def lqr(*arguments: Any, at: Sequence[float] | Array | None = None,
+def lqr(*arguments: Any, at: StateLike | None = None,
         cross: ArrayLike | None = None, stability: float = 0.0) -> RegulatorDesign:
     """
     Return the gain that minimises the integral of x'Qx x + 2 x'N u + u'Qu u.
@@ -193,11 +195,12 @@ def lqr(*arguments: Any, at: Sequence[float] | Array | None = None,
     Parameters
     ----------
     *arguments
-        ``A, B, Qx, Qu``, or ``plant, Qx, Qu`` with a StateSpace of python-control or a System,
+        ``A, B, Qx, Qu``, or ``plant, Qx, Qu`` with any plant as for `equilibrium`,
         which is linearised at the equilibrium of its set point. Qx (n, n) >= 0 and Qu (m, m) > 0
-        may be lists of n and m numbers: diagonals.
-    at : array_like, shape (n,), optional
-        Set point of a System; default: its own.
+        may be diagonals, as lists or by name, or one
+        number for all.
+    at : array_like, shape (n,), or mapping, optional
+        Set point of a plant; default: its own.
     cross : array_like, shape (n, m), optional
         N.
     stability : float
@@ -223,7 +226,7 @@ def lqr(*arguments: Any, at: Sequence[float] | Array | None = None,
     return _dress(regulator.lqr(plant.A, plant.B, Qx, Qu, cross=cross, stability=stability), plant)
 
 
-def dlqr(*arguments: Any, at: Sequence[float] | Array | None = None,
+def dlqr(*arguments: Any, at: StateLike | None = None,
          cross: ArrayLike | None = None, stability: float = 0.0, period: float = 0.0
          ) -> RegulatorDesign:
     """
@@ -264,7 +267,7 @@ def dlqr(*arguments: Any, at: Sequence[float] | Array | None = None,
 
 
 def finite_horizon(*arguments: Any, t: ArrayLike | None = None,
-                   at: Sequence[float] | Array | None = None, cross: ArrayLike | None = None
+                   at: StateLike | None = None, cross: ArrayLike | None = None
                    ) -> FiniteHorizonDesign:
     """
     Solve the Riccati differential equation backwards from T: the gain for a finite horizon.
@@ -300,8 +303,8 @@ def finite_horizon(*arguments: Any, t: ArrayLike | None = None,
     if not isinstance(T, (int, float)) or not 0.0 < T < np.inf:
         raise StatementError(f'T: wanted a positive number of seconds, found {describe_type(T)}')
     times = np.linspace(0.0, T, _POINTS) if t is None else np.asarray(t, dtype=np.float64)
-    P, K = solve_finite_horizon(plant.A, plant.B, Qx, Qu, _diagonal(P1), times, float(T),
-                                cross=cross)
+    P, K = solve_finite_horizon(plant.A, plant.B, Qx, Qu, as_weight(P1, plant.states, 'P1'),
+                                times, float(T), cross=cross)
     return FiniteHorizonDesign(times, P, K)
 
 
@@ -321,34 +324,26 @@ def _read_plant(name: str, arguments: tuple[Any, ...], at: Any
         raise StatementError(f'{name}: wanted A, B, Qx, Qu or a plant, Qx, Qu, found '
                              f'{len(arguments)} arguments')
     *first, Qx, Qu = arguments
-    if at is not None and not isinstance(first[0], System):
-        raise StatementError(f'{name}: at is the set point of a System')
     if len(first) == 2:
+        if at is not None:
+            raise StatementError(f'{name}: at is the set point of a System')
         plant = LinearPlant(first[0], first[1], (), (), np.zeros(0), np.zeros(0))
     else:
         plant = _linearize(name, first[0], at)
-    return plant, _diagonal(Qx), _diagonal(Qu)
+    return (plant, as_weight(Qx, plant.states, 'Qx'), as_weight(Qu, plant.inputs, 'Qu'))
 
 
 def _linearize(name: str, plant: Any, at: Any) -> LinearPlant:
-    if isinstance(plant, System):
-        rest = equilibrium(plant, at)
-        A, B = linearize(plant.model, rest.x, rest.u)
-        return LinearPlant(A, B, plant.states, plant.inputs, rest.x, rest.u)
-    if is_of_control(plant) and hasattr(plant, 'A'):
+    if at is None and is_of_control(plant) and hasattr(plant, 'A'):
         states, inputs = (choose_names(labels, letter) for labels, letter in (
             (plant.state_labels, 'x'), (plant.input_labels, 'u')))
         return LinearPlant(np.array(plant.A), np.array(plant.B), states, inputs,
                            np.zeros(len(states)), np.zeros(len(inputs)),
                            1.0 if plant.dt is True else float(plant.dt or 0.0))
-    raise StatementError(f'{name}: wanted A and B, a StateSpace of python-control or a System, '
-                         f'found {describe_type(plant)}')
-
-
-def _diagonal(weight: Any) -> Any:
-    """Return a list of numbers as a diagonal matrix; others as they are."""
-    try:
-        found = np.asarray(weight, dtype=np.float64)
-    except (TypeError, ValueError):
-        return weight   # the design says what is wrong
-    return np.diag(found) if found.ndim == 1 else np.atleast_2d(found)
+    if isinstance(plant, (list, tuple, np.ndarray)):
+        raise StatementError(f'{name}: wanted A, B, Qx, Qu or a plant, Qx, Qu, found '
+                             f'{describe_type(plant)} and two more')
+    system = as_system(plant)
+    rest = equilibrium(system, at)
+    A, B = linearize(system.model, rest.x, rest.u)
+    return LinearPlant(A, B, system.states, system.inputs, rest.x, rest.u)

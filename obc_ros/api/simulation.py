@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Simulation of a system under a control law or given inputs."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 import math
@@ -12,10 +12,10 @@ import numpy as np
 from obc_ros.api.answer import Answer
 from obc_ros.api.figures.panels import draw_columns
 from obc_ros.api.figures.presentation import present
-from obc_ros.api.plants import require_system, System
+from obc_ros.api.given import as_state, StateLike, VectorLike
+from obc_ros.api.plants import as_system, System, SystemLike
 from obc_ros.api.regulators import RegulatorDesign
 from obc_ros.core.numerics.arrays import Array, integrate
-from obc_ros.core.systems.equilibrium import check_numbers
 from obc_ros.core.text.errors import describe_type, ObcError, quote, StatementError
 from obc_ros.core.text.tables import Tabulated
 
@@ -106,21 +106,20 @@ class Simulation(Tabulated):
             for name, values in columns.items()]
 
 
-def simulate(system: System, law: Any, x0: Sequence[float] | Array, t: Sequence[float] | Array
-             ) -> Simulation:
+def simulate(system: SystemLike, law: Any, x0: StateLike, t: VectorLike) -> Simulation:
     """
     Simulate a system.
 
     Parameters
     ----------
-    system : System
-        The plant. Inputs are held within its limits.
+    system : System, str, Path, mapping, Problem, StateSpace or NonlinearIOSystem
+        The plant, as for `equilibrium`. Inputs are held within its limits.
     law : callable, RegulatorDesign, Answer or array_like
         A function of (t, x) that returns the input (m,); a design of `lqr`, or of `dlqr`, whose
         input is held for its period; an answer, whose inputs are applied without feedback; or
         inputs: (m,) constant, or (N, m) at the times `t`, linear in between.
-    x0 : array_like, shape (n,)
-        State at the first time.
+    x0 : array_like, shape (n,), or mapping
+        State at the first time, in order or by name; or a point of `Answer.at`.
     t : array_like, shape (N,)
         Increasing times [s] at which states are returned.
 
@@ -137,8 +136,8 @@ def simulate(system: System, law: Any, x0: Sequence[float] | Array, t: Sequence[
         If the integration fails, such as for a state that grows without bound.
 
     """
-    plant = require_system(system)
-    start = check_numbers('x0', x0, plant.states)
+    plant = as_system(system)
+    start = as_state(x0, plant.states, 'x0')
     times = np.asarray(t, dtype=np.float64) if np.ndim(t) == 1 else np.zeros(0)
     if len(times) < 2 or not np.isfinite(times).all() or (np.diff(times) <= 0.0).any():
         raise StatementError('t: wanted at least two increasing times')
@@ -226,7 +225,7 @@ def _guard(plant: System, law: ControlLaw, last: float, far: float) -> ControlLa
     An input that jumps at the end of the interval has its value before it, at `last`, up to there.
     """
     def rates(s: float, z: Array) -> Array:
-        found = plant.f(z, law(min(s, last), z))
+        found = plant.evaluate(z, law(min(s, last), z))
         if not np.isfinite(found).all() or np.abs(z).max() > far:
             raise ObcError(f'the simulation ends at t = {s:g} s: the state grows without bound, '
                            'or dx/dt is not finite')

@@ -12,8 +12,9 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 from obc_ros.api.answer import Answer
+from obc_ros.api.given import convert_numbers
 from obc_ros.api.interpolation import restore_added_costates
-from obc_ros.api.problem import combine_statement, convert_numbers, Problem, require_problem
+from obc_ros.api.problem import as_problem, as_statement, ProblemLike
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.numerics.vectorized import VectorizedFunction
 from obc_ros.core.ocp import problem as ocp
@@ -33,7 +34,7 @@ _INTERPOLATIONS = 'linear', 'zoh'
 _cache = Cache()   # programs of the problems solved last in this process
 
 
-def solve(problem: Problem | Mapping[str, Any] | None = None, *, time_limit: float = 60.0,
+def solve(problem: ProblemLike | None = None, *, time_limit: float = 60.0,
           method: str = '', options: Mapping[str, Any] | Iterable[str] = (),
           report: Report | None = None, isolated: bool = False, **keys: Any) -> Answer:
     """
@@ -41,8 +42,8 @@ def solve(problem: Problem | Mapping[str, Any] | None = None, *, time_limit: flo
 
     Parameters
     ----------
-    problem : Problem or mapping, optional
-        The problem, or the keys of a problem file.
+    problem : Problem, Answer, mapping, Path or str, optional
+        The problem, that of an answer, the keys of a problem file, such a file, or its text.
     time_limit : float
         Limit of the wall-clock time of the search [s]. Reading the statement and making its
         expressions come before and are not counted. The search looks at the clock between its
@@ -87,7 +88,7 @@ def solve(problem: Problem | Mapping[str, Any] | None = None, *, time_limit: flo
     if isolated:
         return _solve_isolated(problem, keys, report, float(time_limit),
                                {'method': method, 'options': written})
-    stated = require_problem(problem, keys)
+    stated = as_problem(problem, keys)
     solution = solver.solve(stated.built, method=method, time_limit=float(time_limit),
                             report=report, cache=_cache, options=chosen)
     return Answer(stated.name, stated.states, stated.inputs,
@@ -95,11 +96,11 @@ def solve(problem: Problem | Mapping[str, Any] | None = None, *, time_limit: flo
                   str(stated.statement.get('title') or ''))
 
 
-def _solve_isolated(problem: Problem | Mapping[str, Any] | None, keys: Mapping[str, Any],
+def _solve_isolated(problem: ProblemLike | None, keys: Mapping[str, Any],
                     report: Report | None, time_limit: float, request: Mapping[str, Any]
                     ) -> Answer:
     """Return the answer of another process; this one does not build the problem."""
-    statement = replace_functions(convert_numbers(combine_statement(problem, keys)))
+    statement = replace_functions(convert_numbers(as_statement(problem, keys)))
     try:
         packed = pack_statement(statement)
         json.dumps(packed)
@@ -115,7 +116,7 @@ def _solve_isolated(problem: Problem | Mapping[str, Any] | None, keys: Mapping[s
                   title=str(statement.get('title') or ''), statement=statement)
 
 
-def certify(problem: Problem | Mapping[str, Any], answer: Answer | None = None, *,
+def certify(problem: ProblemLike, answer: Answer | None = None, *,
             t: ArrayLike | None = None, x: ArrayLike | Mapping[str, ArrayLike] | None = None,
             u: ArrayLike | Mapping[str, ArrayLike] | None = None,
             lam: ArrayLike | Mapping[str, ArrayLike] | None = None,
@@ -128,8 +129,8 @@ def certify(problem: Problem | Mapping[str, Any], answer: Answer | None = None, 
 
     Parameters
     ----------
-    problem : Problem or mapping
-        The problem, or the keys of a problem file.
+    problem : Problem, Answer, mapping, Path or str
+        As for `solve`; of an answer without anything else, it is certified again.
     answer : Answer, optional
         Such as `solve` returns; or the arrays below.
     t : array_like, shape (N,)
@@ -158,11 +159,13 @@ def certify(problem: Problem | Mapping[str, Any], answer: Answer | None = None, 
         If the problem is invalid, or an array is missing or has a wrong shape.
 
     """
-    stated = require_problem(problem, {})
+    stated = as_problem(problem, {})
     built = stated.built
     if built.phases is not None:
         raise StatementError('phases: certify is not for problems with phases; the answer of '
                              'solve has its certificate')
+    if answer is None and t is None and isinstance(problem, Answer):
+        answer = problem
     if answer is not None:
         if not isinstance(answer, Answer):
             raise StatementError('answer: wanted an Answer, or the arrays t, x, u and lam by '

@@ -21,9 +21,9 @@ import time
 from typing import Any
 
 import numpy as np
-from obc_ros.api.problem import Problem
+from obc_ros.api.given import convert_numbers
+from obc_ros.api.problem import as_statement, ProblemLike
 from obc_ros.core.ocp.method_names import get_method
-from obc_ros.core.ocp.statement import load_file
 from obc_ros.core.solver.options import read_options
 from obc_ros.core.text.errors import StatementError
 from obc_ros.core.text.recorded_functions import RecordedFunction
@@ -267,7 +267,7 @@ class Sweep:
         return dataset
 
 
-def sweep(problem: Problem | Mapping[str, Any] | str | Path,
+def sweep(problem: ProblemLike,
           over: Mapping[str, Any] | None = None, *,
           sample: Mapping[str, str] | None = None, count: int = 0, seed: int = 0,
           out: str | Path | None = None, resume: bool = False, scheduler: str = '',
@@ -280,9 +280,8 @@ def sweep(problem: Problem | Mapping[str, Any] | str | Path,
 
     Parameters
     ----------
-    problem : Problem, mapping, str or Path
-        A problem, a statement, or a case of `obc lqr`, or a YAML file with one; see
-        docs/problems.md.
+    problem : Problem, Answer, mapping, Path or str
+        A problem as for `solve`, or a case of `obc lqr`; see docs/problems.md.
     over : mapping, optional
         Axes of a grid: key and values. Keys are ``x0.NAME`` for an initial state, ``NAME`` for a
         parameter, ``input_bounds.NAME.upper``, ``T``; see `problem_numbers`. Values are numbers or
@@ -341,16 +340,9 @@ def sweep(problem: Problem | Mapping[str, Any] | str | Path,
     return dataset
 
 
-def load_numbers(problem: Problem | Mapping[str, Any] | str | Path
-                 ) -> ProblemNumbers | RegulatorNumbers:
+def load_numbers(problem: ProblemLike) -> ProblemNumbers | RegulatorNumbers:
     """Return the numbers, that can be varied, of a problem or case, its statement, or its file."""
-    if isinstance(problem, Problem | Mapping):
-        statement = dict(problem.statement if isinstance(problem, Problem) else problem)
-    else:
-        entries = load_file(problem)
-        if len(entries) != 1:
-            raise StatementError(f'{problem}: {len(entries)} problems; a sweep is of one')
-        [statement] = entries
+    statement = convert_numbers(as_statement(problem, {}))
     return (RegulatorNumbers if REGULATOR_KEYS & set(statement) else ProblemNumbers)(statement)
 
 

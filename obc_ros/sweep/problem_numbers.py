@@ -21,9 +21,8 @@ from typing import Any
 
 import numpy as np
 from obc_ros.core.ocp.statement import build_problem, replace_functions
-from obc_ros.core.systems.registry import get_registered
 from obc_ros.core.text.comparisons import state_comparisons
-from obc_ros.core.text.errors import ObcError, quote, StatementError, suggest_name
+from obc_ros.core.text.errors import quote, StatementError, suggest_name
 from obc_ros.core.text.recorded_functions import pack_statement, RecordedFunction
 from obc_ros.sweep.dataset import PROBLEM_QUANTITIES
 
@@ -47,7 +46,7 @@ class ProblemNumbers:
     def __init__(self, statement: Mapping[str, Any]) -> None:
         self.problem = build_problem(statement)
         # Which other processes can read, and in which each bound has its place.
-        self.statement = state_comparisons(replace_functions(statement))
+        self.statement = state_comparisons(replace_functions(self.problem.statement))
         self.dimensions = {'state': self.problem.states, 'input': self.problem.inputs}
 
     @cached_property
@@ -95,7 +94,7 @@ class ProblemNumbers:
         place = self.places[key]
         if place[0] == 'final_time':
             return 's'
-        return self._units.get(str(place[1]), '')
+        return self.problem.units.get(str(place[1]), '')
 
     @cached_property
     def _bounds(self) -> dict[str | int, tuple[float | None, float | None]]:
@@ -104,20 +103,6 @@ class ProblemNumbers:
         upper = np.concatenate([problem.x_upper, problem.u_upper]).tolist()
         return {name: (_known(low), _known(high)) for name, low, high in zip(
             (*problem.states, *problem.inputs), lower, upper, strict=True)}
-
-    @cached_property
-    def _units(self) -> dict[str, str]:
-        name = self.statement.get('system')
-        if not name:
-            given = self.statement.get('units')
-            return {str(key): str(value) for key, value in given.items()} if isinstance(
-                given, Mapping) else {}
-        try:
-            system = get_registered(str(name), {})
-        except ObcError:   # a system with options that must be given
-            return {}
-        signals = {signal.name: signal.unit for signal in system.states + system.inputs}
-        return signals | {each.name: each.unit for each in system.parameters}
 
 
 def check_number_key(key: str, places: Mapping[str, Place], hint: str) -> None:

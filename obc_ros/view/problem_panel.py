@@ -96,7 +96,7 @@ def build_message(text: str) -> tuple[Problem, Any]:
     if isinstance(entry, ObcError):
         raise entry
     problem = build_problem(entry)
-    return problem, build_problem_message(entry, problem.guess)
+    return problem, build_problem_message(problem.statement, problem.guess)
 
 
 def compute_problem_switching(problem: Problem, answer: Any) -> dict[str, Array]:

@@ -115,7 +115,8 @@ def test_a_system_is_read_from_a_file(tmp_path):
     (lambda: obc.System.from_control(control.ss([], [], [], 1)), 'has no'),
     (lambda: obc.System.from_name('aircrft'), "unknown system 'aircrft'"),
     (lambda: obc.System(**PENDULUM).with_parameters(x=1), "no parameter 'x'"),
-    (lambda: obc.equilibrium('aircraft'), r"System.from_name\('aircraft'\)"),
+    (lambda: obc.equilibrium('aircrft'), "unknown system 'aircrft'"),
+    (lambda: obc.equilibrium(['aircraft']), '^system: wanted a System, a name, a file'),
 ])
 def test_a_malformed_system_is_an_error_in_words(call, said):
     with pytest.raises((StatementError, DynamicsError), match=said):

@@ -121,7 +121,7 @@ def test_long_horizons_reach_the_stationary_gain():
 
 
 @pytest.mark.parametrize(('call', 'error', 'said'), [
-    (lambda: obc.lqr(A, B, [1, 1]), StatementError, '^lqr: wanted A and B, a StateSpace'),
+    (lambda: obc.lqr(A, B, [1, 1]), StatementError, '^lqr: wanted A, B, Qx, Qu or a plant'),
     (lambda: obc.lqr(A, B), StatementError, '^lqr: wanted A, B, Qx, Qu or a plant, Qx, Qu, '
                                             'found 2 arguments'),
     (lambda: obc.lqr(A, B, [1, 1], [0]), RefusedDesignError, '^Qu'),
@@ -132,8 +132,8 @@ def test_long_horizons_reach_the_stationary_gain():
     (lambda: obc.lqr(A, B, 'heavy', [1]), StatementError, '^Qx'),
     (lambda: obc.lqr(control.ss(A, B, np.eye(2), 0, True), [1, 1], [1]), StatementError,
      'in discrete time; use dlqr'),
-    (lambda: obc.lqr(control.tf([1], [1, 1]), [1], [1]), StatementError,
-     'found a TransferFunction'),
+    (lambda: obc.lqr(control.tf([1], [1, 1]), [1], [1]), DynamicsError,
+     '^from_control: wanted a StateSpace or .*, found a TransferFunction'),
     (lambda: obc.lqr(A, B, [1, 1], [1], at=[0, 0]), StatementError, 'set point of a System'),
     (lambda: obc.lqr(obc.systems['aircraft'], np.ones(6), np.ones(2), at=[0, 0, 1, 0, 0, 0]),
      DynamicsError, 'found no equilibrium'),
@@ -141,7 +141,7 @@ def test_long_horizons_reach_the_stationary_gain():
     (lambda: obc.dlqr(control.ss(A, B, np.eye(2), 0, 0.1), [1, 1], [1], period=0.2),
      StatementError, 'period 0.2 s, but that of the plant is 0.1 s'),
     (lambda: obc.finite_horizon(A, B, [1, 1], [1], [1, 1]), StatementError,
-     '^finite_horizon: wanted A and B'),
+     '^finite_horizon: wanted A, B, Qx, Qu or a plant'),
     (lambda: obc.finite_horizon(A, B, [1, 1], [1], [1, 1], -1), StatementError, '^T: wanted'),
     (lambda: obc.finite_horizon(A, B, [1, 1], [1], [1, 1], 1, t=[1, 0]), StatementError, '^t: '),
     (lambda: obc.lqr(A, B, [1, 1], [1]).to_control('opened'), StatementError,

@@ -74,7 +74,7 @@ class ServerBatch(Batch):
         """Send a problem as a goal."""
         problem = self._problems[entry]
         goal = SolveOptimalControl.Goal(
-            problem=build_problem_message(entry.mapping, problem.guess),
+            problem=build_problem_message(problem.statement, problem.guess),
             method=entry.method or problem.method, time_limit=self._time_limit,
             options=list(entry.options))
 

@@ -110,6 +110,7 @@ def build_problem(mapping: object) -> Problem:
     if given.get('phases') is None:
         problem = _build_problem(given)
     else:
+        given = name_initial_state(given, read_names(given, 'states'))
         joined, layout = state_as_one_phase(given)
         try:
             problem = replace(_build_problem(joined), phases=layout)
@@ -117,7 +118,8 @@ def build_problem(mapping: object) -> Problem:
             _check_each_phase(given)
             raise StatementError(layout.name_phases(str(error))) from None
         _check_durations(given['phases'], problem)
-    return replace(problem, units={**problem.units, **_read_units(given)})
+    return replace(problem, units={**problem.units, **_read_units(given)},
+                   statement=name_initial_state(given, problem.shown_states))
 
 
 def replace_functions(mapping: Mapping[str, Any]) -> dict[str, Any]:
@@ -313,7 +315,7 @@ def _registered_plant(given: Given) -> _Plant:
         if given.get(key):
             raise StatementError(f'{key}: the system defines it already; '
                                  "give either 'system' or 'states', 'inputs' and 'dynamics'")
-    name = given['system']
+    name = getattr(given['system'], 'model', given['system'])
     if not isinstance(name, str | System):
         raise StatementError(f'system: wanted a name, found {describe_type(name)}')
     section = read_section(given, 'parameters')
@@ -526,9 +528,24 @@ def _periodic(given: Given, plant: _Plant) -> tuple[str, ...]:
     return names
 
 
+def name_initial_state(given: Given, states: tuple[str, ...]) -> dict[str, Any]:
+    """Return a statement with the initial state by name; a list is in the order of the states."""
+    start = given.get('initial_state')
+    if isinstance(start, (list, tuple)):
+        if len(start) != len(states):
+            raise StatementError(f'initial_state: wanted {_example(states)}, found '
+                                 f'{describe_type(start)}')
+        start = dict(zip(states, start, strict=True))
+    return {**given, 'initial_state': start}
+
+
+def _example(states: tuple[str, ...]) -> str:
+    return f"a number for each state: {{{', '.join(f'{name}: 0' for name in states[:9])}}}"
+
+
 def _initial_state(given: Given, plant: _Plant) -> list[tuple[float, float]]:
-    wanted = f"a number for each state: {{{', '.join(f'{name}: 0' for name in plant.states[:9])}}}"
-    if given.get('initial_state') is None:
+    wanted, given = _example(plant.states), name_initial_state(given, plant.states)
+    if given['initial_state'] is None:
         raise StatementError(f'initial_state: missing; wanted {wanted}')
     start = read_mapping(given['initial_state'], 'initial_state', wanted)
     _check_states(start, plant.states, 'initial_state', 'value')

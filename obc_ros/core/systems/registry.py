@@ -3,7 +3,8 @@
 """
 Systems by name: those of the book, those of other packages and those in files.
 
-Another package registers a system by an entry point, a callable that returns a `System`::
+Another package registers a system by an entry point, a callable that returns a `System`, or an
+object that has one as its `model`::
 
     [project.entry-points.'obc_ros.systems']
     glider = 'my_package.glider:system'
@@ -78,6 +79,7 @@ def get_registered(name: str, parameters: Mapping[str, Any] | None = None,
         raise
     except _FAULTS as error:
         raise DynamicsError(f"system '{name}' cannot be built: {_words(error)}") from error
+    system = getattr(system, 'model', system)   # that of the public interface has one
     if not isinstance(system, System):
         raise DynamicsError(f"system '{name}' cannot be built: its entry point returned an "
                             f'object of type {type(system).__name__}, not a System')

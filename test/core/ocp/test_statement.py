@@ -79,6 +79,16 @@ def test_numbers_of_terminal_constraints_follow_the_parameters():
     assert psi([3, 4], problem.p_value).full().ravel() == pytest.approx([27 - 2*math.pi, 5.5])
 
 
+def test_an_initial_state_may_be_a_list_in_the_order_of_the_states():
+    named = build_problem({**GOOD, 'initial_state': {'v': [0, 1], 'h': '2*3'}})
+    listed = build_problem({**GOOD, 'initial_state': ['2*3', [0, 1]]})
+    assert named.structure == listed.structure
+    assert (listed.states[:2], listed.x0.tolist()) == (('h', 'v'), named.x0.tolist())
+    assert listed.statement['initial_state'] == {'h': '2*3', 'v': [0, 1]}
+    with pytest.raises(StatementError, match='^initial_state: wanted a number for each state'):
+        build_problem({**GOOD, 'initial_state': [0]})
+
+
 def test_an_initial_state_outside_its_bounds_is_well_formed():
     assert build_problem(changed('initial_state.h', -5)).x0[0] == -5
 

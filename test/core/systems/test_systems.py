@@ -246,6 +246,11 @@ def pendulum(length=1.0):
                   [Signal('u')], [],
                   lambda x, u, p: (x[1], 9.8 / length * x[0] + u[0]))
 
+def lag():
+    import obc_ros as obc
+    return obc.System(states=['y'], inputs=['u'], parameters={'T': 2},
+                      dynamics={'y': '(u - y)/T'})
+
 def impostor():
     return 42
 
@@ -260,6 +265,7 @@ number = 3
     (info / 'METADATA').write_text('Metadata-Version: 2.1\nName: plug-ins\nVersion: 1.0\n')
     (info / 'entry_points.txt').write_text("""[obc_ros.systems]
 pendulum = plug_ins:pendulum
+lag = plug_ins:lag
 impostor = plug_ins:impostor
 stumbling = plug_ins:stumbling
 number = plug_ins:number
@@ -274,6 +280,8 @@ def test_another_package_adds_a_system(plugins):
     assert 'pendulum' in registry.list_systems()
     pendulum = registry.get_system('pendulum', {'length': 2.0})
     assert_allclose(pendulum.f(np.array([1.0, 3.0]), np.zeros(1)), [3, 4.9])
+    lag = registry.get_system('lag', {'T': 4.0})   # of the public interface
+    assert_allclose(lag.f(np.array([1.0]), np.zeros(1)), [-0.25])
 
 
 @pytest.mark.parametrize(('name', 'words'), [

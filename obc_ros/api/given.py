@@ -1,0 +1,98 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""Values as users give them: states, inputs, weights and numbers, by name or in order."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from obc_ros.api.answer import PathPoint
+from obc_ros.core.numerics.arrays import Array
+from obc_ros.core.systems.equilibrium import Equilibrium
+from obc_ros.core.text.errors import describe_type, quote, StatementError, suggest_name
+
+NAMED_AT_MOST = 60   # characters of a list of names in a text
+
+MatrixLike = Sequence[Sequence[float]] | NDArray[Any]
+VectorLike = Sequence[float] | NDArray[Any]
+StateLike = VectorLike | Mapping[str, Any] | PathPoint | Equilibrium   # in order or by name
+WeightLike = float | VectorLike | MatrixLike | Mapping[str, float]   # or the diagonal
+
+
+def as_state(value: object, names: Sequence[str], where: str) -> Array:
+    """
+    Return a finite number for each name as an array.
+
+    :param value: a list or an array in the order of the names, a mapping by name, or a point with
+        states: of `Answer.at`, or of `equilibrium`.
+    :param where: what it is, for messages.
+    """
+    return _as_numbers(value.x if isinstance(value, PathPoint | Equilibrium) else value, names,
+                       where)
+
+
+def as_input(value: object, names: Sequence[str], where: str) -> Array:
+    """Return numbers as `as_state` does; of a point, its inputs."""
+    return _as_numbers(value.u if isinstance(value, PathPoint | Equilibrium) else value, names,
+                       where)
+
+
+def _as_numbers(value: Any, names: Sequence[str], where: str) -> Array:
+    found, given = '', value
+    if isinstance(value, Mapping):
+        for name in value:
+            if name not in names:
+                found = f"'{quote(str(name))}'{suggest_name(str(name), names)}"
+        found = found or next((f"nothing for '{name}'" for name in names if name not in value), '')
+        given = [value.get(name) for name in names]
+    try:
+        numbers = np.array(given, dtype=np.float64)
+    except (TypeError, ValueError):
+        found, numbers = found or describe_type(value), np.zeros(0)
+    if found or numbers.shape != (len(names),) or given is None:
+        known = names[:9]
+        raise StatementError(
+            f'{where}: wanted numbers for {quote(", ".join(names), NAMED_AT_MOST)}, such as '
+            f'[{", ".join("0" for _ in known)}] or {{{", ".join(f"{name}: 0" for name in known)}}}'
+            f'; found {found or _describe(value)}')
+    for name, number in zip(names, numbers, strict=True):
+        if not np.isfinite(number):
+            raise StatementError(f'{where}: {name} = {number}: wanted a finite number')
+    return numbers
+
+
+def _describe(value: object) -> str:
+    if isinstance(value, np.ndarray) and value.ndim != 1:
+        return f'an array of shape {value.shape}'
+    return describe_type(value.tolist() if isinstance(value, np.ndarray) else value)
+
+
+def as_weight(value: Any, names: Sequence[str], where: str) -> Any:
+    """
+    Return a weight as a matrix; what is none is returned as it is, and refused by the design.
+
+    :param value: a matrix; numbers in the order of the names or by name, the diagonal; or one
+        number for all of them.
+    :param names: may be empty, for a matrix or its diagonal.
+    """
+    if isinstance(value, Mapping):
+        return np.diag(_as_numbers(value, names, where))
+    try:
+        found = np.asarray(value, dtype=np.float64)
+    except (TypeError, ValueError):
+        return value
+    if found.ndim == 0:
+        return found * np.eye(max(len(names), 1))
+    return np.diag(found) if found.ndim == 1 else found
+
+
+def convert_numbers(value: Any) -> Any:
+    """Return a statement with lists and numbers of Python in place of those of NumPy."""
+    if isinstance(value, Mapping):
+        return {key: convert_numbers(each) for key, each in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [convert_numbers(each) for each in value]
+    if isinstance(value, np.ndarray):
+        return convert_numbers(value.tolist())
+    return value.item() if isinstance(value, np.generic) else value
