@@ -243,7 +243,7 @@ def find_ambiguous(house: House) -> list[str]:
     """Return the public names that more than one module defines."""
     where = defaultdict(list)
     for module, tree in house.trees.items():
-        for name in _public(tree):
+        for name in set(_public(tree)):   # overloads are one
             if not any(within(module, folder) for folder in SHARED_NAMES.get(name, ())):
                 where[name].append(module)
     used = _used(house)

@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Controlled systems as a user states them, and python-control's systems as such."""
 
+from __future__ import annotations
+
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
@@ -77,7 +79,7 @@ class System(Tabulated):
 
     def _set(self, model: plant.System | None, name: str = '', states: tuple[str, ...] = (),
              inputs: tuple[str, ...] = (),
-             rates: Callable[[Array, Array], Array] | None = None) -> 'System':
+             rates: Callable[[Array, Array], Array] | None = None) -> System:
         self._model, self._rates = model, rates
         self.name = name if model is None else model.name
         self.states = states if model is None else model.state_names
@@ -86,11 +88,11 @@ class System(Tabulated):
         return self
 
     @classmethod
-    def _of(cls, model: plant.System) -> 'System':
+    def _of(cls, model: plant.System) -> System:
         return cls.__new__(cls)._set(model)
 
     @classmethod
-    def from_name(cls, name: str, **parameters: Any) -> 'System':
+    def from_name(cls, name: str, **parameters: Any) -> System:
         """
         Return a registered system, such as 'aircraft'; `obc_ros.core.systems()` lists them.
 
@@ -110,17 +112,17 @@ class System(Tabulated):
         return cls._of(registry.get_registered(name, convert_numbers(parameters)))
 
     @classmethod
-    def from_dict(cls, statement: Mapping[str, Any]) -> 'System':
+    def from_dict(cls, statement: Mapping[str, Any]) -> System:
         """Return the system of a mapping with the keys of a system file."""
         return cls._of(build_system(convert_numbers(statement)))
 
     @classmethod
-    def from_file(cls, path: str | Path) -> 'System':
+    def from_file(cls, path: str | Path) -> System:
         """Return the system of a YAML file; StatementError if it is invalid."""
         return cls._of(registry.load_system(path))
 
     @classmethod
-    def from_control(cls, system: Any) -> 'System':
+    def from_control(cls, system: Any) -> System:
         """
         Return a system of python-control.
 
@@ -188,7 +190,7 @@ class System(Tabulated):
         return {} if self._model is None else {
             each.name: each.value for each in self._model.parameters}
 
-    def with_parameters(self, **values: float) -> 'System':
+    def with_parameters(self, **values: float) -> System:
         """Return the system with other values of parameters; DynamicsError if one is invalid."""
         return System._of(self.model.with_parameters(convert_numbers(values)))
 

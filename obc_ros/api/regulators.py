@@ -2,14 +2,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """Linear quadratic regulators of matrices, systems and python-control's state spaces."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, overload
 
 import numpy as np
-from numpy.typing import ArrayLike
-from obc_ros.api.given import as_state, as_weight, StateLike
-from obc_ros.api.plants import as_system, choose_names, equilibrium, is_of_control
+from obc_ros.api.figures.panels import draw_columns
+from obc_ros.api.figures.presentation import present
+from obc_ros.api.given import as_state, as_weight, MatrixLike, StateLike, VectorLike, WeightLike
+from obc_ros.api.plants import as_system, choose_names, equilibrium, is_of_control, SystemLike
 from obc_ros.core.lqr import lqr as regulator
 from obc_ros.core.lqr.held_loop import HeldLoop
 from obc_ros.core.lqr.held_margins import compute_held_margins
@@ -38,6 +41,7 @@ class LinearPlant:
     xe: Array
     ue: Array
     period: float = 0.0
+    given: bool = False   # as matrices, whose time may be continuous or discrete
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -110,9 +114,7 @@ class RegulatorDesign:
 
     def __call__(self, t: float, x: StateLike) -> Array:
         """Return the input u = ue - K (x - xe), shape (m,), at a state, in order or by name."""
-        state = x if isinstance(x, np.ndarray) and x.shape == self.xe.shape else as_state(
-            x, self.states, 'x')
-        return self.ue - self.K @ (state - self.xe)
+        return self.ue - self.K @ (_read_current(x, self.states) - self.xe)
 
     def to_control(self, loop: str = 'setpoint') -> Any:
         """
@@ -180,25 +182,139 @@ class RegulatorDesign:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class FiniteHorizonDesign(Tabulated):
-    """u = -K(t) x at `t` (N,) [s]: K (N, m, n), P (N, n, n); the cost from t on is x'P(t) x."""
+    """
+    A state feedback u = ue - K(t) (x - xe) for 0 <= t <= T; the cost from t on is x'P(t) x.
+
+    Attributes
+    ----------
+    t : ndarray, shape (N,)
+        Times [s].
+    P, K : ndarray, shape (N, n, n), (N, m, n)
+        Riccati solution and gain at these times.
+    T : float
+        Final time [s].
+    plant : LinearPlant
+        The plant about the set point.
+    weights : Weights
+        Qx, Qu and the cross term.
+    P1 : ndarray, shape (n, n)
+        Terminal weight.
+
+    """
 
     t: Array
     P: Array
     K: Array
+    T: float
+    plant: LinearPlant
+    weights: Weights
+    P1: Array
+
+    @property
+    def states(self) -> tuple[str, ...]:
+        """Return the names of the states, in order."""
+        return self.plant.states
+
+    @property
+    def inputs(self) -> tuple[str, ...]:
+        """Return the names of the inputs, in order."""
+        return self.plant.inputs
+
+    @property
+    def xe(self) -> Array:
+        """Return the set point, shape (n,)."""
+        return self.plant.xe
+
+    @property
+    def ue(self) -> Array:
+        """Return the input at the set point, shape (m,)."""
+        return self.plant.ue
+
+    def gain(self, t: float) -> Array:
+        """
+        Return K(t), shape (m, n), accurate to rounding between the times, too.
+
+        The Riccati equation is solved from the next of the times on. StatementError, a
+        ValueError: t is not in [0, T].
+        """
+        if not 0.0 <= t <= self.T:
+            raise StatementError(f't = {t:g} s: wanted a time from 0 to T = {self.T:g} s')
+        k = int(np.searchsorted(self.t, t))
+        if k < len(self.t) and self.t[k] == t:
+            return np.asarray(self.K[k])
+        end, P = (self.T, self.P1) if k == len(self.t) else (float(self.t[k]), self.P[k])
+        plant, weights = self.plant, self.weights
+        _, K = solve_finite_horizon(plant.A, plant.B, weights.Qx, weights.Qu, P, [t], end,
+                                    cross=weights.cross)
+        return np.asarray(K[0])
+
+    def __call__(self, t: float, x: StateLike) -> Array:
+        """Return the input u = ue - K(t) (x - xe), shape (m,), at a state, for t in [0, T]."""
+        return self.ue - self.gain(t) @ (_read_current(x, self.states) - self.xe)
+
+    def plot(self, *, ax: Any = None, show: bool | None = None) -> Any:
+        """
+        Draw the entries of K and P over time, and show the figure.
+
+        Parameters
+        ----------
+        ax, show
+            As of `Answer.plot`; Axes take the panels of K, then those of P.
+
+        Returns
+        -------
+        matplotlib.figure.Figure
+            The figure; ``savefig`` writes it.
+
+        """
+        i, j = np.triu_indices(len(self.states))
+        gains = [f'K {u} {x}' for u in self.inputs for x in self.states]
+        costs = [f'P {self.states[a]} {self.states[b]}' for a, b in zip(i, j, strict=True)]
+        return present(lambda into: draw_columns(
+            self.t, {'K': (gains, self.K.reshape(len(self.t), -1)),
+                     'P': (costs, self.P[:, i, j])},
+            f'Finite horizon, T = {self.T:g} s', {}, into), ax, show)
+
+    def _title(self) -> str:
+        return (f'FiniteHorizonDesign: {len(self.states)} states, {len(self.inputs)} inputs; '
+                f'T = {self.T:g} s')
+
+    def _rows(self) -> list[tuple[str, str]]:
+        """Return the gain at the first and the last time."""
+        return [(f'K {u} {x} at {self.t[k]:g} s', f'{value:.6g}') for k in (0, -1)
+                for u, row in zip(self.inputs, self.K[k], strict=True)
+                for x, value in zip(self.states, row, strict=True)]
 
 
-def lqr(*arguments: Any, at: StateLike | None = None,
-        cross: ArrayLike | None = None, stability: float = 0.0) -> RegulatorDesign:
+@overload
+def lqr(A: MatrixLike, B: MatrixLike, Qx: WeightLike, Qu: WeightLike, *,
+        cross: MatrixLike | None = None, stability: float = 0.0) -> RegulatorDesign: ...
+
+
+@overload
+def lqr(system: SystemLike, Qx: WeightLike, Qu: WeightLike, *, at: StateLike | None = None,
+        cross: MatrixLike | None = None, stability: float = 0.0) -> RegulatorDesign: ...
+
+
+def lqr(  # type: ignore[misc]  # `A` by position is `plant_or_A`
+        plant_or_A: Any = None, B: Any = None, Qx: Any = None, Qu: Any = None, *,
+        A: MatrixLike | None = None, system: SystemLike | None = None,
+        at: StateLike | None = None, cross: MatrixLike | None = None, stability: float = 0.0
+        ) -> RegulatorDesign:
     """
     Return the gain that minimises the integral of x'Qx x + 2 x'N u + u'Qu u.
 
     Parameters
     ----------
-    *arguments
-        ``A, B, Qx, Qu``, or ``plant, Qx, Qu`` with any plant as for `equilibrium`,
-        which is linearised at the equilibrium of its set point. Qx (n, n) >= 0 and Qu (m, m) > 0
-        may be diagonals, as lists or by name, or one
-        number for all.
+    plant_or_A, A, system
+        The first of ``A, B, Qx, Qu``, or of ``plant, Qx, Qu`` with a plant in any form of
+        `equilibrium`, which is linearised at the equilibrium of its set point. As keywords these
+        are `A` and `system`.
+    B : array_like, shape (n, m)
+        Input matrix; only with A.
+    Qx, Qu : array_like, mapping or float
+        Weights (n, n) >= 0 and (m, m) > 0; or their diagonals, in order or by name, or one number
+        for all entries of a diagonal.
     at : array_like, shape (n,), or mapping, optional
         Set point of a plant; default: its own.
     cross : array_like, shape (n, m), optional
@@ -220,24 +336,38 @@ def lqr(*arguments: Any, at: StateLike | None = None,
         or the mode.
 
     """
-    plant, Qx, Qu = _read_plant('lqr', arguments, at)
+    plant, Qx, Qu = _read_call('lqr', (plant_or_A, A, system), B, {'Qx': Qx, 'Qu': Qu}, at)
     if plant.period:
         raise StatementError('lqr: the plant is in discrete time; use dlqr')
     return _dress(regulator.lqr(plant.A, plant.B, Qx, Qu, cross=cross, stability=stability), plant)
 
 
-def dlqr(*arguments: Any, at: StateLike | None = None,
-         cross: ArrayLike | None = None, stability: float = 0.0, period: float = 0.0
-         ) -> RegulatorDesign:
+@overload
+def dlqr(A: MatrixLike, B: MatrixLike, Qx: WeightLike, Qu: WeightLike, *,
+         cross: MatrixLike | None = None, stability: float = 0.0, period: float = 0.0
+         ) -> RegulatorDesign: ...
+
+
+@overload
+def dlqr(system: SystemLike, Qx: WeightLike, Qu: WeightLike, *, at: StateLike | None = None,
+         cross: MatrixLike | None = None, stability: float = 0.0, period: float = 0.0
+         ) -> RegulatorDesign: ...
+
+
+def dlqr(  # type: ignore[misc]  # as `lqr`
+        plant_or_A: Any = None, B: Any = None, Qx: Any = None, Qu: Any = None, *,
+        A: MatrixLike | None = None, system: SystemLike | None = None,
+        at: StateLike | None = None, cross: MatrixLike | None = None, stability: float = 0.0,
+        period: float = 0.0) -> RegulatorDesign:
     """
     Return the gain of a regulator in discrete time.
 
     Parameters
     ----------
-    *arguments
+    plant_or_A, A, system, B, Qx, Qu
         ``A, B, Qx, Qu`` of x+ = A x + B u and the sum of x'Qx x + 2 x'N u + u'Qu u; or ``plant,
-        Qx, Qu`` with a StateSpace of python-control. A plant in continuous time, or a System, is
-        sampled with `period`, and the cost is the integral of `lqr` with a held input.
+        Qx, Qu`` as for `lqr`. A plant in continuous time is sampled with `period`, and the cost is
+        the integral of `lqr` with a held input.
     at, cross, stability
         As for `lqr`.
     period : float
@@ -254,8 +384,8 @@ def dlqr(*arguments: Any, at: StateLike | None = None,
         As `lqr`.
 
     """
-    plant, Qx, Qu = _read_plant('dlqr', arguments, at)
-    if len(arguments) == 4 or plant.period:
+    plant, Qx, Qu = _read_call('dlqr', (plant_or_A, A, system), B, {'Qx': Qx, 'Qu': Qu}, at)
+    if plant.given or plant.period:
         if period and plant.period and period != plant.period:
             raise StatementError(f'dlqr: period {period:g} s, but that of the plant is '
                                  f'{plant.period:g} s')
@@ -266,17 +396,35 @@ def dlqr(*arguments: Any, at: StateLike | None = None,
     return replace(_dress(found, plant), plant=plant)
 
 
-def finite_horizon(*arguments: Any, t: ArrayLike | None = None,
-                   at: StateLike | None = None, cross: ArrayLike | None = None
-                   ) -> FiniteHorizonDesign:
+@overload
+def finite_horizon(
+        A: MatrixLike, B: MatrixLike, Qx: WeightLike, Qu: WeightLike, P1: WeightLike, T: float, *,
+        t: VectorLike | None = None, cross: MatrixLike | None = None) -> FiniteHorizonDesign: ...
+
+
+@overload
+def finite_horizon(
+        system: SystemLike, Qx: WeightLike, Qu: WeightLike, P1: WeightLike, T: float, *,
+        t: VectorLike | None = None, at: StateLike | None = None, cross: MatrixLike | None = None
+        ) -> FiniteHorizonDesign: ...
+
+
+def finite_horizon(  # type: ignore[misc]  # as `lqr`
+        plant_or_A: Any = None, B: Any = None, Qx: Any = None, Qu: Any = None, P1: Any = None,
+        T: Any = None, *, A: MatrixLike | None = None, system: SystemLike | None = None,
+        t: VectorLike | None = None, at: StateLike | None = None, cross: MatrixLike | None = None
+        ) -> FiniteHorizonDesign:
     """
     Solve the Riccati differential equation backwards from T: the gain for a finite horizon.
 
     Parameters
     ----------
-    *arguments
-        ``A, B, Qx, Qu, P1, T``, or ``plant, Qx, Qu, P1, T`` as for `lqr`; P1 (n, n) >= 0 is the
-        terminal weight, T the final time [s].
+    plant_or_A, A, system, B, Qx, Qu
+        As for `lqr`, in ``A, B, Qx, Qu, P1, T`` or ``plant, Qx, Qu, P1, T``.
+    P1 : array_like, mapping or float
+        Terminal weight (n, n) >= 0, in the forms of Qx.
+    T : float
+        Final time [s].
     t : array_like, shape (N,), optional
         Increasing times [s], at most T; default: 201 times from 0 to T.
     at, cross
@@ -285,7 +433,7 @@ def finite_horizon(*arguments: Any, t: ArrayLike | None = None,
     Returns
     -------
     FiniteHorizonDesign
-        ``t``, ``P`` and ``K``.
+        ``t``, ``P``, ``K`` and ``plot()``; as a function of a time and a state, the input.
 
     Raises
     ------
@@ -293,56 +441,87 @@ def finite_horizon(*arguments: Any, t: ArrayLike | None = None,
         As `lqr`.
 
     """
-    if len(arguments) not in (5, 6):
-        raise StatementError('finite_horizon: wanted A, B, Qx, Qu, P1, T or a plant, Qx, Qu, P1, '
-                             f'T, found {len(arguments)} arguments')
-    *first, P1, T = arguments
-    plant, Qx, Qu = _read_plant('finite_horizon', tuple(first), at)
+    plant, Qx, Qu, P1, T = _read_call('finite_horizon', (plant_or_A, A, system), B, {
+        'Qx': Qx, 'Qu': Qu, 'P1': P1, 'T': T}, at)
     if plant.period:
         raise StatementError('finite_horizon: the plant is in discrete time')
     if not isinstance(T, (int, float)) or not 0.0 < T < np.inf:
         raise StatementError(f'T: wanted a positive number of seconds, found {describe_type(T)}')
     times = np.linspace(0.0, T, _POINTS) if t is None else np.asarray(t, dtype=np.float64)
-    P, K = solve_finite_horizon(plant.A, plant.B, Qx, Qu, as_weight(P1, plant.states, 'P1'),
-                                times, float(T), cross=cross)
-    return FiniteHorizonDesign(times, P, K)
+    P, K = solve_finite_horizon(plant.A, plant.B, Qx, Qu, P1, times, float(T), cross=cross)
+    weights = Weights(Qx, Qu, None if cross is None else np.asarray(cross, float))
+    return FiniteHorizonDesign(times, P, K, float(T), plant, weights, np.asarray(P1, float))
 
 
 def _dress(design: LqrDesign, plant: LinearPlant) -> RegulatorDesign:
-    states, inputs = plant.states, plant.inputs
-    if not states:   # matrices have no names
-        states = tuple(f'x{k + 1}' for k in range(len(design.A)))
-        inputs = tuple(f'u{k + 1}' for k in range(design.B.shape[1]))
-    xe, ue = (values if values.size else np.zeros(len(names))
-              for values, names in ((plant.xe, states), (plant.ue, inputs)))
-    return RegulatorDesign(design, states, inputs, xe, ue)
+    return RegulatorDesign(design, plant.states, plant.inputs, plant.xe, plant.ue)
 
 
-def _read_plant(name: str, arguments: tuple[Any, ...], at: Any
-                ) -> tuple[LinearPlant, Any, Any]:
-    if len(arguments) not in (3, 4):
-        raise StatementError(f'{name}: wanted A, B, Qx, Qu or a plant, Qx, Qu, found '
-                             f'{len(arguments)} arguments')
-    *first, Qx, Qu = arguments
-    if len(first) == 2:
-        if at is not None:
-            raise StatementError(f'{name}: at is the set point of a System')
-        plant = LinearPlant(first[0], first[1], (), (), np.zeros(0), np.zeros(0))
-    else:
-        plant = _linearize(name, first[0], at)
-    return (plant, as_weight(Qx, plant.states, 'Qx'), as_weight(Qu, plant.inputs, 'Qu'))
+def _read_current(x: StateLike, states: tuple[str, ...]) -> Array:
+    """Return a state; an array of the right shape is not checked, for it comes in each step."""
+    if isinstance(x, np.ndarray) and x.shape == (len(states),):
+        return x
+    return as_state(x, states, 'x')
 
 
-def _linearize(name: str, plant: Any, at: Any) -> LinearPlant:
+def _read_call(name: str, first: tuple[Any, Any, Any], B: Any, others: dict[str, Any], at: Any
+               ) -> list[Any]:
+    """
+    Return the plant and the others of a call with A, B, ... or with a plant, ...
+
+    :param first: the first argument by position, `A` and `system`; one of them is given.
+    :param B: with a plant, the first of the others if these are given by position.
+    :param others: weights and numbers by name, in order, all of which are wanted.
+    """
+    wanted = f'wanted A, B, {", ".join(others)} or a plant, {", ".join(others)}'
+    given = [each for each in first if each is not None]
+    if len(given) != 1:
+        raise StatementError(f'{name}: {wanted}')
+    has_matrices = first[1] is not None or first[2] is None and _is_matrix(first[0])
+    if not has_matrices and B is not None:
+        moved = [B, *others.values()]
+        if all(each is not None for each in moved):
+            raise StatementError(f'{name}: found one more argument than {wanted}')
+        moved.pop([each is None for each in moved].index(True))
+        others = dict(zip(others, moved, strict=True))
+    for key, value in {**({'B': B} if has_matrices else {}), **others}.items():
+        if value is None:
+            raise StatementError(f'{name}: {key} is missing; {wanted}')
+    if has_matrices and at is not None:
+        raise StatementError(f'{name}: at is the set point of a plant, not of A and B')
+    plant = _name_matrices(given[0], B) if has_matrices else _linearize(given[0], at)
+    names = {'Qx': plant.states, 'Qu': plant.inputs, 'P1': plant.states}
+    return [plant, *(as_weight(value, names[key], key) if key in names else value
+                     for key, value in others.items())]
+
+
+def _is_matrix(value: Any) -> bool:
+    return not is_of_control(value) and (
+        isinstance(value, (list, tuple, int, float)) or hasattr(value, '__array__'))
+
+
+def _name_matrices(A: Any, B: Any) -> LinearPlant:
+    """Return a plant with the names x1, ..., u1, ...; the design checks the matrices."""
+    n, m = (each[axis] if len(each := _measure(matrix)) == 2 else 0
+            for matrix, axis in ((A, 0), (B, 1)))
+    return LinearPlant(A, B, tuple(f'x{k + 1}' for k in range(n)),
+                       tuple(f'u{k + 1}' for k in range(m)), np.zeros(n), np.zeros(m), given=True)
+
+
+def _measure(matrix: Any) -> tuple[int, ...]:
+    try:
+        return np.shape(matrix)
+    except ValueError:   # rows of different lengths
+        return ()
+
+
+def _linearize(plant: Any, at: Any) -> LinearPlant:
     if at is None and is_of_control(plant) and hasattr(plant, 'A'):
         states, inputs = (choose_names(labels, letter) for labels, letter in (
             (plant.state_labels, 'x'), (plant.input_labels, 'u')))
         return LinearPlant(np.array(plant.A), np.array(plant.B), states, inputs,
                            np.zeros(len(states)), np.zeros(len(inputs)),
                            1.0 if plant.dt is True else float(plant.dt or 0.0))
-    if isinstance(plant, (list, tuple, np.ndarray)):
-        raise StatementError(f'{name}: wanted A, B, Qx, Qu or a plant, Qx, Qu, found '
-                             f'{describe_type(plant)} and two more')
     system = as_system(plant)
     rest = equilibrium(system, at)
     A, B = linearize(system.model, rest.x, rest.u)

@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Simulation of a system under a control law or given inputs."""
 
+from __future__ import annotations
+
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -14,7 +16,7 @@ from obc_ros.api.figures.panels import draw_columns
 from obc_ros.api.figures.presentation import present
 from obc_ros.api.given import as_state, StateLike, VectorLike
 from obc_ros.api.plants import as_system, System, SystemLike
-from obc_ros.api.regulators import RegulatorDesign
+from obc_ros.api.regulators import FiniteHorizonDesign, RegulatorDesign
 from obc_ros.core.numerics.arrays import Array, integrate
 from obc_ros.core.text.errors import describe_type, ObcError, quote, StatementError
 from obc_ros.core.text.tables import Tabulated
@@ -114,10 +116,11 @@ def simulate(system: SystemLike, law: Any, x0: StateLike, t: VectorLike) -> Simu
     ----------
     system : System, str, Path, mapping, Problem, StateSpace or NonlinearIOSystem
         The plant, as for `equilibrium`. Inputs are held within its limits.
-    law : callable, RegulatorDesign, Answer or array_like
-        A function of (t, x) that returns the input (m,); a design of `lqr`, or of `dlqr`, whose
-        input is held for its period; an answer, whose inputs are applied without feedback; or
-        inputs: (m,) constant, or (N, m) at the times `t`, linear in between.
+    law : callable, RegulatorDesign, FiniteHorizonDesign, Answer, array_like or mapping
+        A function of (t, x) that returns the input (m,); a design of `lqr`, `finite_horizon` or
+        `dlqr`, the input of which is held for its period; an answer, whose inputs are applied
+        without feedback; or inputs: (m,) constant, or (N, m) at the times `t`, linear in between;
+        these also by name. The states and inputs of a law must be those of the system.
     x0 : array_like, shape (n,), or mapping
         State at the first time, in order or by name; or a point of `Answer.at`.
     t : array_like, shape (N,)
@@ -161,12 +164,8 @@ def simulate(system: SystemLike, law: Any, x0: StateLike, t: VectorLike) -> Simu
 def _read_law(plant: System, law: Any, times: Array) -> tuple[ControlLaw, Array]:
     """Return a law as a function, and the times at which it has kinks or jumps."""
     m, none = len(plant.inputs), np.zeros(0)
-    if isinstance(law, RegulatorDesign):
-        if (len(law.states), len(law.inputs)) != (len(plant.states), m):
-            raise StatementError(f'law: a design of {len(law.states)} states and '
-                                 f'{len(law.inputs)} inputs; the system has {len(plant.states)} '
-                                 f'and {m}')
-        return law, none
+    if isinstance(law, Mapping):
+        law = _join_inputs(law, plant.inputs)
     if isinstance(law, Answer):
         if law.inputs != plant.inputs or not law.has_path:
             raise StatementError('law: wanted an answer with a path and the inputs '
@@ -177,6 +176,7 @@ def _read_law(plant: System, law: Any, times: Array) -> tuple[ControlLaw, Array]
         held = law.solution.interpolation == 'zoh'
         return _interpolated(law.t, law.solution.u, held), law.t
     if callable(law):
+        _check_law(law, plant, times)
         return law, none
     try:
         values = np.asarray(law, dtype=np.float64)
@@ -188,6 +188,31 @@ def _read_law(plant: System, law: Any, times: Array) -> tuple[ControlLaw, Array]
         return _interpolated(times, values, held=False), times
     raise StatementError('law: wanted a function of (t, x), a design, an answer, or inputs of '
                          f'shape ({m},) or ({len(times)}, {m}), found {describe_type(law)}')
+
+
+def _check_law(law: Any, plant: System, times: Array) -> None:
+    """Raise an error if a law says of which states, inputs or times it is, and these differ."""
+    for kind in ('states', 'inputs'):
+        names, own = getattr(law, kind, None), getattr(plant, kind)
+        if isinstance(names, tuple) and len(names) != len(own):
+            raise StatementError(f'law: of {len(law.states)} states and {len(law.inputs)} inputs; '
+                                 f'the system has {len(plant.states)} and {len(plant.inputs)}')
+        if isinstance(names, tuple) and set(names) == set(own) and names != own:
+            raise StatementError(f'law: its {kind} are {", ".join(names)}, in another order than '
+                                 f'{", ".join(own)} of the system')
+    if isinstance(law, FiniteHorizonDesign) and not 0.0 <= times[0] < times[-1] <= law.T:
+        raise StatementError(f't: wanted times of the law, from 0 s to {law.T:g} s')
+
+
+def _join_inputs(law: Mapping[str, Any], inputs: tuple[str, ...]) -> Any:
+    """Return inputs by name side by side."""
+    if set(law) != set(inputs):
+        raise StatementError(f'law: wanted values of {", ".join(inputs)}, found '
+                             f'{", ".join(map(str, law)) or "none"}')
+    try:
+        return np.stack([np.asarray(law[name], dtype=np.float64) for name in inputs], axis=-1)
+    except (TypeError, ValueError):
+        raise StatementError('law: wanted numbers, equally many for each input') from None
 
 
 def _interpolated(t: Array, u: Array, held: bool) -> ControlLaw:

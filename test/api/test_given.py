@@ -155,7 +155,7 @@ def test_a_state_is_refused_with_its_names(x, found):
 @pytest.mark.parametrize('function', OF_SYSTEMS)
 def test_what_is_no_system_is_refused(function):
     with pytest.raises(StatementError, match='^system: wanted a System, a name, a file'):
-        OF_SYSTEMS[function](3)
+        OF_SYSTEMS[function]({'aircraft'})
 
 
 def test_the_text_of_a_problem_names_no_file(tmp_path):

@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Regulators of the public interface against closed forms and python-control."""
 
+import inspect
+
 import control
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -115,15 +117,74 @@ def test_a_finite_horizon_of_the_scalar_system_is_the_closed_form():
     np.testing.assert_allclose(few.P[:, 0, 0], np.tanh([2, 1.5]), atol=1e-12)
 
 
+def test_every_way_to_call_a_design_gives_the_same_gain():
+    ways = [
+        lambda f, **more: f(A, B, [1, 2], [3], **more),
+        lambda f, **more: f(A, B, Qx=[1, 2], Qu=3, **more),
+        lambda f, **more: f(A=A, B=B, Qu=[[3]], Qx=np.diag([1, 2]), **more),
+        lambda f, **more: f(SPACE, [1, 2], [3], **more),
+        lambda f, **more: f(SPACE, [1, 2], Qu=[3], **more),
+        lambda f, **more: f(SPACE, Qx={'v': 2, 'p': 1}, Qu={'F': 3}, **more),
+        lambda f, **more: f(system=SPACE, Qx=[1, 2], Qu=[3], **more)]
+    for function, more in ((obc.lqr, {}), (obc.finite_horizon, {'P1': [4, 5], 'T': 1.0})):
+        for way in ways[1:]:
+            np.testing.assert_array_equal(way(function, **more).K, ways[0](function, **more).K)
+    for way in ways[4:]:
+        np.testing.assert_array_equal(way(obc.dlqr, period=0.1).K,
+                                      ways[3](obc.dlqr, period=0.1).K)
+    for arguments in ((A, B, [1, 2], [3], [4, 5], 1.0), (SPACE, [1, 2], [3], [4, 5], 1.0)):
+        np.testing.assert_array_equal(obc.finite_horizon(*arguments).K,
+                                      ways[0](obc.finite_horizon, P1=[4, 5], T=1.0).K)
+
+
+def test_the_signature_of_a_design_fits_on_a_screen():
+    for function in (obc.lqr, obc.dlqr, obc.finite_horizon, obc.simulate, obc.equilibrium):
+        assert len(str(inspect.signature(function))) < 400, function
+
+
+def test_a_finite_horizon_is_a_law():
+    """dx/dt = u, Qx = Qu = 1, P1 = 0: K = tanh(T - t), x = cosh(T - t)/cosh(T)."""
+    plant = obc.System(states=['y'], inputs=['u'], dynamics={'y': 'u'})
+    law = obc.finite_horizon(plant, 1, 1, 0, 2.0, at=[3])
+    for t in (0.0, 0.1234, 1.0, 1.99999, 2.0):
+        assert law(t, [4]) == pytest.approx([-np.tanh(2 - t)], abs=1e-12)
+        assert law.gain(t) == pytest.approx(np.tanh(2 - t), abs=1e-12)
+    few = obc.finite_horizon(plant, 1, 1, 0, 2.0, t=[0.5, 1])
+    assert few(1.7, {'y': 1}) == pytest.approx([-np.tanh(0.3)], abs=1e-12)
+    t = np.linspace(0, 2, 9)
+    found = obc.simulate(plant, law, {'y': 4}, t)
+    np.testing.assert_allclose(found.x['y'], 3 + np.cosh(2 - t)/np.cosh(2), atol=1e-8)
+    for outside in (-0.1, 2.1, np.nan):
+        with pytest.raises(ValueError, match='wanted a time from 0 to T = 2 s'):
+            law(outside, [0])
+    assert repr(law).startswith('FiniteHorizonDesign: 1 states, 1 inputs; T = 2 s\n')
+    assert len(repr(law).splitlines()) < 10
+    with pytest.raises(StatementError, match='^law: of 1 states and 1 inputs'):
+        obc.simulate(obc.System(states=['p', 'v'], inputs=['u'], dynamics={'p': 'v', 'v': 'u'}),
+                     law, [0, 0], t)
+    with pytest.raises(StatementError, match='^t: wanted times of the law, from 0 s to 2 s'):
+        obc.simulate(plant, law, [0], [0, 3])
+
+
+@pytest.mark.slow
+def test_a_finite_horizon_is_drawn():
+    figure = obc.finite_horizon(SPACE, [1, 1], 1, 0, 2.0).plot(show=False)
+    assert {axes.get_ylabel() for axes in figure.axes} == {'K', 'P'}
+
+
 def test_long_horizons_reach_the_stationary_gain():
     found = obc.finite_horizon(SPACE, [1, 1], [1], [1, 1], 40, t=[0])
     np.testing.assert_allclose(found.K[0], obc.lqr(SPACE, [1, 1], [1]).K, rtol=1e-9)
 
 
 @pytest.mark.parametrize(('call', 'error', 'said'), [
-    (lambda: obc.lqr(A, B, [1, 1]), StatementError, '^lqr: wanted A, B, Qx, Qu or a plant'),
-    (lambda: obc.lqr(A, B), StatementError, '^lqr: wanted A, B, Qx, Qu or a plant, Qx, Qu, '
-                                            'found 2 arguments'),
+    (lambda: obc.lqr(A, B, [1, 1]), StatementError,
+     '^lqr: Qu is missing; wanted A, B, Qx, Qu or a plant, Qx, Qu'),
+    (lambda: obc.lqr(A, B), StatementError, '^lqr: Qx is missing; wanted A, B, Qx, Qu'),
+    (lambda: obc.lqr(), StatementError, '^lqr: wanted A, B, Qx, Qu or a plant, Qx, Qu'),
+    (lambda: obc.lqr(A, A=A, B=B, Qx=1, Qu=1), StatementError, '^lqr: wanted A, B'),
+    (lambda: obc.lqr(SPACE, B, [1, 1], [1]), StatementError, '^lqr: found one more argument than'),
+    (lambda: obc.lqr(SPACE, {'p': 1}, [1]), StatementError, '^Qx: wanted numbers for p, v'),
     (lambda: obc.lqr(A, B, [1, 1], [0]), RefusedDesignError, '^Qu'),
     (lambda: obc.lqr(A, 0*B, [1, 1], [1]), RefusedDesignError,
      r'^\(A, B\) is not stabilisable: the mode s = 0 is uncontrollable'),
@@ -134,14 +195,14 @@ def test_long_horizons_reach_the_stationary_gain():
      'in discrete time; use dlqr'),
     (lambda: obc.lqr(control.tf([1], [1, 1]), [1], [1]), DynamicsError,
      '^from_control: wanted a StateSpace or .*, found a TransferFunction'),
-    (lambda: obc.lqr(A, B, [1, 1], [1], at=[0, 0]), StatementError, 'set point of a System'),
+    (lambda: obc.lqr(A, B, [1, 1], [1], at=[0, 0]), StatementError, 'set point of a plant'),
     (lambda: obc.lqr(obc.systems['aircraft'], np.ones(6), np.ones(2), at=[0, 0, 1, 0, 0, 0]),
      DynamicsError, 'found no equilibrium'),
     (lambda: obc.dlqr(SPACE, [1, 1], [1]), StatementError, '^period = 0: wanted a positive'),
     (lambda: obc.dlqr(control.ss(A, B, np.eye(2), 0, 0.1), [1, 1], [1], period=0.2),
      StatementError, 'period 0.2 s, but that of the plant is 0.1 s'),
     (lambda: obc.finite_horizon(A, B, [1, 1], [1], [1, 1]), StatementError,
-     '^finite_horizon: wanted A, B, Qx, Qu or a plant'),
+     '^finite_horizon: T is missing; wanted A, B, Qx, Qu, P1, T or a plant'),
     (lambda: obc.finite_horizon(A, B, [1, 1], [1], [1, 1], -1), StatementError, '^T: wanted'),
     (lambda: obc.finite_horizon(A, B, [1, 1], [1], [1, 1], 1, t=[1, 0]), StatementError, '^t: '),
     (lambda: obc.lqr(A, B, [1, 1], [1]).to_control('opened'), StatementError,

@@ -20,8 +20,9 @@ LEAST_TIME = {
     'input_bounds': {'u': [-1, 1]}, 'final_time': {'free': True, 'lower': 0.1, 'upper': 20}}
 
 
-@pytest.mark.parametrize('law', [[1.0], np.ones((31, 1)), lambda t, x: 1.0, lambda t, x: [1]],
-                         ids=['constant', 'samples', 'number', 'list'])
+@pytest.mark.parametrize('law', [[1.0], np.ones((31, 1)), lambda t, x: 1.0, lambda t, x: [1],
+                                 {'F': 1}, {'F': np.ones(31)}],
+                         ids=['constant', 'samples', 'number', 'list', 'name', 'named samples'])
 def test_a_constant_force_gives_a_parabola(law):
     found = obc.simulate(MASS, law, [1, -1], T)
     np.testing.assert_allclose(found.x['p'], 1 - T + T**2/2, atol=1e-8)
@@ -89,7 +90,11 @@ def test_a_simulation_is_drawn():
     ({'x0': [1]}, '^x0: wanted numbers for p, v'), ({'x0': [1, np.inf]}, '^x0: v = inf'),
     ({'t': [0]}, '^t: wanted at least two'), ({'t': [1, 0]}, '^t: wanted'),
     ({'t': 3}, '^t: wanted'), ({'system': 3}, '^system: wanted a System'),
-    ({'law': obc.lqr([[0]], [[1]], [1], [1])}, '^law: a design of 1 states'),
+    ({'law': obc.lqr([[0]], [[1]], [1], [1])}, '^law: of 1 states and 1 inputs'),
+    ({'law': {'G': 1}}, '^law: wanted values of F, found G'),
+    ({'law': {'F': 'full'}}, '^law: wanted numbers'),
+    ({'law': obc.lqr(obc.System(states=['v', 'p'], inputs=['F'], dynamics={'v': 'F', 'p': 'v'}),
+                     1, 1)}, '^law: its states are v, p, in another order than p, v'),
     ({'law': obc.lqr([[0]], [[1]], [1], [1]), 'system': 'mass'}, "^unknown system 'mass'"),
 ])
 def test_a_malformed_simulation_is_an_error_in_words(change, said):

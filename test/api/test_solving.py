@@ -147,8 +147,8 @@ def test_options_may_be_a_mapping_or_texts():
 
 
 @pytest.mark.parametrize(('arguments', 'said'), [
-    ({'problem': 3}, '^problem: wanted a Problem, a mapping or the keys'),
-    ({'problem': 'file.yaml'}, 'Problem.from_file reads a file'),
+    ({'problem': 3}, '^problem: wanted a Problem, an answer, a mapping, a file, YAML or'),
+    ({'problem': 'file.yaml'}, '^file.yaml: cannot be read'),
     ({}, '^states: missing'),
     ({'problem': LEAST_TIME, 'time_limit': 0}, '^time_limit: wanted a positive number'),
     ({'problem': LEAST_TIME, 'time_limit': math.nan}, '^time_limit: wanted'),
