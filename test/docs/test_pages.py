@@ -47,7 +47,8 @@ def lines(page: str) -> list[str]:
 
 def test_every_page_with_commands_is_tested() -> None:
     there = [path for path in (ROOT / 'README.md', *sorted((ROOT / 'docs').rglob('*.md')))
-             if LINE.search(path.read_text(encoding='utf-8'))]
+             if path.parent.name != 'gallery'   # it has the commands of the run that made it
+             and LINE.search(path.read_text(encoding='utf-8'))]
     assert {str(path.relative_to(ROOT)) for path in there} <= {
         *PAGES, 'docs/tutorial.md', 'docs/output_feedback.md', 'docs/gallery.md',
         'docs/install.md', 'docs/refusals.md', 'docs/views.md',
