@@ -71,6 +71,7 @@ _ROUGHLY = _NEARLY | {Condition.DYNAMICS: 1e-2}
 # Residuals of Pontryagin's conditions up to which a path of a convex problem is nearly optimal.
 _OPTIMAL = dict.fromkeys((Condition.COSTATE, Condition.MINIMUM, Condition.TRANSVERSALITY,
                           Condition.HAMILTONIAN), 0.1)
+_CONSTRAINTS = {Condition.START, Condition.END, Condition.BOUNDS}
 _UNPROVED = 'infeasibility has not been proved'
 _WEAK_DUALITY = 'weak duality'
 _EXCLUDED = ('the bounds and constraints exclude each other: a combination of them is negative on '
@@ -154,7 +155,8 @@ class Unsolved:
         if situation is Situation.FOUND:
             return self.found is not None
         if situation is Situation.ARRIVED:
-            return self.found is not None and _arrives(self.found)
+            certificate = self.found and self.found.certificate
+            return certificate is not None and not _CONSTRAINTS & set(certificate.faults)
         if situation is Situation.PATH:
             return not self.lost
         return situation is self.outcome
@@ -344,7 +346,8 @@ def explain(problem: Problem, solve: Solver | None = None, thorough: Solver | No
     :param proofs: solve related problems only if infeasibility is proved.
     :return: None if no reason was found.
     """
-    trace, solve_ = trace or Trace(), solve or _find_nothing
+    trace = trace or Trace()
+    solve_ = solve or (lambda _: Solution(Status.NOT_CONVERGED, 'no related problem is solved'))
     case = Unsolved(problem, solve_, thorough or solve_, found, trace, remaining)
     stated = [check for check in CHECKS if Situation.STATED in check.when]
     reason = _try(case, trace, (
@@ -376,13 +379,3 @@ def judge_reason(reason: Reason | None) -> tuple[Verdict, str]:
     return Verdict.PROVED if proved else Verdict.NOT_PROVED, reason.sentence if reason else ''
 
 
-def _find_nothing(_: Problem) -> Solution:
-    return Solution(Status.NOT_CONVERGED, 'no related problem is solved')
-
-
-def _arrives(solution: Solution) -> bool:
-    """Return whether the constraints are met; dynamics and optimality are not examined."""
-    certificate = solution.certificate
-    return certificate is not None and all(
-        certificate.residuals.get(key, 0.0) <= certificate.tolerances.get(key, 0.0)
-        for key in (Condition.START, Condition.END, Condition.BOUNDS))

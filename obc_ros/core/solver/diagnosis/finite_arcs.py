@@ -13,16 +13,13 @@ bounds. Otherwise arcs would get ever closer to the minimum without attaining it
 
 from dataclasses import replace
 
-import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
-from obc_ros.core.numerics.arrays import Array
-from obc_ros.core.numerics.runge_kutta import BUTCHER, take_step
+from obc_ros.core.numerics.arrays import Array, Mask
 from obc_ros.core.numerics.samples import interpolate_columns
-from obc_ros.core.numerics.vectorized import VectorizedFunction
 from obc_ros.core.ocp.certificate.certificate import certify
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.ocp.solution import Condition, Solution
+from obc_ros.core.solver.adjoint.costates import CostateIntegrator
 
 Mixture = tuple[Array, Array, Array]
 
@@ -57,23 +54,11 @@ class _Follower:
     """Paths that switch between the two inputs of a mixture."""
 
     def __init__(self, problem: Problem, mixed: Solution, mixture: Mixture) -> None:
-        self._problem, self._mixed, (self._u, self._v, share) = problem, mixed, mixture
+        self._problem, self._mixed = problem.pin_start(mixed.x[0]), mixed
+        self._u, self._v, share = mixture
         step = np.diff(mixed.t) * (share[1:] + share[:-1]) / 2
         self._shared = np.append(0.0, np.cumsum(step))   # integral of the share of v
-        x, p, h = problem.x, problem.p, ca.SX.sym('h')
-        ua, ub, lam = (ca.SX.sym(name, count) for name, count in (
-            ('ua', problem.m), ('ub', problem.m), ('lam', problem.n)))
-        cost = ca.SX.sym('cost')
-        f = ca.Function('f', [x, problem.u, p], [problem.f, problem.L])
-
-        def slope(z: ca.SX, at: ca.SX) -> ca.SX:
-            return ca.SX(ca.vertcat(*f.call([z[:-1], ua + at / h * (ub - ua), p])))
-
-        end, _ = take_step(BUTCHER, slope, ca.vertcat(x, cost), ca.SX(0), h)
-        self._step = ca.Function('step', [ca.vertcat(x, cost), ua, ub, h, p], [end])
-        self._V = ca.Function('V', [x, p], [problem.V])
-        self._H = VectorizedFunction([x, problem.u, lam, p],
-                                     [problem.L + ca.dot(lam, problem.f)])
+        self._integrator = CostateIntegrator(problem)
 
     def sample(self, periods: int, v_first: bool) -> Solution:
         """Return a path without certificate; `v_first`: v is the first input."""
@@ -88,15 +73,12 @@ class _Follower:
         a, b = t[:-1] + inside, t[1:] - inside   # the two sides of a jump differ
         ua, ub = (np.where(is_v[arc][:, None], interpolate_columns(at, mixed.t, self._v),
                            interpolate_columns(at, mixed.t, self._u)) for at in (a, b))
-        z = np.empty((len(t), problem.n + 1))
-        z[0] = np.append(mixed.x[0], 0.0)
-        for k, h in enumerate(np.diff(t)):
-            z[k + 1] = self._step(z[k], ua[k], ub[k], h, problem.p_value).full().ravel()
-        V = float(self._V(z[-1, :-1], problem.p_value))
-        return self._solution(t, z[:, :-1], (ua, ub), float(z[-1, -1]) + V,
+        x, spent = self._integrator.forward(problem, t, ua, ub)
+        cost = spent[-1] + self._integrator.ends(problem, x[-1:])[0][0]
+        return self._solution(t, x, (ua, ub), float(cost),
                               t[1:-1][np.diff(is_v[arc].astype(int)) != 0])
 
-    def _switch(self, periods: int, v_first: bool) -> tuple[Array, NDArray[np.bool_]]:
+    def _switch(self, periods: int, v_first: bool) -> tuple[Array, Mask]:
         """Return the end of each arc, and whether its input is v."""
         edges = np.linspace(0.0, self._mixed.t[-1], periods + 1)
         part = np.diff(np.interp(edges, self._mixed.t, self._shared))
@@ -123,7 +105,7 @@ class _Follower:
         keep = np.append(True, (np.diff(rows) > 0) | np.isin(t[rows[1:]], switches))
         rows, u = rows[keep], u[keep]
         lam = interpolate_columns(t[rows], mixed.t, mixed.lam)
-        H = self._H(x[rows], u, lam, problem.p_value)[0][:, 0]
+        H, _, _ = self._integrator.hamiltonian(problem, x[rows], u, lam)
         return replace(
             mixed, message='', objective=J, t=t[rows], x=x[rows], u=u, lam=lam, hamiltonian=H,
             interpolation='linear', switching_times=switches, state_multipliers=None,

@@ -16,15 +16,14 @@ import math
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
-from obc_ros.core.numerics.arrays import Array
+from obc_ros.core.numerics.arrays import Array, Mask
 from obc_ros.core.ocp.guess import Guess
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.ocp.solution import Solution
+from obc_ros.core.solver.diagnosis.finite_arcs import Mixture
 from obc_ros.core.solver.proofs.convexity import has_one_mean_input
 
 _LOOKS = 11      # points of a path, and inputs at each, at which convexity is examined
-
 _SHARED = '#share'   # suffix of the name of an input's share
 
 
@@ -76,13 +75,7 @@ def _between_bounds(problem: Problem, j: int, found: Solution) -> Problem:
         guess=Guess(x=x_guess, u=u_guess, final_time=float(found.t[-1])))
 
 
-def _inputs_of(problem: Problem, u: Array, j: int) -> Array:
-    """Return inputs (N, m), given input j as the share of its lower bound."""
-    mean = problem.u_upper[j] - u[:, j] * (problem.u_upper[j] - problem.u_lower[j])
-    return np.where(np.arange(problem.m) == j, mean[:, None], u)
-
-
-def _concave(problem: Problem, found: Solution) -> NDArray[np.bool_]:
+def _concave(problem: Problem, found: Solution) -> Mask:
     """Return in which bounded inputs L + lam' f is concave all along a path, shape (m,)."""
     lam = ca.SX.sym('lam', problem.n)
     H = problem.L + ca.dot(lam, problem.f)
@@ -123,8 +116,7 @@ def _convex(problem: Problem, found: Solution) -> bool:
     return True
 
 
-def split_mixture(problem: Problem, other: Problem, mixed: Solution
-                  ) -> tuple[Array, Array, Array] | None:
+def split_mixture(problem: Problem, other: Problem, mixed: Solution) -> Mixture | None:
     """
     Return the two inputs that a solution of the relaxed problem mixes.
 
@@ -137,11 +129,10 @@ def split_mixture(problem: Problem, other: Problem, mixed: Solution
     if other.m != m:
         return mixed.u[:, :m], mixed.u[:, m:2*m], mixed.u[:, 2*m]
     j = next(k for k, name in enumerate(other.inputs) if name.endswith(_SHARED))
-    if not _concave(problem, replace(mixed, u=_inputs_of(problem, mixed.u, j)))[j]:
-        return None
-    u, v = mixed.u.copy(), mixed.u.copy()
+    u, v, mean, share = mixed.u.copy(), mixed.u.copy(), mixed.u.copy(), mixed.u[:, j]
     u[:, j], v[:, j] = problem.u_upper[j], problem.u_lower[j]
-    return u, v, mixed.u[:, j]
+    mean[:, j] = problem.u_upper[j] - share * (problem.u_upper[j] - problem.u_lower[j])
+    return (u, v, share) if _concave(problem, replace(mixed, u=mean))[j] else None
 
 
 def explain_chattering(problem: Problem, other: Problem, mixed: Solution, found: Solution) -> str:
@@ -163,8 +154,7 @@ def explain_chattering(problem: Problem, other: Problem, mixed: Solution, found:
     k = int(np.flatnonzero(both)[both.sum() // 2])
     pairs = ' and between '.join(
         f'{problem.inputs[i]} = {u[k, i]:.4g} and {v[k, i]:.4g}' for i in np.flatnonzero(apart[k]))
-    best = (f'; the best path found costs {found.objective:.6g}'
-            if found.feasible else '')
+    best = f'; the best path found costs {found.objective:.6g}' if found.feasible else ''
     # Digits beyond what mixing gains are errors of the solution.
     infimum = round(mixed.objective, 5 - math.floor(math.log10(gain))) + 0.0
     verb = 'is not' if has_one_mean_input(problem) else 'may not be'
