@@ -12,16 +12,14 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
-from obc_ros.core.numerics.arrays import Array
+from obc_ros.core.numerics.arrays import Array, Mask
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.solver.arcs.input_arcs import Arc, tidy_arcs
 from obc_ros.core.solver.arcs.phase_program import PhasedProgram
 from obc_ros.core.solver.arcs.phases import Phased
 
 
-def cut_at_bounds(problem: Problem, found: Phased, switching: NDArray[np.bool_],
-                  deciding: NDArray[np.bool_]) -> list[Arc]:
+def cut_at_bounds(problem: Problem, found: Phased, switching: Mask, deciding: Mask) -> list[Arc]:
     """
     Cut the arcs of a path where inputs meet or leave their bounds.
 
@@ -66,15 +64,27 @@ def cut_at_ends(problem: Problem, program: PhasedProgram, found: Phased, t: Arra
     :param t, x, u, Hu: (N,), (N, n), (N, m), (N, m), samples of the path, and dH/du [cost per
         second and unit of the input].
     """
-    def hold(arc: Arc, j: int, row: int, level: float) -> Arc:
-        return _hold(problem, program, arc, j, x[row], u[row], level)
+    bounds = program.bounds
 
-    return _insert_bangs(problem, found.arcs, program.switching, program.bounds.deciding,
-                         (t, u, Hu), hold)
+    def hold(arc: Arc, j: int, at: int, level: float) -> Arc:
+        """Return the arc with the input at its bound, or on a path constraint met before."""
+        there = u[at].copy()
+        there[j] = level
+        value = program.rows(x[at], there, problem.p_value).full().ravel()[problem.n:]
+        for row in np.flatnonzero((bounds.orders == 0) & bounds.deciding[:, j]):
+            c = value[row - problem.n]
+            sign = int(c > problem.path_upper[row - problem.n]) - int(
+                c < problem.path_lower[row - problem.n])
+            if sign:
+                on = arc.on or (0,) * bounds.count
+                return replace(arc, on=(*on[:row], sign, *on[row + 1:]))
+        return replace(arc, levels=(*arc.levels[:j], level, *arc.levels[j + 1:]))
+
+    return _insert_bangs(problem, found.arcs, program.switching, bounds.deciding, (t, u, Hu), hold)
 
 
-def close_ends(problem: Problem, arcs: Sequence[Arc], switching: NDArray[np.bool_],
-               deciding: NDArray[np.bool_], samples: tuple[Array, Array, Array]) -> list[Arc]:
+def close_ends(problem: Problem, arcs: Sequence[Arc], switching: Mask, deciding: Mask,
+               samples: tuple[Array, Array, Array]) -> list[Arc]:
     """
     Insert short bang arcs at the ends of the singular arcs of a path on a coarse mesh.
 
@@ -86,15 +96,13 @@ def close_ends(problem: Problem, arcs: Sequence[Arc], switching: NDArray[np.bool
     :return: equal arcs that follow each other are one arc.
     """
     def hold(arc: Arc, j: int, _: int, level: float) -> Arc:
-        levels = np.array(arc.levels)
-        levels[j] = level
-        return replace(arc, levels=tuple(levels.tolist()))
+        return replace(arc, levels=(*arc.levels[:j], level, *arc.levels[j + 1:]))
 
     return tidy_arcs(_insert_bangs(problem, arcs, switching, deciding, samples, hold, hidden=True))
 
 
-def _insert_bangs(problem: Problem, arcs: Sequence[Arc], switching: NDArray[np.bool_],
-                  deciding: NDArray[np.bool_], samples: tuple[Array, Array, Array],
+def _insert_bangs(problem: Problem, arcs: Sequence[Arc], switching: Mask, deciding: Mask,
+                  samples: tuple[Array, Array, Array],
                   hold: Callable[[Arc, int, int, float], Arc], *, hidden: bool = False
                   ) -> list[Arc]:
     """
@@ -135,22 +143,3 @@ def _insert_bangs(problem: Problem, arcs: Sequence[Arc], switching: NDArray[np.b
                                   replace(bang, start=float(change), met=(), jump=False)]
         result.extend(parts)
     return result
-
-
-def _hold(problem: Problem, program: PhasedProgram, arc: Arc, j: int, x: Array, u: Array,
-          level: float) -> Arc:
-    """Return an arc with an input at its bound, or on a path constraint if that is met before."""
-    bounds, there = program.bounds, u.copy()
-    there[j] = level
-    value = program.rows(x, there, problem.p_value).full().ravel()[problem.n:]
-    for row in np.flatnonzero((bounds.orders == 0) & bounds.deciding[:, j]):
-        c = value[row - problem.n]
-        sign = int(c > problem.path_upper[row - problem.n]) - int(
-            c < problem.path_lower[row - problem.n])
-        if sign:
-            on = np.array(arc.on or (0,) * bounds.count)
-            on[row] = sign
-            return replace(arc, on=tuple(on.tolist()))
-    levels = np.array(arc.levels)
-    levels[j] = level
-    return replace(arc, levels=tuple(levels.tolist()))

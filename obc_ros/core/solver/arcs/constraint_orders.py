@@ -116,8 +116,7 @@ def find_sliding(problem: Problem, bounds: BoundRates, path: Path,
             continue
         t = np.append(path.t, np.concatenate(times))
         x, u = path.states_at(t), path.inputs_at(t, after=True)
-        s, g = factors.map(len(t))(x.T, u.T, ca.repmat(problem.p_value, 1, len(t)))
-        s, g = s.full()[0], g.full()[0]
+        s, g = (each.full()[0] for each in factors.map(len(t))(x.T, u.T, problem.p_value))
         there = slice(len(path.t), None)
         moves = np.abs(s[there]) * np.abs(g).max() > np.abs(g[there]) * np.abs(s).max()
         if moves.all() and np.ptp(np.sign(s[there])) == 0:

@@ -10,7 +10,6 @@ inactive.
 
 from dataclasses import replace
 
-import casadi as ca
 import numpy as np
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.numerics.collocation import build_collocation
@@ -111,11 +110,11 @@ def move_onto_constraints(problem: Problem, program: PhasedProgram, found: Phase
         row, free = rows[0], np.isnan(arc.levels)
         limit = problem.row_bounds[int(arc.on[row] > 0)][row]
         points, inputs = x[here].reshape(-1, problem.n), u[here].reshape(-1, problem.m)
-        p = ca.repmat(problem.p_value, 1, len(points))
         value, slopes = (each.map(len(points)) for each in (program.rows, program.rows_u))
         for _ in range(3):   # Newton steps
-            off = value(points.T, inputs.T, p).full()[row] - limit
-            slope = slopes(points.T, inputs.T, p).full()[row].reshape(-1, problem.m) * free
+            off = value(points.T, inputs.T, problem.p_value).full()[row] - limit
+            slope = slopes(points.T, inputs.T, problem.p_value).full()[row].reshape(
+                -1, problem.m) * free
             size = np.maximum(np.sum(slope**2, axis=1), 1e-300)
             inputs = inputs - np.where(size > 1e-12 * size.max(), off / size, 0.0)[:, None] * slope
         u[here] = inputs.reshape(len(here), -1, problem.m)

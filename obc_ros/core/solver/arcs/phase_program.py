@@ -91,7 +91,7 @@ class PhasedProgram:
 
     def input_slopes(self, problem: Problem, x: Array, u: Array) -> Array:
         """Return the derivatives of the rows by u, (K, n + l, m), at x (K, n), u (K, m)."""
-        found = self.rows_u.map(len(x))(x.T, u.T, ca.repmat(problem.p_value, 1, len(x))).full()
+        found = self.rows_u.map(len(x))(x.T, u.T, problem.p_value).full()
         return np.asarray(found.reshape(self.bounds.count, len(x), problem.m).swapaxes(0, 1))
 
     @cached_property
@@ -201,21 +201,15 @@ class _Solve:
         self._add(ca.sum2(self.T), *(np.full((1, 1), each / sizes.time)
                                      for each in (final.earliest, final.latest)))
 
-    def _start_bounds(self) -> tuple[Array, Array]:
-        """Return the bounds of x(0), (n,) each, where it is free within the state bounds."""
-        problem = self.problem
-        low, high = problem.start_box
-        free = ~problem.given_at_start
-        return (np.where(free, np.maximum(low, problem.x_lower), low),
-                np.where(free, np.minimum(high, problem.x_upper), high))
-
     def _hold(self, x: ca.MX, u: ca.MX, c: ca.MX) -> None:
         """Add the equations of active constraints, and bounds where they are not active."""
         problem, d = self.problem, DEGREE
         (lower, upper), n = problem.row_bounds, problem.n
         x_low = np.tile(problem.x_lower, (1 + self.K * d, 1))
         x_high = np.tile(problem.x_upper, (1 + self.K * d, 1))
-        x_low[0], x_high[0] = self._start_bounds()
+        start, free = problem.start_box, ~problem.given_at_start
+        x_low[0] = np.where(free, np.maximum(start[0], problem.x_lower), start[0])
+        x_high[0] = np.where(free, np.minimum(start[1], problem.x_upper), start[1])
         c_low = np.tile(problem.path_lower, (self.K * d, 1))
         c_high = np.tile(problem.path_upper, (self.K * d, 1))
         self.at_held: list[tuple[int, int, slice]] = []   # phase, row, multipliers
@@ -252,7 +246,8 @@ class _Solve:
         x_low[(self.K - len(self.meshes[-1])) * d:, spare] = -np.inf
         x_high[(self.K - len(self.meshes[-1])) * d:, spare] = np.inf
         for phase in range(len(self.arcs)):
-            self._straighten(u, phase)
+            # Only the cost determines singular inputs: they are linear in each interval.
+            self._bend(u, self._loose(phase), range(*self.first[phase:phase + 2].tolist()), 1)
             self._begin(u, phase)
         self._bend(u, self._idle, [self.K - 1], DEGREE - 2)
         self.x_bounds = x_low / self.sizes.x, x_high / self.sizes.x
@@ -289,7 +284,7 @@ class _Solve:
                     x, u = self.guess.states_at(t), self.guess.inputs_at(t, after=True)
                     u = np.where(held, arc.levels, u)
                     if not np.any(self.program.held[int(row)].map(len(t))(
-                            x.T, u.T, ca.repmat(self.problem.p_value, 1, len(t)))[1].full()):
+                            x.T, u.T, self.problem.p_value)[1].full()):
                         found.append((phase, int(row)))
         return found
 
@@ -300,11 +295,6 @@ class _Solve:
         moved = (bounds.deciding & free).any(axis=1) | (bounds.orders != 1)
         spare: Mask = self.pinned & ~moved[:self.problem.n]
         return spare
-
-    def _straighten(self, u: ca.MX, phase: int) -> None:
-        """Require singular inputs to be linear in each interval: only the cost determines them."""
-        intervals = range(int(self.first[phase]), int(self.first[phase + 1]))
-        self._bend(u, self._loose(phase), intervals, 1)
 
     def _loose(self, phase: int) -> Mask:
         """Return which inputs are singular in a phase."""
@@ -421,12 +411,6 @@ class _Solve:
         self.outwards[place, row] = self._add(
             outwards / rate, *(np.full((1, 1), each) for each in span))
 
-    def _limit_inputs(self, phase: int) -> tuple[Array, Array]:
-        """Return the bounds of free inputs in a phase, without those that are implied."""
-        lower, upper = self.program.implied(self.problem, self.arcs[phase], self.guess)
-        return (np.where(lower, -np.inf, self.problem.u_lower),
-                np.where(upper, np.inf, self.problem.u_upper))
-
     def _free(self, place: int) -> Mask:
         """Return which inputs a grazing junction determines, so that they need no bounds there."""
         rows = [row for where, row in self.grazing if where == place]
@@ -435,11 +419,12 @@ class _Solve:
     def run(self, guess: Path, meter: Meter) -> Phased:
         """Solve the program."""
         self.guess = guess
-        count = len(guess.x)
-        self.size = np.abs(self.program.rows.map(count)(
-            guess.x.T, guess.u.T,
-            ca.repmat(self.problem.p_value, 1, count)).full()).max(axis=1)
-        self.u_bounds = [self._limit_inputs(phase) for phase in range(len(self.arcs))]
+        self.size = np.abs(self.program.rows.map(len(guess.x))(
+            guess.x.T, guess.u.T, self.problem.p_value).full()).max(axis=1)
+        # Of free inputs in each phase, without the bounds that are implied.
+        self.u_bounds = [np.where([lower, upper], [[-np.inf], [np.inf]], [
+            self.problem.u_lower, self.problem.u_upper]) for lower, upper in (
+                self.program.implied(self.problem, arc, guess) for arc in self.arcs)]
         self.build()
         problem, sizes, K, d = self.problem, self.sizes, self.K, DEGREE
         w = ca.vertcat(ca.vec(self.X), ca.vec(self.U), ca.vec(self.T))
@@ -514,8 +499,7 @@ class _Solve:
         n, K, d, program = self.problem.n, self.K, DEGREE, self.program
         size = np.append(np.abs(x).max(axis=0), np.zeros(program.bounds.count - n))
         for row in np.flatnonzero(program.bounds.orders[n:] > 0) + n:
-            slope = program.gradients[int(row)].map(K)(
-                x[d::d].T, ca.repmat(self.problem.p_value, 1, K)).full()
+            slope = program.gradients[int(row)].map(K)(x[d::d].T, self.problem.p_value).full()
             slope = np.abs(slope.reshape(n, K, -1)[:, :, 0])
             size[row] = (slope * size[:n, None]).sum(axis=0).max()
         lam_x = lam_w[n:n * (1 + K * d)] * self.sizes.cost

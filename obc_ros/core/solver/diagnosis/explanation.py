@@ -155,7 +155,7 @@ class Unsolved:
         if situation is Situation.FOUND:
             return self.found is not None
         if situation is Situation.ARRIVED:
-            certificate = self.found and self.found.certificate
+            certificate = None if self.found is None else self.found.certificate
             return certificate is not None and not _CONSTRAINTS & set(certificate.faults)
         if situation is Situation.PATH:
             return not self.lost

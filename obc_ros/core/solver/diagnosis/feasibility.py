@@ -169,7 +169,7 @@ def _rows(problem: Problem, answer: Solution) -> tuple[Array, Array]:
     terms = ca.mtimes(ca.fabs(ca.jacobian(c, z)), ca.fabs(z))
     path = ca.Function('path', [problem.x, problem.u, problem.p], [c, terms]).map(len(answer.t))
     values, sizes = (np.array(value).T for value in path(
-        answer.x.T, answer.u.T, ca.repmat(problem.p_value, 1, len(answer.t))))
+        answer.x.T, answer.u.T, problem.p_value))
     return np.hstack([answer.x, values]), np.append(
         np.abs(answer.x).max(axis=0), sizes.max(axis=0))
 

@@ -16,7 +16,7 @@ import math
 
 import casadi as ca
 import numpy as np
-from obc_ros.core.numerics.arrays import Array, Mask
+from obc_ros.core.numerics.arrays import Mask
 from obc_ros.core.ocp.guess import Guess
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.ocp.solution import Solution

@@ -12,7 +12,6 @@ from dataclasses import replace
 from itertools import pairwise
 import math
 
-import casadi as ca
 import numpy as np
 from obc_ros.core.numerics.arrays import Array, Index
 from obc_ros.core.numerics.collocation import build_collocation, evaluate_lagrange
@@ -86,7 +85,7 @@ def sample_phases(problem: Problem, program: PhasedProgram, integrator: CostateI
         density[:, :, row] = (-1)**order * terms[order]
         if order:
             gradients = program.gradients[row].map(x.shape[0] * x.shape[1])(
-                x.reshape(-1, problem.n).T, ca.repmat(problem.p_value, 1, len(x) * (most + 1)))
+                x.reshape(-1, problem.n).T, problem.p_value)
             each = gradients.full().T.reshape(len(x), most + 1, order, problem.n)
             for i in range(order):
                 lam = lam + (-1)**i * terms[i][:, :, None] * each[:, :, order - 1 - i]
@@ -107,11 +106,10 @@ def _slid(problem: Problem, program: PhasedProgram, found: Phased, terms: list[A
     """Return eta'/s and its derivative, (K, s), in place of eta' and eta''."""
     K, count = bases[0].shape[:2]
     factors = program.bounds.factors[row].map(K * count)
-    constants = ca.repmat(problem.p_value, 1, K * count)
     # s is linear in u, so that its derivative is its value for that of u.
     s, ds = (factors(np.zeros((problem.n, K * count)), np.einsum(
-        'ksj,kjm->ksm', basis, found.u).reshape(-1, problem.m).T, constants)[0].full().reshape(
-            K, count) for basis in bases)
+        'ksj,kjm->ksm', basis, found.u).reshape(-1, problem.m).T, problem.p_value)[0].full(
+            ).reshape(K, count) for basis in bases)
     ds = ds / found.h[:, None]
     s = np.where(np.abs(found.eta[:, :, row]).max(axis=1)[:, None] > 0, s, 1.0)
     with np.errstate(divide='ignore', invalid='ignore'):   # a path may stop on the bound

@@ -214,8 +214,7 @@ def _in_between(problem: Problem, end: Array, pinned: Mask) -> Iterator[str]:
         count = 1001   # of values between its ends
         x = np.tile(problem.x0, (count, 1))
         x[:, index] = np.linspace(problem.x0[index], end[index], count)
-        c = path.map(count)(x.T, np.zeros((problem.m, count)), ca.repmat(
-            problem.p_value, 1, count)).full()[row]
+        c = path.map(count)(x.T, np.zeros((problem.m, count)), problem.p_value).full()[row]
         excess = np.maximum(c - problem.path_upper[row], problem.path_lower[row] - c)
         worst = int(np.argmax(np.where(np.isfinite(excess), excess, -np.inf)))
         if excess[worst] > COUNTS_AS_MET * (1 + np.abs(c[np.isfinite(c)]).max(initial=0.0)):

@@ -72,7 +72,7 @@ def _suggest(problem: Problem, monomials: list[StateMonomial]) -> list[StateMono
     x = problem.x0 + (1 + np.abs(problem.x0)) * rng.uniform(-1, 1, (count, problem.n))
     u = _draw_inputs(problem, rng, count)
     f = ca.Function('f', [problem.x, problem.u, problem.p], [problem.f]).map(count)(
-        x.T, u.T, ca.repmat(problem.p_value, 1, count)).full().T
+        x.T, u.T, problem.p_value).full().T
     rates = np.column_stack([
         sum(f[:, i] * np.prod(x[:, each[:k] + each[k + 1:]], axis=1)
             for k, i in enumerate(each)) for each in monomials])

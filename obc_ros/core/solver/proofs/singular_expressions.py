@@ -257,7 +257,7 @@ def _follow(problem: Problem, found: list[tuple[_Place, ca.SX]], x: Array, u: Ar
         return
     look = ca.Function('look', [problem.x, problem.u, problem.p],
                        [ca.vertcat(*(value for _, value in found))])
-    rows = look.map(len(x))(x.T, u.T, ca.repmat(problem.p_value, 1, len(x))).full()
+    rows = look.map(len(x))(x.T, u.T, problem.p_value).full()
     for (where, value), row in zip(found, np.asarray(rows), strict=True):
         yield where, value, row
 
