@@ -31,7 +31,6 @@ class BoundRates:
     """
     The rows of (x, c) and their time derivatives up to the first in which inputs occur.
 
-    :param problem: of the structure.
     :param sliding: rows along whose bounds the path slides, and a value S of s there, from
         `find_sliding`. For these the derivatives are those of g: c, S g, S dg/dt.
     :ivar count: n + l, the number of rows.
@@ -99,11 +98,8 @@ def find_sliding(problem: Problem, bounds: BoundRates, path: Path,
     """
     Find the constraints along whose bounds a path slides.
 
-    :param problem: whose numbers are used.
-    :param bounds: of its structure.
     :param path: it stops at a bound if s is smaller there than g, both relative to their largest
         values.
-    :param contacts: of the path with bounds.
     :return: rows, and the mean s in their contacts. A row is left out if the path stops at its
         bound, or if s changes its sign from one contact to another.
     """
@@ -159,7 +155,6 @@ def find_implied_bounds(problem: Problem, curvatures: ca.Function, at: tuple[Arr
     """
     Find the bounds of inputs that follow from one path constraint.
 
-    :param problem: whose bounds of inputs are meant.
     :param curvatures: of the constraint, from `build_curvatures`.
     :param at: (K, n), (K, m), states and inputs at some times.
     :param sign, level: 1 for c <= level, -1 for c >= level.

@@ -26,7 +26,6 @@ def find_jumps(path: Path, of: Sequence[bool], jump: float = DEFAULTS.bangs.jump
     """
     Find the times at which inputs jump, or change so steeply that the mesh hides a jump.
 
-    :param path: times, and inputs at both ends of each interval.
     :param of: length m, inputs to consider.
     :param jump: change of an input, as part of its range on the path, that may be a jump.
     :return: times [s], sorted.
@@ -58,7 +57,6 @@ def cut_at_jumps(arcs: Sequence[Arc], path: Path, of: Sequence[bool],
     Cut arcs at the jumps of inputs that are free there.
 
     :param arcs: without gaps. Those on state bounds are not cut: there inputs follow the bound.
-    :param path: the path they belong to.
     :param of: length m, inputs to consider.
     :param mixed: length n + l, rows of (x, c) that depend on inputs; arcs on these alone are cut.
     :param jump: as for `find_jumps`.

@@ -78,8 +78,6 @@ def find_arcs(problem: Problem, path: Path, switching: Sequence[bool],
     """
     Detect the arcs of a path.
 
-    :param problem: whose bounds are meant.
-    :param path: times and inputs.
     :param switching: length m, inputs that may be held at bounds; the others are free.
     :param curved: length m, optional, inputs in which H is not linear. Such an input meets a bound
         without a jump: a span at a bound next to a free span becomes free.
@@ -272,7 +270,6 @@ def free_shared_inputs(arcs: Sequence[Arc], shared: Mask) -> list[Arc]:
     """
     Free the inputs of an equality with states on arcs on which it would have no free input.
 
-    :param arcs: without gaps.
     :param shared: (k, m), the inputs of each of k equalities, one at least. Inputs at bounds may
         satisfy an equality of inputs alone.
     """
@@ -315,10 +312,7 @@ def open_arcs(arcs: Sequence[Arc], t: Array, Hu: Array, problem: Problem,
     """
     Free inputs, or move them to the other bound, where dH/du has the wrong sign for their bound.
 
-    :param arcs: as found.
-    :param t: (K + 1,), fine times.
-    :param Hu: (K, m), dH/du in each part.
-    :param problem: whose bounds are meant.
+    :param t, Hu: (K + 1,), (K, m), fine times, and dH/du in each part.
     :param judged: inputs that are considered.
     :param moving: inputs that move to their other bound where dH/du is far from zero.
     """
@@ -356,8 +350,7 @@ def insert_free_arcs(arcs: Sequence[Arc], t: Array, Hu: tuple[Array, Array], cur
     Insert free arcs where an input does not jump but goes from bound to bound continuously.
 
     :param arcs: as found; slopes that are shorter than an interval look like jumps.
-    :param t: (K,), Times.
-    :param Hu: (K, m), dH/du there with the input at its lower and at its upper bound.
+    :param t, Hu: (K,), (K, m), times, and dH/du with the input at its lower and its upper bound.
     :param curved: for each input whether H is not linear in it.
     """
     rows = []

@@ -29,7 +29,6 @@ def compute_densities(outcome: TranscriptionOutcome, slopes: Array, u: Array) ->
     """
     Return the multiplier densities of path constraints of a transcription.
 
-    :param outcome: on N intervals.
     :param slopes: (K, l, m), derivatives of the constraints by the inputs, at K points.
     :param u: (K, m), the inputs there.
     :return: (N, points, l), > 0 at upper bounds. Values that are negligible relative to the cost,

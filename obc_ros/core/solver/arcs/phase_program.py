@@ -51,7 +51,6 @@ class PhasedProgram:
     """
     The nonlinear programs of one structure, for any arcs and numbers.
 
-    :param problem: of the structure.
     :param switching: length m, inputs in which H is linear.
     :param sliding: as for `BoundRates`.
     """
@@ -133,7 +132,6 @@ class PhasedProgram:
         """
         Solve the program of some arcs by IPOPT.
 
-        :param arcs: one for each phase.
         :param meshes: lengths of the intervals of each phase, as parts of it.
         :param pinned: (n,), components of x(T) that psi fixes.
         :param grazing: junctions and rows, as in `Phased.outwards`, at which the path meets or

@@ -109,7 +109,6 @@ def spread_like(path: Path) -> tuple[Array, Array]:
     """
     Distribute intervals like those of a path, with more where its states bend.
 
-    :param path: with N intervals.
     :return: t, share: (N + 1,), times [s], and the share of all intervals before each, from 0 to
         1.
     """
@@ -126,7 +125,6 @@ def spread_by_error(found: Phased) -> tuple[Array, Array]:
 
     Inputs that turn fast have an influence on x that is small, and yet decides the residuals.
 
-    :param found: a path with K intervals.
     :return: t, share: (K + 1,), as returned by `spread_like`.
     """
     points = build_collocation(DEGREE, 'radau')[0]
@@ -141,7 +139,6 @@ def spread_as_wanted(found: Phased) -> tuple[tuple[Array, Array], int]:
     """
     Distribute intervals with cuts where x or lam is not resolved.
 
-    :param found: a path with K intervals.
     :return: shares: as returned by `spread_like`; count: number of intervals needed.
     """
     points = np.append(0.0, build_collocation(DEGREE, 'radau')[0])

@@ -335,7 +335,6 @@ def explain(problem: Problem, solve: Solver | None = None, thorough: Solver | No
     """
     Return why a problem has no solution.
 
-    :param problem: the problem that was not solved.
     :param solve: returns a Solution of a problem with its certificate, whether or not the
         certificate passes; observes the time limit. Without it only the statement is examined.
     :param thorough: does the same with more work: several initial guesses, until the certificate

@@ -28,7 +28,6 @@ def attain_by_arcs(problem: Problem, mixed: Solution, mixture: Mixture) -> Solut
     """
     Return a certified path of finitely many arcs that costs as much as the relaxed solution.
 
-    :param problem: as stated.
     :param mixed: of the relaxed problem.
     :param mixture: its inputs u, v and the share of v, as `relaxed_controls.split_mixture` returns
         them.

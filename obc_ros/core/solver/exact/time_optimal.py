@@ -190,7 +190,9 @@ def _solution(problem: Problem, reach: Reach, answer: BangBang, aim: Target,
               driven: Index) -> Solution:
     """Return states, inputs and costates for the inputs found."""
     n, T = problem.n, float(answer.T)
-    switches = _merged(np.sort(T - answer.tau), T)
+    switches = np.sort(T - answer.tau)
+    switches = switches[(switches > 1e-12 * T) & (switches < (1 - 1e-12) * T)]
+    switches = switches[np.diff(switches, prepend=-T) > 1e-12 * T]   # without duplicates
     edges = np.concatenate(([0.0], switches, [T]))
     per_arc = int(np.clip(40 * np.abs(reach.poles).max(initial=0) * np.diff(edges).max() / np.pi,
                           _SAMPLES, 200))   # by the fastest mode
@@ -226,12 +228,6 @@ def _repeat(step: Array, z: Array, count: int) -> Array:
     for _ in range(count - 1):
         found.append(step @ found[-1])
     return np.array(found)
-
-
-def _merged(times: Array, T: float) -> Array:
-    """Return times in order without duplicates and without the ends of [0, T]."""
-    times = times[(times > 1e-12 * T) & (times < (1 - 1e-12) * T)]
-    return times[np.diff(times, prepend=-T) > 1e-12 * T]
 
 
 def _explain_mode(states: tuple[str, ...], reach: Reach) -> str | None:

@@ -119,18 +119,14 @@ def _drive(path: CarPath, L: float, M: float) -> Solution:
                   - lam[:, 1] * (states[:, 0] - states[0, 0]))
     p = lam[:, 0] * np.cos(states[:, 2]) + lam[:, 1] * np.sin(states[:, 2])
     ends = np.cumsum([abs(segment.length) for segment in path.segments])[:-1] / L
-    return Solution(
-        status=Status.SOLVED, message=_sentence(path, T), objective=T, t=np.concatenate(t),
-        x=states, u=inputs, lam=lam, hamiltonian=1 + inputs[:, 0] * p + inputs[:, 1] * lam[:, 2],
-        nu=lam[-1], interpolation='zoh', switching_times=ends, method=_METHOD,
-        optimality=Optimality('global', 'shortest path (Reeds-Shepp)'))
-
-
-def _sentence(path: CarPath, T: float) -> str:
     sentence = f'minimum time {T:.10g} along {path.word or "no path: start and goal are the same"}'
     if path.segments and path.start[:2] == path.goal[:2]:
         sentence += '; turning on the spot (v = 0) takes as long'
-    return sentence
+    return Solution(
+        status=Status.SOLVED, message=sentence, objective=T, t=np.concatenate(t),
+        x=states, u=inputs, lam=lam, hamiltonian=1 + inputs[:, 0] * p + inputs[:, 1] * lam[:, 2],
+        nu=lam[-1], interpolation='zoh', switching_times=ends, method=_METHOD,
+        optimality=Optimality('global', 'shortest path (Reeds-Shepp)'))
 
 
 def _costate(path: CarPath, L: float, M: float) -> Array:

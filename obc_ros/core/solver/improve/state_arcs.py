@@ -95,12 +95,9 @@ def _without_implied_levels(problem: Problem, program: PhasedProgram, arc: Arc, 
 
 def _implied(contact: StateContact, arcs: list[Arc], deciding: Mask) -> bool:
     """Return whether inputs at their bounds along a contact imply it."""
-    for arc in arcs:
-        common = min(arc.end, contact.end) - max(arc.start, contact.start)
-        if common > 0.8 * (contact.end - contact.start) and not np.any(   # most of it
-                np.isnan(np.array(arc.levels)[deciding])):
-            return True
-    return False
+    most = 0.8 * (contact.end - contact.start)
+    return any(min(arc.end, contact.end) - max(arc.start, contact.start) > most
+               and not np.isnan(np.array(arc.levels)[deciding]).any() for arc in arcs)
 
 
 def _merged(found: list[StateContact], gap: float) -> list[StateContact]:
@@ -138,7 +135,6 @@ def settle_arcs(bench: Bench, program: PhasedProgram, arcs: list[Arc], guess: Pa
     """
     Solve on phases with the given arcs, and again without those that vanish.
 
-    :param sizes: as in `PhasedProgram.solve`.
     :param fine: factor of the number of intervals.
     :param spread: distribution of the intervals, as returned by `spread_like`.
     :return: None without convergence, or if the mesh is too large.

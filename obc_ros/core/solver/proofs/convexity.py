@@ -18,7 +18,7 @@ import casadi as ca
 import numpy as np
 from obc_ros.core.numerics.enclosures.interval_arithmetic import enclose_outputs
 from obc_ros.core.numerics.instructions import Instructions
-from obc_ros.core.numerics.rational_polynomials import Polynomial, split_affine, TooHardError
+from obc_ros.core.numerics.rational_polynomials import split_affine, TooHardError
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.ocp.structure import find_clocks, is_semidefinite
 from obc_ros.core.solver.proofs.existence import read_exactly
@@ -328,12 +328,14 @@ def has_one_mean_input(problem: Problem) -> bool:
         *f, L = read_exactly(problem, ca.vertcat(problem.f, problem.L))
     except TooHardError:
         return False
-    n = problem.n
+    n, zero = problem.n, Fraction(0)
     rows = [part[0] for part in (split_affine(each, n + 1) for each in f) if part]
     if len(rows) < n:
         return False
     A, reached = np.array([row[:n] for row in rows]), np.array([row[n] for row in rows])
-    Q = np.array([[_second(L, i, j) for j in range(n)] for i in range(n)], dtype=object)
+    Q = np.array([[2 * L.get(((i, 2),), zero) if i == j else
+                   L.get(((min(i, j), 1), (max(i, j), 1)), zero) for j in range(n)]
+                  for i in range(n)], dtype=object)
     for _ in range(n):
         if any(Q @ reached):
             return True
@@ -341,7 +343,3 @@ def has_one_mean_input(problem: Problem) -> bool:
     return False
 
 
-def _second(a: Polynomial, i: int, j: int) -> Fraction:
-    if i == j:
-        return 2 * a.get(((i, 2),), Fraction(0))
-    return a.get(((min(i, j), 1), (max(i, j), 1)), Fraction(0))

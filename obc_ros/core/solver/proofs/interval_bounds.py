@@ -66,7 +66,15 @@ def find_unsatisfiable(problem: Problem) -> Iterator[str]:
     tighter bounds of dx/dt. Terminal constraints that hold at no reachable state are yielded, too.
     """
     low, high = find_lower_bounds(problem), problem.x_upper
-    yield from _path(problem, low, high)
+    for row, found in enumerate(_values(problem, problem.path, low, high)):
+        for excess, words, sign, bound in (
+                (found.low - problem.path_upper[row], f'at least {format_number(found.low)}', '<=',
+                 problem.path_upper[row]),
+                (problem.path_lower[row] - found.high, f'at most {format_number(found.high)}',
+                 '>=', problem.path_lower[row])):
+            if excess > _margin(found):
+                yield (f'path_constraints[{row}] is {words} for all admissible states and '
+                       f'inputs but must be {sign} {format_number(bound)}')
     # For linear systems the check of the minimum time gives more.
     curved = bool(problem.q) and find_affine_dynamics(problem) is None
     for tightened in (False, True)[:1 + curved]:
@@ -90,20 +98,6 @@ def _reachable(problem: Problem, low: Array, high: Array) -> tuple[Array, Array]
                 *problem.start_box, _values(problem, problem.f, low, high), strict=True)]
     return (np.maximum(low, [each.low for each in ends]),
             np.minimum(high, [each.high for each in ends]))
-
-
-def _path(problem: Problem, low: Array, high: Array) -> Iterator[str]:
-    """Yield path constraints that no state and input within the bounds satisfy."""
-    for row, found in enumerate(_values(problem, problem.path, low, high)):
-        margin = _margin(found)
-        for excess, words, sign, bound in (
-                (found.low - problem.path_upper[row], f'at least {format_number(found.low)}', '<=',
-                 problem.path_upper[row]),
-                (problem.path_lower[row] - found.high, f'at most {format_number(found.high)}',
-                 '>=', problem.path_lower[row])):
-            if excess > margin:
-                yield (f'path_constraints[{row}] is {words} for all admissible states and '
-                       f'inputs but must be {sign} {format_number(bound)}')
 
 
 def _values(problem: Problem, expressions: ca.SX, low: Array, high: Array) -> list[Interval]:

@@ -35,7 +35,11 @@ def add_optimality(problem: Problem, found: Solution) -> Solution:
     known = found.optimality
     if known is not None and known.kind == 'global':
         return found
-    reason = _proof(problem, found)
+    reason = (
+        'every path costs the same' if find_constant_cost(problem) is not None
+        else 'convex' if is_convex_problem(problem)
+        else 'minimum time of a linear system'
+        if found.certificate and _least_time(problem, found, found.certificate) else '')
     if reason:
         return replace(found, optimality=Optimality('global', reason))
     starts, others = (known.starts, known.minima) if known else (1, ())
@@ -60,17 +64,6 @@ def describe_local(starts: int, best: float, others: Iterable[float]) -> Optimal
     guesses = f'{starts} initial guess{"es" * (starts != 1)}'
     return Optimality('local', f'{many} found from {guesses}', starts,
                       tuple(minima[:MOST_MINIMA]))
-
-
-def _proof(problem: Problem, found: Solution) -> str:
-    """Return why a certified path is globally optimal; '' if that is not proved."""
-    if find_constant_cost(problem) is not None:
-        return 'every path costs the same'
-    if is_convex_problem(problem):
-        return 'convex'
-    if found.certificate and _least_time(problem, found, found.certificate):
-        return 'minimum time of a linear system'
-    return ''
 
 
 def _least_time(problem: Problem, found: Solution, certificate: Certificate) -> bool:

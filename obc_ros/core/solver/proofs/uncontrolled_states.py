@@ -60,7 +60,8 @@ def find_missed_states(problem: Problem) -> Iterator[str]:
         ca.densify(problem.f[alone.tolist()]), problem.u, fixed)
     steps = list(Tube(symbols, problem.p, rates, p).steps((x0, x0), _stops(problem)))
     boxes = _boxes_at_the_end(problem, steps)
-    nothing = 'no input' if _movable(problem).all() else 'no input that can vary'
+    nothing = 'no input' if (problem.u_lower < problem.u_upper).all() else (
+        'no input that can vary')
     yield from _left(problem, alone, steps, nothing)
     for row in map(int, np.flatnonzero(decided)):
         psi = ca.Function('psi', [symbols, problem.p], [ca.densify(problem.psi[row])])
@@ -189,7 +190,7 @@ def _uncontrollable(problem: Problem) -> tuple[list[RationalRow], Exact, Exact]:
 
     :raises TooHardError: if dx/dt is not affine in exact arithmetic.
     """
-    n, movable = problem.n, _movable(problem)
+    n, movable = problem.n, problem.u_lower < problem.u_upper
     f = ca.Function('f', [problem.x, problem.u, problem.p], [ca.densify(problem.f)])
     held = [None if moves else float(low)
             for moves, low in zip(movable, problem.u_lower, strict=True)]
@@ -261,14 +262,10 @@ def _names(A: Exact) -> str:
     return f'the mode{"s" * (len(shown) > 1)} at {", ".join(shown)}'
 
 
-def _movable(problem: Problem) -> Mask:
-    movable: Mask = problem.u_lower < problem.u_upper
-    return movable
-
-
 def _driven(problem: Problem) -> Mask:
     """Return on which states an input acts, directly or through other states, shape (n,)."""
-    driven = find_dependence(problem.f, problem.u)[:, _movable(problem)].any(axis=1)
+    movable = problem.u_lower < problem.u_upper
+    driven = find_dependence(problem.f, problem.u)[:, movable].any(axis=1)
     through = find_dependence(problem.f, problem.x)
     for _ in range(problem.n):
         driven = driven | (through & driven).any(axis=1)

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The pieces of a transcription: an interval by one of two schemes, ends, path constraints."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import lru_cache
 
 import casadi as ca
@@ -26,15 +26,11 @@ def step(rate: Callable[[ca.SX, ca.SX], ca.SX], x: ca.SX, inputs: tuple[ca.SX, c
     :param inputs: input at the start and at the end.
     """
     start, slopes = ca.vertcat(x, 0), list[ca.SX]()
-    for row, u in zip(BUTCHER.A, _called(_along(inputs[0].numel()), *inputs), strict=True):
-        inner = _called(_after(row, start.numel()), start, h, *slopes)[0] if row else start
+    for row, u in zip(BUTCHER.A, _along(inputs[0].numel()).call(inputs), strict=True):
+        inner = _after(row, start.numel()).call([start, h, *slopes])[0] if row else start
         slopes.append(rate(inner, u))
-    end, = _called(_after(BUTCHER.b, start.numel()), start, h, *slopes)
+    end, = _after(BUTCHER.b, start.numel()).call([start, h, *slopes])
     return end[:-1], end[-1]
-
-
-def _called(function: ca.Function, *arguments: ca.SX) -> Sequence[ca.SX]:
-    return function.call(arguments)
 
 
 # Calling a cached function is faster than building its operations again.
@@ -68,7 +64,7 @@ def step_of(problem: Problem) -> ca.Function:
     rate = ca.Function('rate', [ca.vertcat(problem.x, ca.SX.sym('cost')), problem.u, problem.p],
                        [ca.vertcat(problem.f, problem.L)])
     return ca.Function('step', [problem.x, ua, ub, h, problem.p], [
-        *step(lambda z, u: _called(rate, z, u, problem.p)[0], problem.x, (ua, ub), h)])
+        *step(lambda z, u: rate.call([z, u, problem.p])[0], problem.x, (ua, ub), h)])
 
 
 def compute_amplification(z: NDArray[np.complex128]) -> Array:
@@ -94,13 +90,6 @@ def _gauss(problem: Problem, states: tuple[ca.SX, ca.SX, ca.SX], inputs: tuple[c
     return [*rows, xb - end], cost
 
 
-def _explicit(problem: Problem, states: tuple[ca.SX, ca.SX, ca.SX],
-              inputs: tuple[ca.SX, ca.SX], h: ca.SX) -> tuple[list[ca.SX], ca.SX]:
-    """Return the row and the cost of an interval by one Runge-Kutta step."""
-    end, cost = step_of(problem).call([states[0], *inputs, h, problem.p])
-    return [states[2] - end], cost
-
-
 class Pieces:
     """
     An interval, both ends and the path constraints of a problem, scaled, with their derivatives.
@@ -121,8 +110,12 @@ class Pieces:
         none, h = ca.SX(0, 1), st * duration * fraction
         v, own = ([duration], [fraction]) if free else ([], [fraction, duration])
         given = (ca.vertcat(xa, ua, ub, *v, ca.vec(inner), xb), ca.vertcat(*own), self.shared)
-        rows, cost = (_gauss if stages else _explicit)(
-            problem, (sx * xa, ca.repmat(sx, 1, stages) * inner, sx * xb), (su * ua, su * ub), h)
+        if stages:
+            rows, cost = _gauss(problem, (sx * xa, ca.repmat(sx, 1, stages) * inner, sx * xb),
+                                (su * ua, su * ub), h)
+        else:
+            end, cost = step_of(problem).call([sx * xa, su * ua, su * ub, h, problem.p])
+            rows = [sx * xb - end]
         points = [(xa, ua)] + [(inner[:, j], (1 - c) * ua + c * ub)
                                for j, c in enumerate(compute_gauss_points(stages))]
         at_points = (limits(sx * x, su * u, problem.p) for x, u in points)

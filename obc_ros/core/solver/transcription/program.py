@@ -198,7 +198,6 @@ class Transcription:
     The nonlinear program of a problem on a layout, for any numbers.
 
     :param problem: its symbols and expressions are used, not its numbers.
-    :param layout: phases, intervals and scheme.
     :param pieces: of the same problem and scheme, for any other layout.
     """
 
@@ -362,21 +361,16 @@ class Transcription:
         lower[self.at_x[-1, limits.pinned]] = -np.inf
         upper[self.at_x[-1, limits.pinned]] = np.inf
         mesh.hold(lower, upper, self.at_x, slice(self.n))
-        self._bound_start(problem, scales, lower, upper)
+        first = self.at_x[0]
+        low, high = (each / scales.x for each in problem.start_box)
+        # x(0) is within tightened bounds if possible.
+        inner = np.maximum(low, lower[first]), np.minimum(high, upper[first])
+        fits = ~problem.given_at_start & (inner[0] <= inner[1])
+        lower[first], upper[first] = np.where(fits, inner, (low, high))
         if self.layout.free_durations:
             lower[self.at_duration] = limits.shortest / scales.time
             upper[self.at_duration] = limits.longest / scales.time
         return lower, upper
-
-    def _bound_start(self, problem: Problem, scales: ProblemScales, lower: Array,
-                     upper: Array) -> None:
-        """Set the bounds of x(0) in those of the unknowns, within tightened ones if possible."""
-        first = self.at_x[0]
-        low, high = (each / scales.x for each in problem.start_box)
-        inner = np.maximum(low, lower[first]), np.minimum(high, upper[first])
-        fits = ~problem.given_at_start & (inner[0] <= inner[1])
-        lower[first], upper[first] = (np.where(fits, inside, whole) for inside, whole in zip(
-            inner, (low, high), strict=True))
 
     def _settled(self, problem: Problem, mesh: Mesh) -> Mask:
         """Return the equalities c(u) that held inputs satisfy in each phase, (phases, l)."""
