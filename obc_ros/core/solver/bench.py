@@ -316,7 +316,7 @@ class Bench:
         if not self.stated.constrained:
             return self, np.zeros(0)
         fitter = self.programs.fitter(self.problem)
-        value = fitter.values(self.problem, course)
+        value = fitter.at(self.problem, *course.points[:2])
         size = fitter.sizes(self.problem, course, value)
         margin, exceeded = compute_tightening(self.problem, value, size, course, self.margin, most)
         return replace(self, margin=margin), exceeded

@@ -12,7 +12,7 @@ Constraints c(u) on inputs alone do not enter dlam/dt: the costates of the trans
 and the densities are fitted at each time separately.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import pairwise
 
 import casadi as ca
@@ -30,16 +30,8 @@ from obc_ros.core.solver.transcription.intervals import step
 from obc_ros.core.solver.transcription.program import TranscriptionOutcome
 
 _Rows = tuple[Array, Array]   # A and b of A v = b or A v >= b
-
-
-@dataclass(frozen=True)
-class ActiveInterval:
-    """A constraint active between two fine times; `sign` is 1 at its upper bound, else -1."""
-
-    row: int
-    sign: int
-    first: int
-    last: int
+# A row, 1 at its upper bound or -1 at its lower one, and the first and last fine time there.
+_Contact = tuple[int, int, int, int]
 
 
 class Fitter:
@@ -83,7 +75,7 @@ class Fitter:
         found = self._contacts(problem, outcome, course)
         if not found:
             return course
-        if self._of_inputs[[contact.row for contact in found]].all():
+        if self._of_inputs[[row for row, *_ in found]].all():
             density = self._pointwise(problem, course, found)
             return replace(course, density_x=density[:, :, :self.n],
                            density_path=density[:, :, self.n:])
@@ -101,15 +93,13 @@ class Fitter:
         return replace(course, lam=lam[:, 0], lam_end=lam[:, 1], nu=values[:self.q],
                        density_x=density[:, :, :self.n], density_path=density[:, :, self.n:])
 
-    def _pointwise(self, problem: Problem, course: Extremal, found: list[ActiveInterval]) -> Array:
+    def _pointwise(self, problem: Problem, course: Extremal, found: list[_Contact]) -> Array:
         """Fit densities (K, 2, rows) of constraints on inputs alone to dH/du = 0 pointwise."""
         K = len(course.x)
         density = np.zeros((K, 2, self.rows))
         limits = np.zeros((2, K, self.rows))
-        for contact in found:
-            side = int(contact.sign > 0)
-            limits[side, contact.first:contact.last, contact.row] = np.copysign(
-                np.inf, contact.sign)
+        for row, sign, first, last in found:
+            limits[int(sign > 0), first:last, row] = np.copysign(np.inf, sign)
         size = _sizes(problem, course.ua)
         for side, x, u, lam in ((0, course.x, course.ua, course.lam),
                                 (1, course.x_end, course.ub, course.lam_end)):
@@ -146,11 +136,6 @@ class Fitter:
                                 *_at_bounds(problem, answer.u, size))
         return replace(answer, path_multipliers=mu)
 
-    def values(self, problem: Problem, course: Extremal) -> Array:
-        """Return x and c along a course, shape (K + 1, n + l)."""
-        x, u, _ = course.points
-        return self.at(problem, x, u)
-
     def slack(self, problem: Problem, course: Extremal) -> Array:
         """
         Return the complementarity products of path constraints that depend on inputs, (2, K).
@@ -170,7 +155,7 @@ class Fitter:
 
     def sizes(self, problem: Problem, course: Extremal, value: Array) -> Array:
         """
-        Return the sizes of x and c along a course, shape (n + l,); `value` is that of `values`.
+        Return the sizes of x and c along a course, (n + l,); `value` (K + 1, n + l): x and c.
 
         A constraint that is active throughout, such as x - 1 >= 0, is 0 but for rounding: it has
         at least `LEAST_PART` of the size of its terms.
@@ -186,7 +171,7 @@ class Fitter:
         return self._value(x, u, problem.p_value)[0]
 
     def _contacts(self, problem: Problem, outcome: TranscriptionOutcome,
-                  course: Extremal) -> list[ActiveInterval]:
+                  course: Extremal) -> list[_Contact]:
         """
         Return the intervals on which bounds of x and path constraints are active.
 
@@ -195,7 +180,7 @@ class Fitter:
         multipliers of an arc are proportional to the lengths of intervals, and small on a fine
         mesh. An equality is active at all times.
         """
-        value = self.values(problem, course)
+        value = self.at(problem, *course.points[:2])
         sizes = self.sizes(problem, course, value)
         mass = np.hstack([outcome.node_bounds, outcome.node_path])
         slopes = self._derivatives(problem, course.x, course.ua)[4]
@@ -217,10 +202,10 @@ class Fitter:
                 runs = find_runs(near, 2 * course.parts)   # over gaps of two intervals
                 if not self._pure[row]:
                     runs = _parted(runs, outcome, course.parts)
-                found += [ActiveInterval(int(row), sign, first, last) for first, last in runs]
+                found += [(int(row), sign, first, last) for first, last in runs]
         return found
 
-    def _basis(self, found: list[ActiveInterval], course: Extremal, grid: int
+    def _basis(self, found: list[_Contact], course: Extremal, grid: int
                ) -> tuple[Array, Array, Array]:
         """
         Return the functions whose multiples are fitted; densities bend at every `grid`-th time.
@@ -234,9 +219,8 @@ class Fitter:
         basis: list[tuple[int, Array | float, Array | float, int]] = []
         places = np.arange(K + 1)
         ends = np.column_stack([places[:-1], places[1:]])
-        for contact in found:
-            row, sign = contact.row, contact.sign
-            first, last = contact.first // grid, -(-contact.last // grid)
+        for row, sign, first, last in found:
+            first, last = first // grid, -(-last // grid)
             count = min((last - first) * grid // parts, 60) + (1 if grid > 1 else 2)
             knots = grid * np.unique(np.linspace(first, last, count).round().astype(int))
             first, last = first * grid, last * grid

@@ -67,8 +67,9 @@ def cut_at_jumps(arcs: Sequence[Arc], path: Path, of: Sequence[bool],
     widths = np.diff(path.t)
     for arc in arcs:
         start = arc.start
-        free = np.isnan(arc.levels) & np.array(of)
-        for time in times if free.any() and not _follows(arc, mixed) else ():
+        follows = any(on and not (mixed and mixed[row]) for row, on in enumerate(arc.on))
+        free = np.isnan(arc.levels) & np.array(of) & (not follows)
+        for time in times if free.any() else ():
             width = APART * widths[min(int(np.searchsorted(path.t, time, 'right')) - 1,
                                         len(widths) - 1)]
             if start + min(width, 0.02 * T) < time < arc.end - min(width, 0.02 * T):
@@ -105,11 +106,6 @@ def sharpen_steps(path: Path, arcs: Sequence[Arc]) -> Path:
         ub[(ub > time + near) & (ub < time + wide)] = time + wide
     return build_path(t, path.states_at(t), path.inputs_at(ua, after=True),
                       path.inputs_at(ub, after=False), path.durations)
-
-
-def _follows(arc: Arc, mixed: Sequence[bool]) -> bool:
-    """Return whether an arc is on a bound of the state."""
-    return any(on and not (mixed and mixed[row]) for row, on in enumerate(arc.on))
 
 
 def find_switching_times(outcome: TranscriptionOutcome) -> Array:

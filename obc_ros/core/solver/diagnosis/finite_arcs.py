@@ -37,7 +37,9 @@ def attain_by_arcs(problem: Problem, mixed: Solution, mixture: Mixture) -> Solut
     for periods in (2**k for k in range(9)):
         for v_first in (False, True):
             path = follow.sample(periods, v_first)
-            if periods > 1 and follow.leaves(path.x):
+            slack = 1e-6 * (1.0 + np.abs(path.x).max(axis=0))   # in doubt the certificate decides
+            out = (path.x < problem.x_lower - slack) | (path.x > problem.x_upper + slack)
+            if periods > 1 and out.any():
                 continue
             certificate = certify(problem, path)
             if certificate.holds:
@@ -87,12 +89,6 @@ class _Follower:
             ends += [begin + part[k] if before else end - part[k], end]
             is_v += [before, not before]
         return np.array(ends), np.array(is_v)
-
-    def leaves(self, x: Array) -> bool:
-        """Return whether states (N, n) are clearly outside of their bounds."""
-        problem = self._problem
-        slack = 1e-6 * (1.0 + np.abs(x).max(axis=0))   # in doubt the certificate decides
-        return bool(((x < problem.x_lower - slack) | (x > problem.x_upper + slack)).any())
 
     def _solution(self, t: Array, x: Array, inputs: tuple[Array, Array], J: float,
                   switches: Array) -> Solution:

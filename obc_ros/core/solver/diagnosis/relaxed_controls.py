@@ -17,6 +17,7 @@ import math
 import casadi as ca
 import numpy as np
 from obc_ros.core.numerics.arrays import Mask
+from obc_ros.core.numerics.samples import interpolate_columns
 from obc_ros.core.ocp.guess import Guess
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.ocp.solution import Solution
@@ -56,19 +57,14 @@ def _between_bounds(problem: Problem, j: int, found: Solution) -> Problem:
     rate = ca.Function('rate', [x, u, p], [problem.f, problem.L])
     names, inputs, bounds = list(problem.inputs), ca.SX(u), (
         problem.u_lower.copy(), problem.u_upper.copy())
-    mixed = []
-    for bound in (problem.u_upper, problem.u_lower):
-        held = ca.SX(u)
-        held[j] = bound[j]
-        mixed.append(rate.call([x, held, p]))
-    (f, L), (g, M) = mixed
+    (f, L), (g, M) = (rate.call([x, ca.vertcat(u[:j], bound[j], u[j + 1:]), p])
+                      for bound in (problem.u_upper, problem.u_lower))
     inputs[j], names[j], bounds[0][j], bounds[1][j] = share, f'{names[j]}{_SHARED}', 0.0, 1.0
     part = (problem.u_upper[j] - found.u[:, j]) / (problem.u_upper[j] - problem.u_lower[j])
     times = np.linspace(0.0, found.t[-1], 101)
-    u_guess = {name: np.interp(times, found.t, column) for name, column in zip(
-        names, np.where(np.arange(problem.m) == j, part[:, None], found.u).T, strict=True)}
-    x_guess = {name: np.interp(times, found.t, column)
-               for name, column in zip(problem.states, found.x.T, strict=True)}
+    x_guess, u_guess = (dict(zip(keys, interpolate_columns(times, found.t, values).T, strict=True))
+                        for keys, values in ((problem.states, found.x), (names, np.where(
+                            np.arange(problem.m) == j, part[:, None], found.u))))
     return replace(
         problem, structure='', u=inputs, f=(1 - share) * f + share * g, inputs=tuple(names),
         L=(1 - share) * L + share * M, u_lower=bounds[0], u_upper=bounds[1],

@@ -27,11 +27,7 @@ from obc_ros.core.numerics.arrays import Array, Index, optimize
 from obc_ros.core.ocp.certificate.certificate import COUNTS_AS_MET
 from obc_ros.core.ocp.least_time_form import find_affine_dynamics
 from obc_ros.core.ocp.problem import Problem
-from obc_ros.core.solver.exact.reachable_set import (
-    compute_exponential,
-    normalize_inputs,
-    Reach,
-)
+from obc_ros.core.solver.exact.reachable_set import compute_exponential, normalize_inputs, Reach
 
 _ROUNDING = 20 * np.finfo(float).eps   # of a step's terms, for each state
 _FINER = 16         # times as many cells as in the linear programme

@@ -21,11 +21,7 @@ from obc_ros.core.solver.improve.arc_iteration import (
     hold_switching_inputs,
 )
 from obc_ros.core.solver.improve.indirect import may_have_kinks, solve_on_kinks
-from obc_ros.core.solver.improve.state_arcs import (
-    may_have_arcs,
-    solve_along_bounds,
-    solve_at_once,
-)
+from obc_ros.core.solver.improve.state_arcs import may_have_arcs, solve_along_bounds, solve_at_once
 from obc_ros.core.solver.transcription.program import Nearby, SolveEffort
 
 

@@ -13,7 +13,6 @@ instants has no solution, by a margin of 1e-6; hence none exists for all times. 
 all inputs without bounds neither case applies.
 """
 
-from dataclasses import replace
 from functools import lru_cache
 
 import casadi as ca
@@ -77,15 +76,6 @@ def find_constant_cost(problem: Problem) -> float | None:
         L = float(problem.L)
         return L if not L or not problem.final_time.free else None
     return None
-
-
-def state_least_effort(problem: Problem) -> Problem:
-    """
-    Return a problem with a minimum, to select a path if all paths cost the same.
-
-    Its cost is the integral of 1 + `measure_effort`.
-    """
-    return replace(problem, structure='', V=ca.SX(0), L=1 + measure_effort(problem))
 
 
 def measure_effort(problem: Problem) -> ca.SX:

@@ -83,7 +83,7 @@ def find_unsatisfiable(problem: Problem) -> Iterator[str]:
         for row, found in enumerate(_values(problem, problem.psi, low, high)):
             margin = _margin(found)
             if found.low > margin or found.high < -margin:
-                more = (_extent if tightened else _turning)(problem, row, low, high)
+                more = _explain_range(problem, row, low, high, tightened=bool(tightened))
                 nearest = found.low if found.low > 0 else found.high
                 yield (f'the terminal constraint {describe_terminal(problem, row)} cannot be met'
                        f'{more}: it is missed by at least {format_number(abs(nearest))}')
@@ -112,16 +112,12 @@ def _margin(found: Interval) -> float:
     return COUNTS_AS_MET * (1 + sum(ends))
 
 
-def _turning(problem: Problem, row: int, low: Array, high: Array) -> str:
-    """Return, as text, the states of a terminal constraint that stay nonnegative by themselves."""
-    used = find_dependence(problem.psi[row], problem.x)[0] & (low > problem.x_lower)
-    names = [problem.states[k] for k in np.flatnonzero(used)]
-    return f' because no input takes {" or ".join(names)} below 0' if names else ''
-
-
-def _extent(problem: Problem, row: int, low: Array, high: Array) -> str:
-    """Return, as text, the range that the states of a terminal constraint can reach."""
+def _explain_range(problem: Problem, row: int, low: Array, high: Array, *, tightened: bool) -> str:
+    """Return, as text, which states of a terminal constraint stay nonnegative, or their ranges."""
     used = find_dependence(problem.psi[row], problem.x)[0]
+    if not tightened:
+        names = [problem.states[k] for k in np.flatnonzero(used & (low > problem.x_lower))]
+        return f' because no input takes {" or ".join(names)} below 0' if names else ''
     parts = [
         f'{problem.states[k]} stays between {format_number(low[k])} and {format_number(high[k])}'
         for k in np.flatnonzero(used & np.isfinite(low) & np.isfinite(high))]

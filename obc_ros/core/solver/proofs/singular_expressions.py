@@ -246,8 +246,17 @@ def find_suspects(problem: Problem) -> list[Suspect]:
 
     Terminal cost and terminal constraints are not examined.
     """
-    return [found for each in _operations(problem)
-            if (found := _suspect(*each)) and not found.value.is_constant()]
+    found = []
+    for where, operation, operands in _operations(problem):
+        powers = operation in (ca.OP_POW, ca.OP_CONSTPOW) and operands[1].is_constant()
+        power = float(operands[1]) if powers else 0.0
+        what = {ca.OP_LOG: 'the logarithm', ca.OP_SQRT: 'the root'}.get(
+            operation, 'a noninteger power' if power % 1.0 else '')
+        if operation in (ca.OP_DIV, ca.OP_INV) or power < 0.0 and not what:
+            found.append(Suspect(where, operands[0 if powers else -1], 'divides by zero', True))
+        elif what:
+            found.append(Suspect(where, operands[0], f'takes {what} of a negative number', False))
+    return [each for each in found if not each.value.is_constant()]
 
 
 def _follow(problem: Problem, found: list[tuple[_Place, ca.SX]], x: Array, u: Array
@@ -262,19 +271,3 @@ def _follow(problem: Problem, found: list[tuple[_Place, ca.SX]], x: Array, u: Ar
         yield where, value, row
 
 
-def _suspect(where: str, operation: int, operands: list[ca.SX]) -> Suspect | None:
-    """Return the condition that an operation imposes on an operand, if there is one."""
-    if operation in (ca.OP_DIV, ca.OP_INV):
-        return Suspect(where, operands[-1], 'divides by zero', True)
-    if operation == ca.OP_LOG:
-        return Suspect(where, operands[0], 'takes the logarithm of a negative number', False)
-    if operation == ca.OP_SQRT:
-        return Suspect(where, operands[0], 'takes the root of a negative number', False)
-    if operation in (ca.OP_POW, ca.OP_CONSTPOW) and operands[1].is_constant():
-        power = float(operands[1])
-        if power % 1.0:
-            return Suspect(where, operands[0], 'takes a noninteger power of a negative number',
-                           False)
-        if power < 0.0:
-            return Suspect(where, operands[0], 'divides by zero', True)
-    return None

@@ -12,7 +12,6 @@ from obc_ros.core.numerics.arrays import Array, Index, Mask
 from obc_ros.core.numerics.ipopt import Found
 from obc_ros.core.solver.nlp.interior_point import (
     Interior,
-    Iterate,
     leave_saddle,
     Pattern,
     ProgramValues,
@@ -150,7 +149,11 @@ class Stages:
             # Barrier parameter and least distance from bounds, near a solution and far from one.
             now = work.begin(y, *((1e-6, 1e-6) if near else (0.1, 1e-2)))
         if not near:
-            now = work.measured(self._scale(replace(now, z=np.ones_like(now.z))))
+            steepest, most = float(np.abs(now.values.cost_slope).max()), 100.0   # as in IPOPT
+            if most < steepest < np.inf:   # the cost is scaled down
+                self.factor = most / steepest
+                now = replace(now, values=self.values(now.y))
+            now = work.measured(replace(now, z=np.ones_like(now.z)))
         if lam_g is None:
             now = work.multipliers(now)
         end = leave_saddle(work, solve_program(work, now, goal, seen), goal, seen)
@@ -159,14 +162,6 @@ class Stages:
             lam_w=-work.spread(end.z)[self.at_w] / self.factor,
             lam_g=end.y[self.at_rows] / self.factor, converged=end.converged, status=end.status,
             iterations=end.iterations, mu=end.mu)
-
-    def _scale(self, now: Iterate) -> Iterate:
-        """Scale the cost down if its gradient is very large at a start without multipliers."""
-        steepest, most = float(np.abs(now.values.cost_slope).max()), 100.0   # most: as in IPOPT
-        if not (np.isfinite(steepest) and steepest > most):
-            return now
-        self.factor = most / steepest
-        return replace(now, values=self.values(now.y))
 
     def values(self, y: Array) -> ProgramValues:
         """Return values and derivatives at y."""

@@ -489,15 +489,6 @@ class Transcription:
         found = replace(found, iterations=min(max(found.iterations, 0), meter.iterations - begun))
         return self._outcome(problem, mesh, scales, found, rows)
 
-    def _first_costate(self, lam: Array) -> Array:
-        """Return lam(0), scaled, from the multipliers of the rows of the first interval."""
-        s = self.layout.stages
-        if not s:
-            return np.full(self.n, np.nan)
-        _, _, derivative, end = build_collocation(s)
-        rows = lam[:self.n * (s + 1)].reshape(s + 1, self.n)
-        return np.asarray(derivative[:, 0] @ rows[:s] - end[0] * rows[s])
-
     def _outcome(self, problem: Problem, mesh: Mesh, scales: ProblemScales, found: Found,
                  row_bounds: tuple[Array | float, Array | float]) -> TranscriptionOutcome:
         w, lam_w, g, lam_g = found.w, found.lam_w, found.g, found.lam_g
@@ -521,7 +512,12 @@ class Transcription:
         node_bounds = bounds[self.at_x] / scales.x
         node_bounds[0] = 0.0
         rows = lam[:first].reshape(N, -1)[:, self.n * s:self.n * (s + 1)]
-        costates = np.vstack([self._first_costate(lam) / scales.x, -rows / scales.x])
+        start = np.full(self.n, np.nan)
+        if s:   # from the rows of the first interval
+            _, _, derivative, end = build_collocation(s)
+            each = lam[:self.n * (s + 1)].reshape(s + 1, self.n)
+            start = derivative[:, 0] @ each[:s] - end[0] * each[s]
+        costates = np.vstack([start / scales.x, -rows / scales.x])
         return TranscriptionOutcome(
             mesh=mesh, path=path, converged=found.converged, status=found.status,
             objective=found.f * scales.cost, infeasibility=violation,
