@@ -251,8 +251,13 @@ class CostateIntegrator:
         x, x_end, J = (x[:-1], x[1:], running[-1]) if single else (anew, anew_end, J)
         V, _, last = self._end(x_end[-1:], outcome.nu[None, :], problem.p_value)
         lam, lam_end = self._costates(problem, outcome, (t, x, ua, ub), last[0], parts, single)
-        if not single and path.inner.shape[1] and self._failed(outcome, lam, size, parts):
-            return self._at_nodes(outcome, float(defect.max()), local)
+        if not single and path.inner.shape[1]:
+            found, swept = outcome.costates[:-1], lam[::parts] + outcome.impulses(parts)[:-1:parts]
+            with np.errstate(all='ignore'):
+                gap = (np.abs(swept - found) * size).max() / max(
+                    (np.abs(found) * size).max(), 1e-300)
+            if not gap <= _STIFF:   # explicit steps lead to other costates
+                return self._at_nodes(outcome, float(defect.max()), local)
         return Extremal(
             parts=parts, t=t, x=x, x_end=x_end, ua=ua, ub=ub, lam=lam, lam_end=lam_end,
             cost=float(J + V[0, 0]), defect=float(defect.max()), local=local, nu=outcome.nu)
@@ -271,14 +276,6 @@ class CostateIntegrator:
         V, psi, _ = self._end(ends[-1:], outcome.nu[None, :], problem.p_value)
         gaps = outcome.costates[1:-1] * (ends[:-1] - path.x[1:-1])
         return float(J + V[0, 0] + outcome.nu @ psi[0] + gaps.sum())
-
-    @staticmethod
-    def _failed(outcome: TranscriptionOutcome, lam: Array, size: Array, parts: int) -> bool:
-        """Return whether explicit steps lead to other costates than those of the transcription."""
-        found, swept = outcome.costates[:-1], lam[::parts] + outcome.impulses(parts)[:-1:parts]
-        with np.errstate(all='ignore'):
-            gap = (np.abs(swept - found) * size).max() / max((np.abs(found) * size).max(), 1e-300)
-        return not gap <= _STIFF
 
     def _at_nodes(self, outcome: TranscriptionOutcome, defect: float, local: Array) -> Extremal:
         """Return the states and costates of the collocation at its mesh points."""

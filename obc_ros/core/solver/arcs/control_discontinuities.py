@@ -109,11 +109,7 @@ def sharpen_steps(path: Path, arcs: Sequence[Arc]) -> Path:
 
 
 def find_switching_times(outcome: TranscriptionOutcome) -> Array:
-    """
-    Return the ends of phases [s] at which inputs jump, or meet or leave bounds.
-
-    :param outcome: on phases with arcs; of a single phase none are returned.
-    """
+    """Return the ends of phases [s] at which inputs jump, or meet or leave bounds."""
     mesh, path = outcome.mesh, outcome.path
     ends = np.cumsum(path.durations)[:-1]
     if mesh.on is not None and mesh.on.any():

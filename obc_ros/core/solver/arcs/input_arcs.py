@@ -86,8 +86,10 @@ def find_arcs(problem: Problem, path: Path, switching: Sequence[bool],
     spans = []
     t = np.column_stack([path.t[:-1], path.t[1:]]).ravel()
     u = np.stack([path.ua, path.ub], axis=1).reshape(-1, problem.m)
-    status = np.column_stack([_find_status(u[:, i], problem.u_lower[i], problem.u_upper[i])
-                              for i in range(problem.m)])
+    span = problem.u_upper - problem.u_lower
+    near = 1e-3 * np.where(np.isfinite(span), span, np.maximum(1e-9, np.ptp(u, axis=0)))
+    status = np.where(u <= problem.u_lower + near, _LOWER,
+                      np.where(u >= problem.u_upper - near, _UPPER, _INSIDE))
     for inputs in find_mixed_equalities(problem):
         _free_farthest(status, u, problem, np.flatnonzero(inputs))
     for i, switches in enumerate(switching):
@@ -126,13 +128,6 @@ def join(spans: Sequence[Sequence[_Span]]) -> list[Arc]:
             arcs.append(Arc(start, end, levels))
             start = end
     return arcs
-
-
-def _find_status(u: Array, lower: float, upper: float) -> Array:
-    """Return at which bound an input (K,) is at each point."""
-    size = upper - lower if math.isfinite(upper - lower) else max(1e-9, np.ptp(u))
-    return np.where(u <= lower + 1e-3 * size, _LOWER,
-                    np.where(u >= upper - 1e-3 * size, _UPPER, _INSIDE))
 
 
 def _free_farthest(status: Array, u: Array, problem: Problem, of: Index) -> None:
@@ -389,11 +384,7 @@ def _vanishes(t: Array, values: Array, near: float) -> float:
 
 
 def have_moved(arcs: Sequence[Arc], durations: Array, least: float) -> bool:
-    """
-    Return whether the ends of arcs moved by more than the part `least` of T.
-
-    `durations`: lengths of the former phases [s]; False if there are more or fewer.
-    """
+    """Return whether the ends of as many arcs as before differ by more than `least` T."""
     ends = np.cumsum(durations)
     return len(arcs) == len(ends) and bool(np.any(np.abs(
         np.array([arc.end for arc in arcs]) - ends) > least * ends[-1]))

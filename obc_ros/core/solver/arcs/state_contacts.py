@@ -91,8 +91,6 @@ def add_contacts(arcs: Sequence[Arc], found: Sequence[StateContact], free: Mask,
     The rest of an arc between a contact and the next arc, if it is short, is a jump smeared by a
     coarse mesh: its inputs take the levels of the arc beside it.
 
-    :param arcs: without gaps.
-    :param found: at least one.
     :param free: (n + l, m), inputs that follow from the bound of each row, and become free on it.
     :param mixed: (n + l,), optional, rows that depend on inputs: inputs at bounds stay there. If
         all of a row do, it does not become active.

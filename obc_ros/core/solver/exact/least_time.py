@@ -197,8 +197,7 @@ def _deciding_part(reach: Reach, T: float, eta: Array) -> _Part:
     columns = np.flatnonzero(~singular)
     free, tied = split_directions(reach.A, reach.B[:, singular], reach.C)
     part = replace(reach, B=reach.B[:, columns], C=tied.T @ reach.C, d=tied.T @ reach.d)
-    return _Part(reach, part, np.asarray(tied.T @ eta), columns, np.flatnonzero(singular), tied,
-                 free)
+    return _Part(reach, part, tied.T @ eta, columns, np.flatnonzero(singular), tied, free)
 
 
 def _direction(reach: Reach, T: float, eta: Array, warm: bool) -> tuple[float, Array, _Part]:

@@ -108,11 +108,9 @@ def _absolute(A: Array, B: Array, w: Array, h: Array, integral: Array) -> Array:
     """
     s = np.abs(w @ B)
     growth = np.exp(np.linalg.norm(A, 2) * h)
-    change = (np.linalg.norm(w[:-1], axis=1) * growth * h)[:, None] * np.linalg.norm(
-        A @ B, axis=0)
+    change = (np.linalg.norm(w[:-1], axis=1) * growth * h)[:, None] * np.linalg.norm(A @ B, axis=0)
     one_sign = np.maximum(s[:-1], s[1:]) > change
-    cells = np.where(one_sign, np.abs(integral),
-                     h[:, None] * (np.minimum(s[:-1], s[1:]) + change))
+    cells = np.where(one_sign, np.abs(integral), h[:, None] * (np.minimum(s[:-1], s[1:]) + change))
     return np.asarray(cells.sum(axis=1))
 
 

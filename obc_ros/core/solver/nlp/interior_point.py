@@ -75,7 +75,6 @@ class Pattern:
 
     :param rows, columns: places of all entries of both triangles; entries at the same place are
         added.
-    :param border: number of columns of the border.
     :param triangle: keep only the lower triangle of the band, which is sufficient for `definite`.
     """
 

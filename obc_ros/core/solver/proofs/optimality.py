@@ -50,8 +50,6 @@ def describe_local(starts: int, best: float, others: Iterable[float]) -> Optimal
     """
     Return the result of a search from several initial guesses.
 
-    :param starts: number of initial guesses.
-    :param best: cost of the solution.
     :param others: costs of other minima. Those that are not higher, or nearly equal to a lower
         one, are duplicates or were not confirmed; they are left out.
     """

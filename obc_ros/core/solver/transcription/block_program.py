@@ -131,7 +131,6 @@ def assemble(blocks: Sequence[Block], unknowns: int, shared: int, constants: int
     Assemble the program of all blocks.
 
     :param blocks: in the order of their rows.
-    :param unknowns: length of w.
     :param shared, constants: number of constants shared by all copies, which come first in c, and
         length of c.
     """

@@ -453,8 +453,6 @@ class Transcription:
         """
         Solve the program for the numbers of a problem of the same structure.
 
-        :param problem, mesh: of the structure and the layout this was built for; their numbers are
-            used.
         :param start: unknowns, from `start` or of an earlier outcome.
         :param meter: counts every iteration and may end the solve; it knows their maximum.
         :param near: if the start is near the solution.
