@@ -4,6 +4,7 @@
 
 from importlib import util
 from pathlib import Path
+import re
 
 import nbformat
 import pytest
@@ -26,7 +27,7 @@ def read(path):
 
 
 def test_the_notebooks_follow_the_chapter():
-    assert [path.stem[:3] for path in NOTEBOOKS] == [f'{k:02}_' for k in range(1, 8)]
+    assert [path.stem[:3] for path in NOTEBOOKS] == [f'{k:02}_' for k in range(1, 12)]
 
 
 @pytest.mark.parametrize('path', NOTEBOOKS, ids=lambda path: path.stem)
@@ -45,6 +46,31 @@ def test_a_notebook_has_an_exercise_with_a_checked_answer(path):
     before, after = cells[:exercise], cells[exercise:]
     for part in (before, after):
         assert any(CHECK in cell.source for cell in part if cell.cell_type == 'code')
+
+
+@pytest.mark.parametrize('path', NOTEBOOKS, ids=lambda path: path.stem)
+def test_the_solutions_are_folded(path):
+    cells = read(path).cells
+    exercise = next(k for k, cell in enumerate(cells) if '## Exercise' in cell.source)
+    for cell in cells[:exercise]:
+        assert not cell.metadata and '<details>' not in cell.source
+    solved = 0
+    for cell in cells[exercise:]:
+        if cell.cell_type == 'markdown':
+            answer = cell.source.startswith('<details><summary>Answer</summary>\n\n')
+            assert answer == cell.source.endswith('\n\n</details>')
+            assert answer != cell.source.startswith(('## Exercise', '(b) ', 'Plot '))
+            solved += answer
+        elif CHECK in cell.source:
+            assert cell.metadata == {'jupyter': {'source_hidden': True}, 'tags': ['hide-input']}
+    assert solved >= 1
+
+
+def test_every_exercise_of_the_chapter_has_a_notebook():
+    titles = ' '.join(cell.source for path in NOTEBOOKS for cell in read(path).cells
+                      if cell.cell_type == 'markdown')
+    for number in range(1, 11):
+        assert re.search(rf'Exercises?( 2\.\d+,)* (2\.\d+ and )?2\.{number}\b', titles)
 
 
 @pytest.mark.notebook
