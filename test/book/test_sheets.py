@@ -105,6 +105,14 @@ def test_the_form_of_a_right_answer_is_free(name, answer):
     assert judge(name, answer).verdict == 'right'
 
 
+@pytest.mark.parametrize('question', [
+    each for each in FORMULAS if not each.names], ids=lambda question: question.name)
+def test_three_digits_are_enough(question):
+    right = question.evaluate(question.reference)[0]
+    for answer in (np.vectorize(lambda value: float(f'{value:.3g}'))(right), 1.0019 * right):
+        assert check_answer(question, answer.tolist()).verdict == 'right'
+
+
 @pytest.mark.parametrize('name, answer, why', MISTAKES, ids=str)
 def test_a_typical_mistake_is_told(name, answer, why):
     found = judge(name, as_yaml(answer))

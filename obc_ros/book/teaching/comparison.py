@@ -26,15 +26,15 @@ ANY = (   # what any answer may be of the right one
     (1.0 / DEGREES, 'it was converted from degrees, but is in radians already'))
 
 
-def agree(given: Array, right: Array, allowed: float) -> bool:
+def agree(given: Array, right: Array, formula: bool) -> bool:
     """
-    Return whether values are equal.
+    Return whether values are equal: formulas to rounding, numbers to three digits.
 
-    :param allowed: relative difference of each entry; of a vanishing one, relative to the largest.
+    An entry is compared with itself, a vanishing one with the largest.
     """
     if given.shape != right.shape or not np.all(np.isfinite(given) & np.isfinite(right)):
         return False
-    return bool(np.all(np.abs(given - right) <= allowed * _get_size(right)))
+    return bool(np.all(np.abs(given - right) <= _get_tolerance(right, formula)))
 
 
 def describe_difference(given: Array, right: Array, formula: bool) -> str:
@@ -51,24 +51,22 @@ def describe_difference(given: Array, right: Array, formula: bool) -> str:
 
 def _describe_factor(given: Array, right: Array, formula: bool) -> str:
     """Return by which known or constant factor an answer is wrong."""
-    allowed = SAME_FORMULA if formula else THREE_DIGITS
     for factor, why in ANY:
-        if agree(given, factor * right, allowed):
+        if agree(given, factor * right, formula):
             return why
     largest = np.unravel_index(np.argmax(np.abs(right)), right.shape)
     if not formula or not right[largest] or np.ptp(right, axis=0).max() <= SAME_FORMULA:
         return ''   # any number is a constant factor of another one
     constant = float(given[largest] / right[largest])
-    if abs(constant - 1.0) <= NEAR or not constant or not agree(given, constant * right, allowed):
+    if abs(constant - 1.0) <= NEAR or not constant or not agree(given, constant * right, formula):
         return ''
     return (f'it is the right answer with a constant factor of {format_value(constant, 4)} too '
             'much')
 
 
 def _describe_rounding(given: Array, right: Array, formula: bool) -> str:
-    size = np.where(np.abs(right) > SAME_FORMULA * _get_size(right), np.abs(right), 0.0)
-    exact = THREE_DIGITS * _get_size(right) * (size == 0.0)
-    if not np.all(np.abs(given - right) <= NEAR * size + exact):
+    near = np.maximum(NEAR * np.abs(right), _get_tolerance(right, formula))
+    if not np.all(np.abs(given - right) <= near):
         return ''
     return ('near: write numbers such as sqrt(2) as a formula; formulas are compared to 1e-9'
             if formula else 'near: three significant digits are asked for')
@@ -76,8 +74,7 @@ def _describe_rounding(given: Array, right: Array, formula: bool) -> str:
 
 def _describe_entries(given: Array, right: Array, formula: bool) -> str:
     """Return which entry is wrong, and how, if others are right."""
-    allowed = SAME_FORMULA if formula else THREE_DIGITS
-    wrong = np.argwhere(np.any(np.abs(given - right) > allowed * _get_size(right), axis=0))
+    wrong = np.argwhere(np.any(np.abs(given - right) > _get_tolerance(right, formula), axis=0))
     rows, columns = right.shape[1:]
     if len(wrong) == rows * columns:
         return ''
@@ -91,9 +88,12 @@ def _describe_entries(given: Array, right: Array, formula: bool) -> str:
     return f'only the entry {place} is wrong{f": {how}" if how else ""}'
 
 
-def _get_size(right: Array) -> Array:
-    """Return to what the differences of entries are relative."""
+def _get_tolerance(right: Array, formula: bool) -> Array:
+    """Return how far each entry may be off."""
     scale = float(np.abs(right).max())
-    # An entry is compared with itself, a vanishing one with the largest.
-    found: Array = np.where(np.abs(right) > SAME_FORMULA * scale, np.abs(right), scale or 1.0)
-    return found
+    size = np.where(np.abs(right) > SAME_FORMULA * scale, np.abs(right), scale or 1.0)
+    if formula:
+        return np.asarray(SAME_FORMULA * size)
+    third_digit = 10.0**(np.floor(np.log10(size)) - 2.0)
+    # Half of the third digit, as 1.41 is off from sqrt(2), and some rounding.
+    return np.maximum(THREE_DIGITS * size, 0.501 * third_digit)

@@ -20,12 +20,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 from obc_ros.api.solving import certify, solve
-from obc_ros.book.teaching.comparison import (
-    agree,
-    describe_difference,
-    SAME_FORMULA,
-    THREE_DIGITS,
-)
+from obc_ros.book.teaching.comparison import agree, describe_difference, SAME_FORMULA
 from obc_ros.book.teaching.notation import find_unit, parse_answer, split_answer
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.ocp.solution import Certificate, Condition
@@ -130,7 +125,7 @@ class FormulaQuestion(SheetQuestion):
 
     def agree(self, given: Array, right: Array) -> bool:
         """Return whether values are equal: formulas to rounding, numbers to three digits."""
-        return agree(given, right, SAME_FORMULA if self.names else THREE_DIGITS)
+        return agree(given, right, bool(self.names))
 
     def _find_special_cases(self, answer: Any) -> str:
         """Return for which values of a name a formula is right; '' if for none of those tried."""
