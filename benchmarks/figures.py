@@ -65,7 +65,9 @@ def main(root: Path = ROOT) -> int:
 
 def read_figures(root: Path = ROOT) -> Iterator[Figure]:
     """Yield the figures of the README and of docs/, and those of rows without a commit."""
-    for page in (root / 'README.md', *sorted((root / 'docs').rglob('*.md'))):
+    docs = root / 'docs'
+    for page in (root / 'README.md', *sorted(docs.rglob('*.md'))):
+        name = str(page.relative_to(docs if page.is_relative_to(docs) else root))
         text, named = page.read_text(encoding='utf-8'), ['']
         for block in BLOCK.finditer(text):
             line, waiting = text.count('\n', 0, block.start()) + 1, list[str]()
@@ -73,10 +75,10 @@ def read_figures(root: Path = ROOT) -> Iterator[Figure]:
                 if names or script:
                     named = waiting = [*waiting, *names.split(), *script.split()]
                 else:
-                    yield from (Figure(page.name, line, each, *commit) for each in named)
+                    yield from (Figure(name, line, each, *commit) for each in named)
                     waiting = []
             if block[0].startswith('|'):
-                yield from (Figure(page.name, line, each) for each in waiting)
+                yield from (Figure(name, line, each) for each in waiting)
 
 
 def find_faults(root: Path = ROOT) -> Iterator[str]:

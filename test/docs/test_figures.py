@@ -49,8 +49,8 @@ def commit(root: Path, message: str) -> str:
 
 def write(root: Path, text: str) -> None:
     """Write the only page of the documentation."""
-    (root / 'docs').mkdir(exist_ok=True)
-    (root / 'docs' / 'page.md').write_text(text)
+    (root / 'docs' / 'development').mkdir(parents=True, exist_ok=True)
+    (root / 'docs' / 'development' / 'page.md').write_text(text)
 
 
 def test_the_figures_of_the_documentation_name_benchmark_commit_and_day():
@@ -60,11 +60,11 @@ def test_the_figures_of_the_documentation_name_benchmark_commit_and_day():
 
 @pytest.mark.parametrize(('text', 'fault'), [
     ('| 1 ms | `obc bench speed` at `0123abcd` of 2026-11-22 |\n',
-     "page.md:1: no benchmark 'speed'"),
-    ('Of\n\nwhat, at `0123abcd` of 2026-11-22?\n', "page.md:3: no benchmark ''"),
-    ('| 1 ms | `obc bench gain` |\n', 'page.md:1: no commit and day of gain'),
+     "development/page.md:1: no benchmark 'speed'"),
+    ('Of\n\nwhat, at `0123abcd` of 2026-11-22?\n', "development/page.md:3: no benchmark ''"),
+    ('| 1 ms | `obc bench gain` |\n', 'development/page.md:1: no commit and day of gain'),
     ('| 1 ms | `python benchmarks/gain.py --fast` | the same |\n',
-     'page.md:1: no commit and day of gain'),
+     'development/page.md:1: no commit and day of gain'),
     ('Measure `obc bench gain` yourself.\n', None)])
 def test_a_figure_without_benchmark_commit_or_day_is_named(clone, capsys, text, fault):
     write(clone, text)
@@ -87,7 +87,7 @@ def test_a_figure_is_old_once_what_its_benchmark_uses_has_changed(clone, capsys)
         assert figures.main(clone) == 0
         said = capsys.readouterr().out
         for line, day in ((1, 22), (6, 23)):
-            assert f'page.md:{line}' in said
+            assert f'development/page.md:{line}' in said
             assert f'{begun} of 2026-11-{day}' in said
         assert message in said
     assert '4 of 4 results are older' in said
