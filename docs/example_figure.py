@@ -30,6 +30,6 @@ def keep_figures(program: str, folder: Path) -> None:
 
 
 if __name__ == '__main__':
-    keep_figures(f"{read_program(ROOT / 'README.md')}.savefig('obstacle.png')"
-                 .replace('\n.savefig', '.savefig'), DOCS)
+    keep_figures(re.sub(r'\.plot\(.*\)\n$', ".plot().savefig('obstacle.png')",
+                        read_program(ROOT / 'README.md')), DOCS)
     keep_figures(read_program(DOCS / 'python.md'), DOCS / 'python')
