@@ -1,14 +1,31 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""A recording of given messages, for the tests of the live page."""
+"""Designs and recordings of given messages, for the tests of the live page."""
 
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from mcap.writer import Writer
-from obc_ros.msg import State
+import numpy as np
+from obc_ros import lqr, systems
+from obc_ros.msg import LqrDesign, State
 from rclpy.serialization import serialize_message
+
+
+def design_of(name: str, qx: list[float], qu: list[float]) -> LqrDesign:
+    """Return the message of a design, with what the page reads."""
+    system = systems[name]
+    design = lqr(system, qx, qu)
+    poles = np.linalg.eigvals(design.A - design.B @ design.K)
+    n, m = np.shape(design.B)
+    return LqrDesign(
+        system=name, state_names=list(system.states), input_names=list(system.inputs),
+        a=np.ravel(design.A), b=np.ravel(design.B), k=np.ravel(design.K), p=np.ravel(design.P),
+        xe=np.zeros(n), ue=np.zeros(m), poles_real=poles.real, poles_imag=poles.imag,
+        damping=-poles.real / np.abs(poles), rise_time=[1.0] + [np.nan] * (n - 1),
+        phase_margin=[1.0] * m, disk_margin=[1.0] * m, delay_margin=[1.0] * m,
+        peak_input=[2.0] * m)
 
 
 def record(file: Path, states: list[list[float]], topic: str = '/state',

@@ -54,11 +54,11 @@ export default {
       this.plain = JSON.parse(JSON.stringify(this.scene));
       this.drawn = 0;
     },
-    push(frame) {
+    push(frame, age = 0) {
       const last = this.frames[this.frames.length - 1];
       if (last && frame.t < last.t) [this.frames, this.prediction] = [[], []];
       if (frame.prediction) this.prediction = finite(frame.prediction);
-      this.arrived = performance.now();
+      this.arrived = performance.now() - 1000 * age;
       this.frames.push(frame);
       if (this.frames.length > TRAIL) this.frames.splice(0, this.frames.length - TRAIL);
       if (frame.n % ACK === 0) this.$emit("ack", frame.n);

@@ -45,14 +45,14 @@ class LoopCanvas(Element, component='canvas.js'):
         self._props['scene'] = scene
         self.update()
 
-    def push(self, frame: Frame) -> None:
-        """Send a frame, unless too many are under way."""
+    def push(self, frame: Frame, age: float = 0.0) -> None:
+        """Send a frame that came `age` [s] ago, unless too many are under way."""
         if self._sent - self._seen < BEHIND:
             self._sent += 1
             packed = frame.pack(self._sent)
             if frame.prediction is not self._predicted:
                 self._predicted = packed['prediction'] = frame.prediction
-            self.run_method('push', packed)
+            self.run_method('push', packed, age)
 
     def show_plan(self, points: Sequence[Sequence[float]]) -> None:
         """Draw a path ahead; empty: none."""

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The page: picture and signals beside the panels; one page for each browser."""
 
+import time
 from typing import Any
 
 from nicegui import app, Client, ui
@@ -68,13 +69,14 @@ class Viewer:
     def __init__(self, source: LoopClient | Playback, helm: Helm, title: str) -> None:
         self.source, self.helm, self.title = source, helm, title
         self.frame: Frame | None = None
+        self._arrived = 0.0   # when it came [s], by a steady clock
         self._canvases: dict[str, LoopCanvas] = {}
         app.timer(PERIOD, self._broadcast)
 
     def _broadcast(self) -> None:
         frame = self.source.take_frame()
         if frame is not None:
-            self.frame = frame
+            self.frame, self._arrived = frame, time.monotonic()
             for canvas in tuple(self._canvases.values()):
                 canvas.push(frame)
 
@@ -85,6 +87,8 @@ class Viewer:
     def add(self, page: str, canvas: LoopCanvas) -> None:
         """Send frames to a page that has connected; it watches, unless it had the control."""
         self._canvases[page] = canvas
+        if self.frame is not None:   # a plant or a recording that is paused sends no other
+            canvas.push(self.frame, time.monotonic() - self._arrived)
         self.helm.resume(page)
 
     def remove(self, page: str) -> None:
@@ -175,7 +179,7 @@ class LoopPage:
                 playback.seek(event.args)
 
         with ui.row().classes('w-full items-center no-wrap'):
-            self._play = ui.button('Pause', on_click=lambda: self._toggle(playback))
+            self._play = ui.button('Play', on_click=lambda: self._toggle(playback))
             self._slider = ui.slider(min=0.0, max=playback.duration,
                                      step=max(0.01, playback.duration / STEPS), value=0.0).props(
                 'aria-label="time [s]"').classes('grow')

@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""A recording as a source of frames: play, pause, scrub, speed."""
+"""A recording as a source of frames: play, pause, scrub, speed. It waits for the first play."""
 
 from bisect import bisect_right
 from pathlib import Path
@@ -42,7 +42,7 @@ class Playback:
         self._held: SetPoint | None = None
         self.reference: FollowedPath | None = None
         self._predicted: tuple[Any, list[list[float | None]]] = None, []
-        self.playing, self.speed, self.position = True, 1.0, 0.0
+        self.playing, self.speed, self.position = False, 1.0, 0.0
         self._rows: dict[str, list[Any]] = {name: [] for name in KINDS}
         self._times: dict[str, list[float]] = {name: [] for name in KINDS}
         self._read(_find_file(file))

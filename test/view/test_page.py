@@ -22,7 +22,7 @@ import pytest
 from rcl_interfaces.msg import Log
 from rclpy.qos import DurabilityPolicy, QoSProfile
 import support
-from view_recording import record
+from view_recording import design_of, record
 
 sync = pytest.importorskip('playwright.sync_api', reason='playwright is not installed')
 CHROMIUM = next(filter(None, map(shutil.which, (
@@ -44,6 +44,8 @@ COUNT_PIXELS = """canvas => { const { data } = canvas.getContext("2d").getImageD
     for (let i = 0; i < data.length; i += 4)
       found += data[i] === %#x && data[i + 1] === %#x && data[i + 2] === %#x;
     return found; }"""
+LATER = """than => document.querySelector('[aria-label="time [s]"]')
+    .getAttribute('aria-valuenow') > than"""
 PICTURE = 'canvas => canvas.toDataURL()'
 PICTURE_CHANGED = 'shown => document.querySelector(".obc-plane").toDataURL() !== shown'
 COUNT_REFERENCE = COUNT_PIXELS % (0xcc, 0x79, 0xa7)
@@ -496,21 +498,28 @@ def test_a_long_solution_is_cancelled(site, page):
     page.get_by_text('cancelled').first.wait_for()
 
 
-def test_a_recording_plays_and_is_scrubbed(site, tmp_path):
+def test_a_recording_waits_plays_and_is_scrubbed(site, tmp_path):
     file = tmp_path / 'a.mcap'
-    record(file, [[0.01 * k, 0.0] for k in range(60)])
+    record(file, [[0.5 + 0.01 * k, *[0.0] * 5] for k in range(60)], others=[
+        (0, '/lqr_node/design', design_of('aircraft', [1.0] * 6, [1.0] * 2))])
     page = site.open(serve(site.spawner, tmp_path, site.domain, str(file)))
-    page.get_by_role('button', name='Pause').wait_for()
+    play, slider = page.get_by_role('button', name='Play'), page.get_by_label('time [s]')
+    for _ in range(2):   # a second page does not begin it either
+        play.wait_for()
+        page.wait_for_timeout(500)
+        assert slider.get_attribute('aria-valuenow') == '0'
+        assert 'px 0.50 m' in page.locator('.obc-plane').get_attribute('aria-label')
+        page.reload()
+    play.click()
+    page.wait_for_function(LATER, arg=0)
     page.get_by_role('button', name='Pause').click()
-    page.get_by_role('button', name='Play').wait_for()
-    slider = page.get_by_label('time [s]')
+    play.wait_for()
     held = slider.get_attribute('aria-valuenow')
     page.wait_for_timeout(500)
     assert slider.get_attribute('aria-valuenow') == held
     slider.locator('[tabindex="0"]').focus()
     page.keyboard.press('PageUp')
-    page.wait_for_function('held => document.querySelector("[aria-label=\\"time [s]\\"]")'
-                           '.getAttribute("aria-valuenow") > Number(held) + 1', arg=held)
+    page.wait_for_function(LATER, arg=float(held) + 1)
     page.context.close()
 
 

@@ -15,7 +15,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from hypothesis import given
 from hypothesis import strategies as st
 import numpy as np
-from obc_ros import lqr, systems
+from obc_ros import systems
 from obc_ros.cli.obc import main
 from obc_ros.cli.recording import LATCHED
 from obc_ros.core.lqr.weights import from_bryson
@@ -35,6 +35,7 @@ from obc_ros.view.access import COOKIE, Gate, Helm, make_token
 from obc_ros.view.canvas import describe_scene, LoopCanvas
 from obc_ros.view.charts import add_unit, compute_steps, find_switching_functions, list_figures
 from obc_ros.view.loop_client import LoopClient, NEWS
+from obc_ros.view.page import Viewer
 from obc_ros.view.plan_panel import compute_switching
 from obc_ros.view.playback import Playback
 from obc_ros.view.telemetry import (
@@ -52,7 +53,7 @@ from obc_ros.view.telemetry import (
 from obc_ros.view.weights_panel import convert_weights
 import uvicorn
 from uvicorn.server import ServerState
-from view_recording import record
+from view_recording import design_of, record
 
 HOSTILE = '</script><img src=x onerror=alert(1)>{{ 7*7 }}'
 
@@ -325,21 +326,6 @@ def test_nobody_controls_what_is_read_only():
     assert not helm.has('a')
 
 
-def design_of(name: str, qx: list[float], qu: list[float]) -> LqrDesign:
-    """Return the message of a design, with what the page reads."""
-    system = systems[name]
-    design = lqr(system, qx, qu)
-    poles = np.linalg.eigvals(design.A - design.B @ design.K)
-    n, m = np.shape(design.B)
-    return LqrDesign(
-        system=name, state_names=list(system.states), input_names=list(system.inputs),
-        a=np.ravel(design.A), b=np.ravel(design.B), k=np.ravel(design.K), p=np.ravel(design.P),
-        xe=np.zeros(n), ue=np.zeros(m), poles_real=poles.real, poles_imag=poles.imag,
-        damping=-poles.real / np.abs(poles), rise_time=[1.0] + [np.nan] * (n - 1),
-        phase_margin=[1.0] * m, disk_margin=[1.0] * m, delay_margin=[1.0] * m,
-        peak_input=[2.0] * m)
-
-
 def test_the_step_response_is_that_of_the_closed_loop():
     """K = (1, sqrt 3) for Qx = diag(1, 1), Qu = 1: both poles of the loop are known."""
     [(name, data)] = compute_steps(design_of('double_integrator', [1.0, 1.0], [1.0]))
@@ -406,16 +392,19 @@ def test_a_recording_plays_pauses_and_is_scrubbed(tmp_path, monkeypatch):
     monkeypatch.setattr(time, 'monotonic', lambda: clock.now)
     playback = Playback(record(tmp_path / 'a.mcap', [[0.0], [1.0], [2.0], [3.0]]))
     assert playback.duration == 3.0 and playback.plant.state_names == ('x1',)
-    playback.take_frame()
-    clock.now = 1.5
+    assert list(playback.take_frame().x) == [0.0]
+    clock.now = 1.0
+    assert playback.take_frame() is None   # it waits for play
+    playback.playing = True
+    clock.now = 2.5
     assert list(playback.take_frame().x) == [1.0]
     playback.playing = False
-    clock.now = 2.5
+    clock.now = 3.5
     assert playback.take_frame() is None
     playback.seek(2.0)
     assert list(playback.take_frame().x) == [2.0]
     playback.playing, playback.speed = True, 5.0
-    clock.now = 3.0
+    clock.now = 4.0
     assert list(playback.take_frame().x) == [3.0]
     assert not playback.playing
     playback.seek(-7.0)
@@ -761,11 +750,23 @@ def test_a_plant_without_a_plane_has_bands_only():
 def test_a_prediction_is_sent_once_to_each_page():
     sent: list[Any] = []
     page = SimpleNamespace(_sent=0, _seen=0, _predicted=(),
-                           run_method=lambda name, packed: sent.append(packed))
+                           run_method=lambda name, packed, age: sent.append(packed))
     rows = [[0.0, 1.0]]
     for prediction in ((), rows, rows, (), rows):
         LoopCanvas.push(page, Frame(0.0, [1.0], prediction=prediction))
     assert [each.get('prediction') for each in sent] == [None, rows, None, (), rows]
+
+
+@pytest.mark.parametrize('frame', [None, Frame(1.0, [2.0])])
+def test_a_page_that_opens_is_sent_the_last_frame_and_its_age(monkeypatch, frame):
+    """A paused plant sends no other: its picture says for how long."""
+    monkeypatch.setattr(time, 'monotonic', lambda: 12.0)
+    shown: list[Any] = []
+    viewer = SimpleNamespace(frame=frame, _arrived=5.0, _canvases={}, helm=Helm(True))
+    canvas = SimpleNamespace(push=lambda *given: shown.append(given))
+    Viewer.add(viewer, 'a', canvas)
+    assert shown == ([(frame, 7.0)] if frame else [])
+    assert viewer._canvases == {'a': canvas} and not viewer.helm.has('a')
 
 
 def test_a_recording_shows_prediction_and_uncertainty(tmp_path, monkeypatch):
@@ -782,6 +783,7 @@ def test_a_recording_shows_prediction_and_uncertainty(tmp_path, monkeypatch):
         (1, '/estimator_node/estimate', Estimate(x=[0.0], covariance=[4.0]))]))
     frame = playback.take_frame()
     assert list(frame.prediction) == [] and frame.uncertainty is None
+    playback.playing = True
     clock.now = 1.5
     frame = playback.take_frame()
     assert frame.prediction == [[1.5, 5.0], [2.5, 6.0]]   # it begins at the stamp of the state
