@@ -99,12 +99,17 @@ def _colour(rgba: Sequence[float]) -> str:
 
 
 def _group(signals: Sequence[Named], of: str) -> list[dict[str, Any]]:
-    """Return the panels of signals: those with one unit share a panel."""
-    units = dict.fromkeys(each.unit for each in signals)
+    """
+    Return the panels of signals: those with one unit share a panel.
+
+    One that moves at the set point, such as px of the vehicle, would flatten those that rest.
+    """
     panels = []
-    for unit in units:
-        rows = [(each.name, of, index) for index, each in enumerate(signals) if each.unit == unit]
-        limits = [bound for each in signals if each.unit == unit
+    for unit, moves in dict.fromkeys((each.unit, each.moves) for each in signals):
+        chosen = [(index, each) for index, each in enumerate(signals)
+                  if (each.unit, each.moves) == (unit, moves)]
+        rows = [(each.name, of, index) for index, each in chosen]
+        limits = [bound for _, each in chosen
                   for bound in (each.lower, each.upper) if math.isfinite(bound)]
         for first in range(0, len(rows), PER_PANEL):
             panels.append(_panel(unit, rows[first:first + PER_PANEL], limits,

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Charts and tables of a solution (path, certificate, what was tried) and of a design."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 import math
 import re
 from typing import Any
@@ -50,20 +50,23 @@ def find_switching_functions(problem: Problem, x: Array, u: Array, lam: Array
 
 
 def draw_path_lines(path: Trajectory, units: Mapping[str, str],
-                    switching: Mapping[str, Array] | None = None) -> None:
+                    switching: Mapping[str, Array] | None = None,
+                    moving: Collection[str] = ()) -> None:
     """
     Draw inputs, states, costates and conditions of a path in the present container.
 
     :param units: unit by the name of a state or an input; none: without.
     :param switching: from `find_switching_functions`.
+    :param moving: names of states that move at the set point; they have a chart of their own.
     """
     keep = choose_points(len(path.t))
     t = np.asarray(path.t)[keep]
     names, inputs = list(map(str, path.state_names)), list(map(str, path.input_names))
-    draw_lines('inputs', t, np.reshape(path.u, (len(path.t), -1))[keep],
-               [add_unit(name, units.get(name, '')) for name in inputs])
-    draw_lines('states', t, np.reshape(path.x, (len(path.t), -1))[keep],
-               [add_unit(name, units.get(name, '')) for name in names])
+    for title, values, given in (('inputs', path.u, inputs), ('states', path.x, names)):
+        rows = np.reshape(values, (len(path.t), -1))[keep]
+        for unit, columns in group_names(given, units, moving):
+            draw_lines(add_unit(title, unit), t, rows[:, columns],
+                       [given[column] for column in columns])
     if len(path.lam):
         draw_lines('costates', t, np.reshape(path.lam, (len(path.t), -1))[keep],
                    [add_unit(f'\u03bb {name}', 'cost', units.get(name, ''))
@@ -75,6 +78,15 @@ def draw_path_lines(path: Trajectory, units: Mapping[str, str],
     if len(path.hamiltonian):
         draw_lines('Hamiltonian', t, np.asarray(path.hamiltonian)[keep, None],
                    [add_unit('H', 'cost', 's')])
+
+
+def group_names(names: Sequence[str], units: Mapping[str, str], moving: Collection[str]
+                ) -> list[tuple[str, list[int]]]:
+    """Return units with the places of their names; `moving` ones are apart from the others."""
+    groups: dict[tuple[str, bool], list[int]] = {}
+    for place, name in enumerate(names):
+        groups.setdefault((units.get(name, ''), name in moving), []).append(place)
+    return [(unit, places) for (unit, _), places in groups.items()]
 
 
 def add_unit(name: str, *units: str) -> str:

@@ -127,7 +127,8 @@ class PlanPanel:
             x = np.reshape(plan.x, (len(plan.t), -1))[:, [names.index('px'), names.index('py')]]
             self._canvas.show_plan(x[choose_points(len(x))].tolist())
         with self._charts:
-            draw_path_lines(plan, self._plant.units if self._plant else {}, switching)
+            draw_path_lines(plan, self._plant.units if self._plant else {}, switching, [
+                each.name for each in self._plant.states if each.moves] if self._plant else [])
 
     def _clear(self) -> None:
         self._draw(None)

@@ -24,13 +24,14 @@ STOPPED = Mode.STOPPED.name
 
 @dataclass(frozen=True)
 class Named:
-    """Name, unit and limits of a state or an input."""
+    """Name, unit and limits of a state or an input; `moves`: at the set point, too."""
 
     name: str
     unit: str = ''
     angle: bool = False
     lower: float = -math.inf
     upper: float = math.inf
+    moves: bool = False
 
 
 @dataclass(frozen=True)
@@ -172,8 +173,11 @@ def describe_plant(design: LqrDesign) -> Plant:
         return bare
     if (system.state_names, system.input_names) != names:
         return bare
+    drift = _find_drift(design)
+    moving = np.abs(drift) > AT_REST if len(drift) == system.n else np.zeros(system.n, bool)
     return Plant(
-        system.name, tuple(Named(each.name, each.unit, each.angle) for each in system.states),
+        system.name, tuple(Named(each.name, each.unit, each.angle, moves=bool(moves))
+                           for each, moves in zip(system.states, moving, strict=True)),
         tuple(Named(each.name, each.unit, False, each.lower, each.upper)
               for each in system.inputs), system.plane)
 

@@ -33,7 +33,13 @@ pytest.importorskip('nicegui', reason='NiceGUI is not installed')
 from obc_ros.view import access
 from obc_ros.view.access import COOKIE, Gate, Helm, make_token
 from obc_ros.view.canvas import describe_scene, LoopCanvas
-from obc_ros.view.charts import add_unit, compute_steps, find_switching_functions, list_figures
+from obc_ros.view.charts import (
+    add_unit,
+    compute_steps,
+    find_switching_functions,
+    group_names,
+    list_figures,
+)
 from obc_ros.view.loop_client import LoopClient, NEWS
 from obc_ros.view.page import Viewer
 from obc_ros.view.plan_panel import compute_switching
@@ -363,6 +369,24 @@ def test_a_body_is_drawn_where_it_moves(name):
     drawn = [(each['of'], each['index']) for panel in scene['panels']
              for each in panel['signals']]
     assert len(drawn) == len(set(drawn)) == len(plant.states) + len(plant.inputs) + 2
+
+
+def test_a_position_that_moves_at_the_set_point_has_a_panel_of_its_own():
+    """The vehicle drives along px: py, a few metres, is not flattened by hundreds of px."""
+    design = LqrDesign(system='vehicle', state_names=list(systems['vehicle'].states),
+                       input_names=list(systems['vehicle'].inputs), xe=[0.0] * 3, ue=[10.0, 0.0])
+    plant = describe_plant(design)
+    panels = [[signal['name'] for signal in panel['signals']]
+              for panel in describe_scene(plant)['panels']]
+    assert panels[:3] == [['px'], ['py'], ['theta']]
+    moving = [each.name for each in plant.states if each.moves]
+    assert group_names(plant.state_names, plant.units, moving) == [
+        ('m', [0]), ('m', [1]), ('rad', [2])]
+    assert group_names(plant.state_names, plant.units, ()) == [('m', [0, 1]), ('rad', [2])]
+    at_rest = describe_plant(LqrDesign(
+        system='vehicle', state_names=design.state_names, input_names=design.input_names,
+        xe=[0.0] * 3, ue=[0.0, 0.0]))
+    assert not any(each.moves for each in at_rest.states)
 
 
 def test_names_of_unknown_plants_stay_text():
