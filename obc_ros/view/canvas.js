@@ -5,6 +5,7 @@
 const WINDOW = 20; // [s] of signals
 const TRAIL = 900; // points behind the body
 const ACK = 10; // frames between two acknowledgements
+const [LEFT, RIGHT] = [52, 96]; // [px] beside a panel
 const PANEL = 84; // [px] height of a panel of signals
 const SLOW = 3; // frames of the body for one of the signals
 const [TRAIL_COLOUR, PLAN, REFERENCE] = ["#0072B2", "#009E73", "#CC79A7"];
@@ -12,14 +13,18 @@ const [PREDICTION, ELLIPSE] = ["#E69F00", "#56B4E9"];
 const BAND = "38"; // opacity of the surface of a band or an ellipse
 const JUMP = 100; // ratio of scales from which the plane does not move smoothly
 const SAID = 1000; // [ms] between two texts for screen readers
+const GOAL = "#D55E00";
+const CLOCK = 1e8; // [s] from which a time is that of a clock: three years of simulated time
 const STALE = 1000; // [ms] without a frame, after which the picture says so
 
+const sayTime = (t, digits) =>
+  t < CLOCK ? t.toFixed(digits) : new Date(1000 * t).toTimeString().slice(0, 8);
 const finite = (rows) => rows.filter((row) => row.every(Number.isFinite));
 
 export default {
   template: `<div class="obc-view">
     <canvas ref="plane" class="obc-plane" role="img" aria-label="no state yet" @click="click"></canvas>
-    <canvas ref="plots" class="obc-plots" role="img" aria-label="signals over the last 20 s"></canvas>
+    <canvas ref="plots" class="obc-plots" role="img" aria-label="signals over the last 20 s, set points dashed"></canvas>
   </div>`,
   props: { scene: Object, live: Boolean },
   watch: {
@@ -135,15 +140,23 @@ export default {
         width, height);
       const [left, bottom, scale] = this.box;
       const place = (x, y) => [(x - left) * scale, height - (y - bottom) * scale];
-      this.drawGrid(context, width, height, colours, place);
-      this.line(context, this.path.map((p) => place(p[0], p[1])), PLAN, [6, 4], 2);
-      this.line(context, ahead.map((p) => place(p[0], p[1])), REFERENCE, [2, 3], 2.5);
-      this.line(context, trail.map((p) => place(p[0], p[1])), TRAIL_COLOUR, [], 1.5);
-      this.drawKey(context, width, colours, [["trail", TRAIL_COLOUR, []],
+      const rows = [["trail", TRAIL_COLOUR, []],
+        ...(goal ? [["set point", GOAL, []]] : []),
         ...(this.path.length ? [["plan", PLAN, [6, 4]]] : []),
         ...(ahead.length ? [["reference", REFERENCE, [2, 3]]] : []),
         ...(predicted.length ? [["prediction", PREDICTION, []]] : []),
-        ...(here && frame.ellipse.length ? [["95 % region", ELLIPSE, []]] : [])]);
+        ...(here && frame.ellipse.length ? [["95 % region", ELLIPSE, []]] : [])];
+      const time = frame ? `t = ${sayTime(frame.t, 1)}${frame.t < CLOCK ? " s" : ""}` : "";
+      context.font = "14px system-ui, sans-serif";
+      const after = 18 + context.measureText(time).width;
+      // What is written over the grid keeps the numbers of the grid away.
+      const taken = [[width - 122, 0, width, 16 * rows.length + 8],
+        [0, 0, after + (this.sayStale() ? 150 : 0), 25]];
+      this.drawGrid(context, width, height, colours, place, taken);
+      this.line(context, this.path.map((p) => place(p[0], p[1])), PLAN, [6, 4], 2);
+      this.line(context, ahead.map((p) => place(p[0], p[1])), REFERENCE, [2, 3], 2.5);
+      this.line(context, trail.map((p) => place(p[0], p[1])), TRAIL_COLOUR, [], 1.5);
+      this.drawKey(context, width, colours, rows);
       if (!frame) return;
       if (here && frame.ellipse.length) this.drawEllipse(context, frame.ellipse, place(...here), scale);
       if (goal) this.drawGoal(context, place(...goal));
@@ -152,9 +165,7 @@ export default {
       this.say(frame, predicted);
       context.fillStyle = colours.ink;
       context.font = "14px system-ui, sans-serif";
-      const time = `t = ${frame.t.toFixed(1)} s`;
       context.fillText(time, 10, 20);
-      const after = 18 + context.measureText(time).width;
       context.fillStyle = colours.warn;
       context.font = "12px system-ui, sans-serif";
       context.fillText(this.sayStale(), after, 20);
@@ -197,39 +208,52 @@ export default {
       const isNear = Math.max(zoom, 1 / zoom) < JUMP;
       this.box = isNear ? this.box.map((v, i) => v + 0.12 * (wanted[i] - v)) : wanted;
     },
-    drawGrid(context, width, height, colours, place) {
+    // Writes a text unless it would touch another one; `taken` has the edges of all of them.
+    write(context, taken, text, x, y) {
+      const [right, top, bottom] = [x + context.measureText(text).width, y - 10, y + 3];
+      if (x < 0 || right > this.$el.clientWidth || taken.some((box) =>
+        x - 4 < box[2] && box[0] < right + 4 && top < box[3] && box[1] < bottom)) return;
+      taken.push([x, top, right, bottom]);
+      context.fillText(text, x, y);
+    },
+    drawGrid(context, width, height, colours, place, taken) {
       const [left, bottom, scale] = this.box;
       const step = this.round(90 / scale);
       context.strokeStyle = colours.grid;
       context.fillStyle = colours.faint;
       context.lineWidth = 1;
       context.font = "11px system-ui, sans-serif";
-      const digits = Math.max(0, -Math.floor(Math.log10(step)));
+      const digits = this.count(step);
+      const { x, y } = this.plain.plane;
+      const name = (s) => `${s.name} [${s.unit}]`;
+      const below = name(this.plain.states[x]);
+      this.write(context, taken, below, width - 4 - context.measureText(below).width, height - 5);
+      this.write(context, taken, name(this.plain.states[y]), 3, 38);
       // Counted, as x + step is x for a very large x.
       for (let i = 0; i < width / 90 + 1; i++) {
         const x = (Math.ceil(left / step) + i) * step;
         const [px] = place(x, 0);
         this.line(context, [[px, 0], [px, height]], colours.grid, [], 1);
-        context.fillText(x.toFixed(digits), px + 3, height - 5);
+        this.write(context, taken, x.toFixed(digits), px + 3, height - 5);
       }
       for (let i = 0; i < height / 90 + 1; i++) {
         const y = (Math.ceil(bottom / step) + i) * step;
         const [, py] = place(0, y);
         this.line(context, [[0, py], [width, py]], colours.grid, [], 1);
-        context.fillText(y.toFixed(digits), 3, py - 3);
+        this.write(context, taken, y.toFixed(digits), 3, py - 3);
       }
-      const { x, y } = this.plain.plane;
-      const name = (s) => `${s.name} [${s.unit}]`;
-      context.fillText(name(this.plain.states[x]), width - 60, height - 5);
-      context.fillText(name(this.plain.states[y]), 3, 36);
+    },
+    // The decimals of multiples of a step.
+    count(step) {
+      return Math.max(0, -Math.floor(Math.log10(step)));
     },
     round(value) {
       const power = Math.pow(10, Math.floor(Math.log10(value)));
       return power * [1, 2, 5, 10].find((m) => m * power >= value);
     },
     drawGoal(context, [x, y]) {
-      this.line(context, [[x - 9, y], [x + 9, y]], "#D55E00", [], 2.5);
-      this.line(context, [[x, y - 9], [x, y + 9]], "#D55E00", [], 2.5);
+      this.line(context, [[x - 9, y], [x + 9, y]], GOAL, [], 2.5);
+      this.line(context, [[x, y - 9], [x, y + 9]], GOAL, [], 2.5);
     },
     drawEllipse(context, [a, b, angle], [x, y], scale) {
       context.beginPath();
@@ -298,20 +322,45 @@ export default {
       // The axis of time goes on for the length of a plan: it moves less than the end of the plan.
       const later = final && final[0] > end
         ? Math.max(0, Math.min(final[0] - first[0], WINDOW / 2)) : 0;
+      const { times, digits } = this.ticks(end, later, width);
       panels.forEach((panel, row) =>
-        this.drawPanel(context, panel, row, shown, end, later, width, colours));
-      context.fillStyle = colours.faint;
-      context.fillText("time [s]", width - 60, panels.length * PANEL + 13);
+        this.drawPanel(context, panel, row, shown, end, later, width, colours, times));
+      const [taken, bottom] = [[], panels.length * PANEL + 13];
+      context.font = "11px system-ui, sans-serif";
       context.fillStyle = colours.warn;
-      context.fillText(this.sayStale(), 52, panels.length * PANEL + 13);
+      this.write(context, taken, this.sayStale(), 4, bottom);
+      context.fillStyle = colours.faint;
+      const name = end < CLOCK ? "time [s]" : "time";
+      this.write(context, taken, name, width - 4 - context.measureText(name).width, bottom);
+      const px = this.project(end, later, width);
+      times.forEach((t) => {
+        const text = sayTime(t, digits);
+        this.write(context, taken, text, px(t) - context.measureText(text).width / 2, bottom);
+      });
     },
-    drawPanel(context, panel, row, frames, end, later, width, colours) {
-      const [left, right, top, height] = [52, width - 96, row * PANEL + 8, PANEL - 16];
+    // From a time to its place in the plots, whose axis ends `later` [s] after the present one.
+    project(end, later, width) {
+      return (t) => width - RIGHT - (end + later - t) / (WINDOW + later) * (width - LEFT - RIGHT);
+    },
+    // The round times in the plots, and their decimals.
+    ticks(end, later, width) {
+      const step = this.round(48 * (WINDOW + later) / Math.max(width - LEFT - RIGHT, 48));
+      const first = Math.ceil((end - WINDOW) / step - 1e-9);
+      const times = Array.from({ length: Math.floor((WINDOW + later) / step) + 2 },
+        (_, i) => (first + i) * step).filter((t) => t < end + later + 1e-6);
+      return { times, digits: this.count(step) };
+    },
+    drawPanel(context, panel, row, frames, end, later, width, colours, times) {
+      const [left, right, top, height] = [LEFT, width - RIGHT, row * PANEL + 8, PANEL - 16];
       const value = (f, s) => (s.of === "cost" ? f.cost : s.of === "latency" ? f.latency : f[s.of][s.index]);
       const values = frames.flatMap((f) => panel.signals.map((s) => value(f, s))).filter(Number.isFinite);
       const passed = this.reference.filter((row) => row[0] > end - WINDOW && row[0] <= end);
       const followed = panel.signals.filter((s) => s.of === "x").map((s) => 1 + s.index);
       passed.forEach((row) => followed.forEach((k) => values.push(row[k])));
+      // While a reference is followed, the set point is where it ends.
+      const held = passed.length ? [] : panel.signals.filter((s) => s.of === "x").map((s) =>
+        [s, frames.filter((f) => Number.isFinite(f.goal[s.index]))]);
+      held.forEach(([s, known]) => known.forEach((f) => values.push(f.goal[s.index])));
       const ahead = this.predict(panel, frames[frames.length - 1], value);
       ahead.forEach((points) => points.forEach((p) => values.push(p[1])));
       const banded = (s) => frames.filter(
@@ -325,8 +374,10 @@ export default {
       const margin = Math.max(0.08 * (high - low), panel.floor);
       const least = panel.signals.every((s) => s.of === "cost" || s.of === "latency") ? 0 : -Infinity;
       [low, high] = [Math.max(low - margin, least), high + margin];
-      const px = (t) => right - (end + later - t) / (WINDOW + later) * (right - left);
+      const px = this.project(end, later, width);
       const py = (v) => top + (high - v) / (high - low) * height;
+      times.forEach((t) =>
+        this.line(context, [[px(t), top], [px(t), top + height]], colours.grid, [], 1));
       context.strokeStyle = colours.grid;
       context.strokeRect(left, top, right - left, height);
       context.fillStyle = colours.faint;
@@ -345,6 +396,8 @@ export default {
         if (shown.length > 1) this.fill(context,
           [...shown.map(edge(1)), ...shown.reverse().map(edge(-1))], s.colour + BAND, "none");
       });
+      held.forEach(([s, known]) => this.line(context,
+        known.map((f) => [px(f.t), py(f.goal[s.index])]), s.colour, [6, 4], 1));
       ahead.forEach((points, i) => this.line(context, points.map(([t, v]) => [px(t), py(v)]),
         panel.signals[i].colour, [2, 2], 1.2));
       panel.signals.forEach((s, i) => {

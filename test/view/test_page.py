@@ -3,6 +3,7 @@
 """`obc view` in Debian's Chromium: a user tunes, plans, stops and watches a running loop."""
 
 from collections.abc import Iterator
+from itertools import combinations
 from pathlib import Path
 import re
 import shutil
@@ -46,6 +47,19 @@ COUNT_PIXELS = """canvas => { const { data } = canvas.getContext("2d").getImageD
     return found; }"""
 LATER = """than => document.querySelector('[aria-label="time [s]"]')
     .getAttribute('aria-valuenow') > than"""
+# Notes where texts and dashed lines go in each canvas; a canvas begins anew with its background.
+NOTE_TEXTS = """() => {
+    const own = CanvasRenderingContext2D.prototype;
+    const wrap = (name, note) => { const before = own[name];
+        own[name] = function (...given) {
+            note(this, given); return before.apply(this, given); }; };
+    wrap('fillRect', ({ canvas }) => { canvas.texts = []; canvas.dashed = 0; });
+    wrap('stroke', (context) => { context.canvas.dashed += context.getLineDash()[0] === 6; });
+    wrap('fillText', (context, [text, x, y]) => {
+        const size = context.measureText(text);
+        if (text) context.canvas.texts?.push([text, x, y - size.actualBoundingBoxAscent,
+            x + size.width, y + size.actualBoundingBoxDescent]); }); }"""
+TEXTS = 'canvas => canvas.texts'
 PICTURE = 'canvas => canvas.toDataURL()'
 PICTURE_CHANGED = 'shown => document.querySelector(".obc-plane").toDataURL() !== shown'
 COUNT_REFERENCE = COUNT_PIXELS % (0xcc, 0x79, 0xa7)
@@ -174,10 +188,10 @@ def tab(page: Any, name: str) -> None:
 
 
 def test_a_weight_shows_the_candidate_that_apply_then_adopts(site, page):
-    before = candidate(page, 'minimum damping ratio')
+    before = candidate(page, 'damping ratio')
     number(page, 'weight of px').fill('100')
-    page.wait_for_function(CHANGED, arg=['minimum damping ratio', before])
-    shown = candidate(page, 'minimum damping ratio')
+    page.wait_for_function(CHANGED, arg=['damping ratio', before])
+    shown = candidate(page, 'damping ratio')
     revision = site.designs[-1].revision
     page.get_by_role('button', name='Apply').click()
     site.probe.wait_for(lambda: site.designs[-1].revision > revision)
@@ -298,6 +312,25 @@ def test_a_goal_by_click_is_planned_certified_and_flown(site, page):
     site.settle()
     site.probe.wait_for(lambda: np.abs(np.array(site.states[-1].x[:2]) - goal).max() < 0.01
                         and np.abs(site.states[-1].x[3:5]).max() < 0.01, 40.0)
+
+
+def test_the_ticks_of_all_axes_leave_their_names_legible(site, page):
+    """At no width does a text lie on another one or beyond the edge."""
+    page.evaluate(NOTE_TEXTS)
+    for width in (360, 390, 480, 600, 768, 1024, 1280):
+        page.set_viewport_size({'width': width, 'height': 900})
+        page.wait_for_timeout(400)
+        for name, axes in (('plane', ('px [m]', 'py [m]')), ('plots', ('time [s]',))):
+            canvas = page.locator(f'.obc-{name}')
+            texts, edge = canvas.evaluate(TEXTS), canvas.bounding_box()['width']
+            found = [each[0] for each in texts]
+            assert set(axes) < set(found), (width, found)
+            assert sum(each.lstrip('-').replace('.', '').isdigit() for each in found) >= 3, found
+            assert all(left >= 0.0 and right <= edge for _, left, _, right, _ in texts), texts
+            for (a, *one), (b, *other) in combinations(texts, 2):
+                assert (one[2] <= other[0] or other[2] <= one[0]
+                        or one[3] <= other[1] or other[3] <= one[1]), (width, a, b)
+    assert page.locator('.obc-plots').evaluate('canvas => canvas.dashed') >= 6   # set points
 
 
 def test_a_state_whose_place_is_not_known_leaves_the_picture_in_sight(site, page):
@@ -472,6 +505,17 @@ def test_an_example_is_solved_and_its_certificate_shown(site, page):
     page.get_by_text(re.compile(r'cost [0-9.]+, global')).wait_for()
     page.locator('[aria-label*="switching functions"]').wait_for()
     assert page.get_by_text('\u2713 holds').count() >= 8
+
+
+def test_examples_are_at_hand_and_none_is_solved_unasked(site, page):
+    tab(page, 'Problem')
+    text = page.get_by_label('problem (YAML)')
+    assert text.input_value() == (PROBLEMS / 'di_mintime_rest.yaml').read_text()
+    page.get_by_text('moon landing', exact=True).click()
+    page.wait_for_function(
+        'document.querySelector(".obc-yaml textarea").value.startsWith("name: moon_lander")')
+    assert text.input_value() == (PROBLEMS / 'moon_lander.yaml').read_text()
+    assert page.get_by_role('button', name='Cancel').is_disabled()
 
 
 @pytest.mark.parametrize(('text', 'why'), [
