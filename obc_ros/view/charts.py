@@ -189,17 +189,19 @@ def compute_steps(design: LqrDesign) -> list[tuple[str, list[list[float]]]]:
 
 
 def list_figures(design: LqrDesign | None, candidate: LqrDesign | None) -> list[dict[str, str]]:
-    """Return margins, damping, bandwidth and peak inputs of two designs as rows of a table."""
+    """Return speed, damping, margins and peak inputs of two designs as rows of a table."""
     def rows(each: LqrDesign | None) -> dict[str, str]:
         if each is None or not len(each.k):
             return {}
+        slowest = float(np.max(each.poles_real))
         return {
-            'slowest pole': f'{np.max(each.poles_real):.3g} 1/s',
-            'minimum damping ratio': f'{np.min(each.damping):.3g}',
-            'minimum phase margin': f'{np.degrees(np.min(each.phase_margin)):.3g} deg',
-            'minimum disk margin': f'{np.min(each.disk_margin):.3g}',
-            'minimum delay margin': f'{np.min(each.delay_margin):.3g} s',
-            **{f'peak of {name} for a unit step': f'{peak:.4g}'
+            'slowest mode (time constant)': f'{-1.0 / slowest:.3g} s' if slowest < 0.0
+            else 'not stable',
+            'least damping of a mode (damping ratio)': f'{np.min(each.damping):.3g}',
+            'tolerated phase (phase margin)': f'{np.degrees(np.min(each.phase_margin)):.3g} deg',
+            'tolerated phase and gain (disk margin)': f'{np.min(each.disk_margin):.3g}',
+            'tolerated delay (delay margin)': f'{np.min(each.delay_margin):.3g} s',
+            **{f'largest {name} in a unit step (peak input)': f'{peak:.4g}'
                for name, peak in zip(each.input_names, each.peak_input, strict=False)}}
 
     use, new = rows(design), rows(candidate)

@@ -7,6 +7,7 @@ from typing import Any
 
 from nicegui import app, Client, ui
 from obc_ros.core.closed_loop.modes import FOLLOWING, Mode
+from obc_ros.msg import LqrDesign
 from obc_ros.view.access import Helm
 from obc_ros.view.canvas import describe_scene, LoopCanvas
 from obc_ros.view.loop_client import LoopClient
@@ -14,7 +15,14 @@ from obc_ros.view.plan_panel import PlanPanel
 from obc_ros.view.plant_panel import PlantPanel
 from obc_ros.view.playback import Playback
 from obc_ros.view.problem_panel import ProblemPanel
-from obc_ros.view.telemetry import FollowedPath, Frame, Plant, ShownMode, STOPPED
+from obc_ros.view.telemetry import (
+    describe_design,
+    FollowedPath,
+    Frame,
+    Plant,
+    ShownMode,
+    STOPPED,
+)
 from obc_ros.view.weights_panel import WeightsPanel
 
 PERIOD = 1.0 / 31.0  # [s] between two frames: 30 a second with the delays of timers
@@ -24,6 +32,7 @@ PAGE_STYLE = """
 .obc-view { width: 100%; }
 .obc-plane, .obc-plots { width: 100%; display: block; border-radius: 6px; margin-bottom: 6px; }
 .obc-plane { cursor: crosshair; }
+.obc-design .q-item { padding: 0; } .obc-design .q-item__label { font-weight: 600; }
 .obc-left { flex: 3 1 420px; min-width: 0; }
 .obc-right { flex: 2 1 340px; min-width: 0; }
 .obc-name { width: 4.5rem; } .obc-number { width: 7rem; }
@@ -105,6 +114,7 @@ class LoopPage:
         self._page = ui.context.client.id
         self._plant: tuple[str, Plant] | None = None   # with its controller
         self._reference: FollowedPath | None = None
+        self._described: LqrDesign | None = None
         self._logged = 0
         ui.add_css(PAGE_STYLE)
         ui.colors(primary='#0072b2')
@@ -112,7 +122,9 @@ class LoopPage:
         self._build_header()
         with ui.row().classes('w-full items-start gap-4'):
             with ui.column().classes('obc-left gap-1'):
-                self._status = ui.label('waiting for a loop').props('role=status')
+                self._plain = ui.expansion('waiting for a loop').props('dense role=status')
+                with self._plain.classes('w-full obc-design'):
+                    self._terms = ui.label()
                 self._canvas = LoopCanvas(_empty_scene(), self._click,
                                           live=isinstance(viewer.source, LoopClient))
                 self._canvas.classes('w-full')
@@ -211,14 +223,14 @@ class LoopPage:
         if isinstance(source, Playback):
             self._play.text = 'Pause' if source.playing else 'Play'
             self._slider.value = round(source.position, 2)
-            self._status.text = source.design.sentence if source.design else 'no design recorded'
+            self._show_design(source.design, 'no design recorded')
             return
         controls = self._controls()
         self._role.text = 'this page controls' if controls else (
             'watching: take control' if self._viewer.helm.allowed else 'read only')
         self._role.set_enabled(self._viewer.helm.allowed and not controls)
         self._start.set_enabled(controls)
-        self._status.text = source.design.sentence if source.design else 'waiting for a controller'
+        self._show_design(source.design, 'waiting for a controller')
         self._weights.refresh()
         if self._plan is not None:
             self._plan.refresh()
@@ -226,6 +238,13 @@ class LoopPage:
         for number, line in source.list_lines(self._logged):
             self._logged = number
             self._log.push(line)
+
+    def _show_design(self, design: LqrDesign | None, none: str) -> None:
+        """Show the design in plain words, and in terms once these are opened."""
+        if design is not self._described or design is None:
+            self._described = design
+            self._plain.text = describe_design(design) if design else none
+            self._terms.text = design.sentence if design else ''
 
     async def _click(self, x: float, y: float) -> None:
         if self._plan is not None:

@@ -11,6 +11,7 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticStatus
 import numpy as np
 from obc_ros.core.closed_loop.modes import Mode
+from obc_ros.core.lqr.design.report import describe_plainly
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.systems import registry
 from obc_ros.core.text.errors import ObcError
@@ -161,6 +162,13 @@ def fits_names(design: LqrDesign) -> bool:
              'disk_margin': m, 'delay_margin': m, 'peak_input': m}
     return n > 0 and m > 0 and poles >= n and all(   # integrals and a delay add poles
         len(getattr(design, name)) == size for name, size in sizes.items())
+
+
+def describe_design(design: LqrDesign) -> str:
+    """Return in plain words how the loop of a design behaves."""
+    return describe_plainly(np.array(design.poles_real) + 1j * np.array(design.poles_imag),
+                            *(np.asarray(each) for each in (
+                                design.damping, design.phase_margin, design.delay_margin)))
 
 
 def describe_plant(design: LqrDesign) -> Plant:

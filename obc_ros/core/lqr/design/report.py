@@ -4,6 +4,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+import math
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -13,6 +14,11 @@ from obc_ros.core.lqr.held_loop import HeldLoop
 from obc_ros.core.lqr.held_margins import compute_held_margins
 from obc_ros.core.lqr.margins import compute_margins, Figures
 from obc_ros.core.numerics.arrays import Array
+
+# Least damping ratio of the modes that swing, in words. With 0.5 a swing has a 38th of the
+# amplitude of the one before, with 0.2 a quarter.
+SWINGS = ((math.inf, 'no oscillation'), (0.5, 'well damped'), (0.2, 'moderately damped'),
+          (-math.inf, 'poorly damped'))
 
 
 @dataclass(frozen=True)
@@ -82,6 +88,37 @@ def report_fields(design: Design, made: Change, error: Sequence[float] | None,
         'input_jump': max(map(abs, made.jump), default=0.0),
         'sentence': '; '.join(filter(None, (_sentence(design, seen, loop), made.sentence))),
     }
+
+
+def describe_plainly(poles: NDArray[np.complex128], damping: Array, phase_margin: Array,
+                     delay_margin: Array) -> str:
+    """
+    Return in plain words how fast a closed loop is, how it swings, and what it tolerates.
+
+    The parameters are those of `Figures`; a phase is given only with a limit.
+    """
+    slowest = float(np.max(poles.real))
+    if not math.isfinite(slowest):
+        return 'not known'
+    if slowest >= 0.0:
+        return 'not stable: ' + (f'doubles in {_round(math.log(2.0) / slowest)} s' if slowest
+                                 else 'a deviation stays')
+    swinging = damping[poles.imag != 0.0]
+    least = float(np.min(swinging)) if len(swinging) else math.inf
+    words = next(words for bound, words in SWINGS if least >= bound)
+    phase, delay = float(np.min(phase_margin)), float(np.min(delay_margin))
+    tolerated = 'tolerates any delay'
+    if math.isfinite(phase):
+        tolerated = f'tolerates {math.degrees(phase):.0f} deg of phase'
+        if math.isfinite(delay):
+            tolerated += f' ({_round(delay)} s of delay)'
+    elif math.isfinite(delay):
+        tolerated = f'tolerates {_round(delay)} s of delay'
+    return f'slowest mode {_round(-1.0 / slowest)} s; {words}; {tolerated}'
+
+
+def _round(value: float) -> str:
+    return f'{float(f"{value:.2g}"):g}'
 
 
 class Matrices(NamedTuple):
