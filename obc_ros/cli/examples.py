@@ -13,13 +13,11 @@ from dataclasses import dataclass
 from itertools import groupby
 from pathlib import Path
 import sys
-from typing import Any
 
 from obc_ros.cli.terminal import Parser, print_table
 from obc_ros.core.text.errors import ObcError, quote, suggest_name
-from obc_ros.core.text.example_files import find_example, list_examples
+from obc_ros.core.text.example_files import find_example, list_examples, load_example
 from obc_ros.core.text.tables import format_value
-import yaml
 
 
 @dataclass(frozen=True)
@@ -79,13 +77,7 @@ def run(args: argparse.Namespace) -> int:
 
 def read_example(name: str) -> ProblemExample:
     """Return what is known of an example."""
-    # The files of the package are trusted: the fast loader of PyYAML may read them.
-    loader = getattr(yaml, 'CSafeLoader', yaml.SafeLoader)(
-        find_example(name).read_text(encoding='utf-8'))
-    try:
-        found: dict[str, Any] = loader.get_single_data()
-    finally:
-        loader.dispose()
+    found = load_example(name)
     source = found['source']
     return ProblemExample(
         name, _join(found['title']), found['tags'][0], tuple(found['tags']),

@@ -3,6 +3,7 @@
 """Solve a problem file: paste or choose it, watch the progress, see the solution."""
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 from nicegui import run, ui
@@ -11,7 +12,7 @@ from obc_ros.core.ocp.augmentation import restore_added_states
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.ocp.statement import build_problem
 from obc_ros.core.text.errors import ObcError
-from obc_ros.core.text.example_files import find_example, list_examples
+from obc_ros.core.text.example_files import find_example, list_titles
 from obc_ros.core.text.yaml_files import MAX_BYTES, read_text_entries
 from obc_ros.ros.messages import build_problem_message, read_solution
 from obc_ros.view.charts import (
@@ -23,6 +24,9 @@ from obc_ros.view.charts import (
 from obc_ros.view.loop_client import LoopClient, Request
 
 LIMIT = 60.0  # [s] for a problem
+SHOWN = {   # examples at hand, in words; the panel begins with the first one
+    'di_mintime_rest': 'minimum time', 'di_energy': 'minimum energy',
+    'brachistochrone': 'brachistochrone', 'moon_lander': 'moon landing', 'dido': 'Queen Dido'}
 
 
 class ProblemPanel:
@@ -31,9 +35,16 @@ class ProblemPanel:
     def __init__(self, client: LoopClient, may_control: Callable[[], bool]) -> None:
         self._client, self._may_control = client, may_control
         self._request: Request | None = None
-        ui.select(list_examples(), label='example', with_input=True,
-                  on_change=lambda event: self._load(event.value)).classes('w-full')
-        self._text = ui.textarea('problem (YAML)').props(
+        titles = {name: f'{name}: {title}' for name, title in list_titles().items()}
+        first = next(iter(SHOWN))
+        self._choice = ui.select(titles, label='example', with_input=True, value=first,
+                                 on_change=lambda event: self._load(event.value))
+        self._choice.classes('w-full')
+        with ui.row().classes('w-full gap-1'):
+            for name, words in SHOWN.items():
+                ui.chip(words, on_click=partial(self._pick, name)).props(
+                    'dense outline').tooltip(titles[name])
+        self._text = ui.textarea('problem (YAML)', value=read_example_text(first)).props(
             f'outlined maxlength={MAX_BYTES} spellcheck=false').classes('w-full obc-yaml')
         with ui.row().classes('items-center'):
             self._solve = ui.button('Solve', on_click=self.solve)
@@ -51,9 +62,13 @@ class ProblemPanel:
         if request is not None and request.phase:
             self._message.text = request.phase
 
+    def _pick(self, name: str) -> None:
+        self._choice.value = name
+        self._load(name)   # also if it was chosen before, and then edited
+
     def _load(self, name: Any) -> None:
-        if isinstance(name, str) and name in list_examples():
-            self._text.value = find_example(name).read_text(encoding='utf-8')
+        if isinstance(name, str) and name in list_titles():
+            self._text.value = read_example_text(name)
 
     def _stop(self) -> None:
         if self._request is not None:
@@ -88,6 +103,11 @@ class ProblemPanel:
             if answer.certificate.conditions:
                 show_certificate(answer.certificate)
             show_attempts(answer.attempts)
+
+
+def read_example_text(name: str) -> str:
+    """Return the file of an example."""
+    return find_example(name).read_text(encoding='utf-8')
 
 
 def build_message(text: str) -> tuple[Problem, Any]:

@@ -2,9 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """The problem files of the package by their names, which a user may write in place of a file."""
 
+from functools import cache
 from pathlib import Path
+from typing import Any
 
 from obc_ros.core.text.errors import suggest_name
+import yaml
 
 FOLDER = Path(__file__).resolve().parents[2] / 'examples'
 
@@ -17,6 +20,23 @@ def list_examples() -> list[str]:
 def find_example(name: str) -> Path:
     """Return the file of an example."""
     return FOLDER / f'{name}.yaml'
+
+
+def load_example(name: str) -> dict[str, Any]:
+    """Return the contents of an example; the files of the package are trusted."""
+    text = find_example(name).read_text(encoding='utf-8')
+    loader = getattr(yaml, 'CSafeLoader', yaml.SafeLoader)(text)   # the fast one, if there is one
+    try:
+        found: dict[str, Any] = loader.get_single_data()
+    finally:
+        loader.dispose()
+    return found
+
+
+@cache
+def list_titles() -> dict[str, str]:
+    """Return the titles of the examples by their names."""
+    return {name: ' '.join(load_example(name)['title'].split()) for name in list_examples()}
 
 
 def choose_file(given: Path) -> Path:
