@@ -11,10 +11,11 @@ from obc_ros.msg import LqrDesign
 from obc_ros.view.access import Helm
 from obc_ros.view.canvas import describe_scene, LoopCanvas
 from obc_ros.view.loop_client import LoopClient
-from obc_ros.view.plan_panel import PlanPanel
-from obc_ros.view.plant_panel import PlantPanel
+from obc_ros.view.panels.plan_panel import PlanPanel
+from obc_ros.view.panels.plant_panel import PlantPanel
+from obc_ros.view.panels.problem_panel import ProblemPanel
+from obc_ros.view.panels.weights_panel import WeightsPanel
 from obc_ros.view.playback import Playback
-from obc_ros.view.problem_panel import ProblemPanel
 from obc_ros.view.telemetry import (
     describe_design,
     FollowedPath,
@@ -23,7 +24,6 @@ from obc_ros.view.telemetry import (
     ShownMode,
     STOPPED,
 )
-from obc_ros.view.weights_panel import WeightsPanel
 
 PERIOD = 1.0 / 31.0  # [s] between two frames: 30 a second with the delays of timers
 STEPS = 500          # of the slider of a recording

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 pytest.importorskip('nicegui', reason='NiceGUI is not installed')
-from obc_ros.view.plant_panel import PlantPanel, TOP_SPEED
+from obc_ros.view.panels.plant_panel import PlantPanel, TOP_SPEED
 
 
 @pytest.mark.parametrize(('priority', 'value', 'said'), [

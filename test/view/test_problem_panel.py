@@ -9,8 +9,8 @@ from typing import Any
 import pytest
 
 pytest.importorskip('nicegui', reason='NiceGUI is not installed')
-from obc_ros.view import problem_panel
-from obc_ros.view.problem_panel import ProblemPanel
+from obc_ros.view.panels import problem_panel
+from obc_ros.view.panels.problem_panel import ProblemPanel
 
 
 def test_a_problem_that_is_asked_for_while_the_process_ends_is_left(monkeypatch):

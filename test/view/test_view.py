@@ -42,7 +42,8 @@ from obc_ros.view.charts import (
 )
 from obc_ros.view.loop_client import LoopClient, NEWS
 from obc_ros.view.page import Viewer
-from obc_ros.view.plan_panel import compute_switching
+from obc_ros.view.panels.plan_panel import compute_switching
+from obc_ros.view.panels.weights_panel import convert_weights
 from obc_ros.view.playback import Playback
 from obc_ros.view.telemetry import (
     describe_plant,
@@ -56,7 +57,6 @@ from obc_ros.view.telemetry import (
     SetPoint,
     ShownMode,
 )
-from obc_ros.view.weights_panel import convert_weights
 import uvicorn
 from uvicorn.server import ServerState
 from view_recording import design_of, record

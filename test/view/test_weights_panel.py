@@ -9,7 +9,7 @@ from types import SimpleNamespace
 import pytest
 
 pytest.importorskip('nicegui', reason='NiceGUI is not installed')
-from obc_ros.view.weights_panel import HALF_STEP, HIGHEST, WeightsPanel
+from obc_ros.view.panels.weights_panel import HALF_STEP, HIGHEST, WeightsPanel
 
 
 def test_a_change_during_a_preview_is_tried_after_it():
