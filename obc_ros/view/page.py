@@ -14,6 +14,7 @@ from obc_ros.view.loop_client import LoopClient
 from obc_ros.view.panels.plan_panel import PlanPanel
 from obc_ros.view.panels.plant_panel import PlantPanel
 from obc_ros.view.panels.problem_panel import ProblemPanel
+from obc_ros.view.panels.set_point_panel import SetPointPanel
 from obc_ros.view.panels.weights_panel import WeightsPanel
 from obc_ros.view.playback import Playback
 from obc_ros.view.telemetry import (
@@ -171,17 +172,21 @@ class LoopPage:
 
     def _build_panels(self, client: LoopClient) -> None:
         with ui.tabs().props('dense align=left').classes('w-full') as tabs:
-            names = [ui.tab(name) for name in ('Weights', 'Plan', 'Plant', 'Problem', 'Log')]
+            names = [ui.tab(name) for name in (
+                'Weights', 'Set point', 'Plan', 'Plant', 'Problem', 'Log')]
         with ui.tab_panels(tabs, value=names[0]).classes('w-full').props('keep-alive'):
             with ui.tab_panel(names[0]):
                 self._weights = WeightsPanel(client, self._controls)
             with ui.tab_panel(names[1]):
-                self._plan = PlanPanel(client, self._canvas, self._controls)
+                self._set_point = SetPointPanel(
+                    client, self._controls, lambda: self._viewer.frame)
             with ui.tab_panel(names[2]):
-                self._plant_panel = PlantPanel(client, self._controls, self._now)
+                self._plan = PlanPanel(client, self._canvas, self._controls)
             with ui.tab_panel(names[3]):
-                self._problem = ProblemPanel(client, self._controls)
+                self._plant_panel = PlantPanel(client, self._controls, self._now)
             with ui.tab_panel(names[4]):
+                self._problem = ProblemPanel(client, self._controls)
+            with ui.tab_panel(names[5]):
                 self._log = ui.log(max_lines=300).classes('obc-log w-full')
         self._tabs = tabs
 
@@ -234,6 +239,7 @@ class LoopPage:
         self._weights.refresh()
         if self._plan is not None:
             self._plan.refresh()
+            self._set_point.refresh()
             self._problem.refresh()
         for number, line in source.list_lines(self._logged):
             self._logged = number
@@ -247,7 +253,11 @@ class LoopPage:
             self._terms.text = design.sentence if design else ''
 
     async def _click(self, x: float, y: float) -> None:
-        if self._plan is not None:
+        if self._plan is None:
+            return
+        if self._tabs.value == 'Set point':
+            self._set_point.click(x, y)
+        else:
             self._tabs.value = 'Plan'
             await self._plan.click(x, y)
 

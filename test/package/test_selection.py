@@ -18,7 +18,7 @@ LEFT_OUT = {
     'cli/test_determinism.py', 'cli/test_recording.py', 'cli/test_regulator_figures.py',
     'cli/test_server_option.py', 'docs/test_gallery_pages.py', 'view/test_loop_nodes.py',
     'view/test_page.py', 'view/test_plant_panel.py', 'view/test_problem_panel.py',
-    'view/test_view.py', 'view/test_weights_panel.py'}
+    'view/test_set_point_panel.py', 'view/test_view.py', 'view/test_weights_panel.py'}
 # Each module of ROS 2 is hidden before pytest loads conftest.py.
 HIDDEN = ('import sys, pytest, selection\n'
           'names = {*selection.ROS, "obc_ros.msg", "obc_ros.srv", "obc_ros.action", "mcap"}\n'

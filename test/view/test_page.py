@@ -333,6 +333,39 @@ def test_the_ticks_of_all_axes_leave_their_names_legible(site, page):
     assert page.locator('.obc-plots').evaluate('canvas => canvas.dashed') >= 6   # set points
 
 
+def test_the_set_point_is_clicked_typed_stepped_and_brought_back(site, page):
+    """The click alone moves nothing; a watching page has no button."""
+    tab(page, 'Set point')
+    hold, step, back = (page.get_by_role('button', name=name, exact=True)
+                        for name in ('Hold it', 'Step', 'Back'))
+    fields = [page.get_by_label(f'{name} [m]', exact=True) for name in ('px', 'py')]
+    before = list(site.designs[-1].xe)
+    box, revision = page.locator('.obc-plane').bounding_box(), site.designs[-1].revision
+    page.wait_for_function('document.querySelector("[aria-label=\'px [m]\']").value !== ""')
+    page.locator('.obc-plane').click(
+        position={'x': 0.55 * box['width'], 'y': 0.45 * box['height']})
+    site.probe.wait_for(lambda: float(fields[0].input_value()) != before[0])
+    assert back.is_disabled() and site.designs[-1].revision == revision
+    target = [float(field.input_value()) for field in fields]
+    hold.click()
+    site.probe.wait_for(lambda: list(site.designs[-1].xe[:2]) == target)
+    page.get_by_label('size of the step').fill('0.25')
+    step.click()
+    site.probe.wait_for(
+        lambda: list(site.designs[-1].xe[:2]) == pytest.approx([target[0] + 0.25, target[1]]))
+    back.click()
+    site.probe.wait_for(lambda: list(site.designs[-1].xe[:2]) == target)
+    fields[0].fill('')
+    hold.click()
+    page.get_by_text('every state needs a number').wait_for()
+    page.get_by_label('theta [rad]', exact=True).fill('0.4')   # it does not hover so
+    fields[0].fill('0')
+    hold.click()
+    page.get_by_text('rejected: ').wait_for()
+    assert list(site.designs[-1].xe[:2]) == target
+    site.probe.set_parameters('/lqr_node', setpoint=before)
+
+
 def test_a_state_whose_place_is_not_known_leaves_the_picture_in_sight(site, page):
     for x in ([], [None] * 6, [-1e308] * 6, [1e308] * 6):
         assert np.isfinite(page.evaluate(PUSH_STATE, x)).all()
@@ -580,7 +613,7 @@ def test_hostile_text_stays_text(site, page):
 
 def test_the_page_fits_a_telephone_and_reads_without_colour(site):
     page = site.open_loop(viewport={'width': 360, 'height': 740}, color_scheme='dark')
-    for name in ('Weights', 'Plan', 'Plant', 'Problem', 'Log'):
+    for name in ('Weights', 'Set point', 'Plan', 'Plant', 'Problem', 'Log'):
         tab(page, name)
         page.wait_for_timeout(200)
         assert page.evaluate('document.documentElement.scrollWidth') <= 360, name

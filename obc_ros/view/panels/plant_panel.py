@@ -28,7 +28,7 @@ class PlantPanel:
         with ui.row().classes('items-center'):
             ui.button('Pause', on_click=lambda: self._pause(True))
             ui.button('Continue', on_click=lambda: self._pause(False))
-            ui.button('Step', on_click=lambda: self._trigger('step')).props('outline')
+            ui.button('One step', on_click=lambda: self._trigger('step')).props('outline')
             ui.button('Reset', on_click=lambda: self._trigger('reset')).props('outline')
         self._message = ui.label().classes('obc-message').props('role=status aria-live=polite')
         self._gusts = ui.row().classes('items-end w-full')

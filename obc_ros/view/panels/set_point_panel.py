@@ -1,0 +1,140 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""The set point by click and by number, and steps of it."""
+
+from collections.abc import Callable, Sequence
+from copy import copy
+import math
+
+from nicegui import ui
+import numpy as np
+from obc_ros.core.text.errors import ObcError
+from obc_ros.msg import LqrDesign
+from obc_ros.view.loop_client import LoopClient
+from obc_ros.view.telemetry import Frame, Plant, SetPoint
+
+
+class SetPointPanel:
+    """A set point that is typed, clicked or stepped; nothing is sent before a button."""
+
+    def __init__(self, client: LoopClient, may_control: Callable[[], bool],
+                 find_frame: Callable[[], Frame | None]) -> None:
+        self._client, self._may_control, self._find_frame = client, may_control, find_frame
+        self._plant: Plant | None = None
+        self._shown: list[float] = []    # the set point in use that the fields were filled with
+        self._before: list[float] = []   # the one before the last change of this page
+        self._busy = False
+        ui.label('Click a point of the picture, or type a set point.')
+        self._row = ui.row().classes('w-full gap-2')
+        self._fields: list[ui.number] = []
+        with ui.row().classes('items-center'):
+            self._hold = ui.button('Hold it', on_click=self.hold)
+            self._back = ui.button('Back', on_click=self.go_back).props('outline')
+        with ui.row().classes('items-end'):
+            self._state = ui.select([], label='state').classes('w-24')
+            self._size = ui.number('size of the step', value=0.5, format='%.4g').classes('w-32')
+            self._step = ui.button('Step', on_click=self.step)
+        for button in (self._hold, self._back, self._step):
+            button.disable()   # until the page controls a loop
+        self._message = ui.label().classes('obc-message').props('role=status aria-live=polite')
+
+    def refresh(self) -> None:
+        """Show the fields of a new plant, and a new set point in use."""
+        plant, design = self._client.plant, self._client.design
+        if plant is not None and plant != self._plant:
+            self._plant, self._shown, self._before = plant, [], []
+            self._row.clear()
+            with self._row:
+                self._fields = [ui.number(
+                    f'{each.name} [{each.unit}]' if each.unit else each.name, format='%.4g'
+                ).classes('w-24') for each in plant.states]
+            self._state.set_options(list(plant.state_names), value=plant.state_names[0])
+        if design is not None and list(design.xe) != self._shown and len(
+                design.xe) == len(self._fields):
+            self._shown = list(map(float, design.xe))
+            for field, value in zip(self._fields, self._shown, strict=True):
+                field.value = value
+        ready = self._may_control() and bool(self._shown) and not self._busy
+        self._hold.set_enabled(ready)
+        self._step.set_enabled(ready)
+        self._back.set_enabled(ready and bool(self._before))
+
+    def click(self, x: float, y: float) -> None:
+        """Fill in a point of the plane."""
+        if self._plant is not None:
+            for name, field in zip(self._plant.state_names, self._fields, strict=True):
+                if name in ('px', 'py'):
+                    field.value = round(x if name == 'px' else y, 2)
+
+    async def hold(self) -> None:
+        """Have the controller hold what the fields say."""
+        await self._set([field.value for field in self._fields])
+
+    async def step(self) -> None:
+        """Add the step to the set point in use."""
+        size = self._size.value
+        target: list[float | None] = list(self._shown)
+        if self._plant is not None and target:
+            place = self._plant.state_names.index(str(self._state.value))
+            target[place] = None if size is None else self._shown[place] + size
+            await self._set(target)
+
+    async def go_back(self) -> None:
+        """Return to the set point before the last change of this page."""
+        if self._before:
+            await self._set(list(self._before))
+
+    async def _set(self, given: Sequence[float | None]) -> None:
+        if self._busy or not self._may_control():
+            return
+        target = [float(each) for each in given if isinstance(each, int | float)]
+        if len(target) != len(given) or not np.isfinite(target).all():
+            self._message.text = 'every state needs a number'
+            return
+        self._busy, before = True, list(self._shown)
+        try:
+            refusal = await self._find_refusal(target)
+            done, reason = (False, refusal) if refusal else await self._client.set_parameters(
+                self._client.controller, {'setpoint': target})
+        except ObcError as error:
+            done, reason = False, str(error)
+        finally:
+            self._busy = False
+        self._message.text = (f'set point: {", ".join(f"{each:g}" for each in target)}' if done
+                              else f'rejected: {reason}')
+        if done:
+            self._before = before
+
+    async def _find_refusal(self, target: Sequence[float]) -> str:
+        """Return why the loop would stop by itself at once; empty: it would not."""
+        frame, design, plant = self._find_frame(), self._client.design, self._client.plant
+        if frame is None or design is None or plant is None:
+            return ''
+        read = await self._client.get_parameters(self._client.controller, ['x_limits'])
+        return find_excess(plant, design, frame.x, target, list(read.get('x_limits', ())))
+
+
+def find_excess(plant: Plant, design: LqrDesign, x: Sequence[float], target: Sequence[float],
+                limits: Sequence[float]) -> str:
+    """
+    Return in words which error of a new set point is outside of `x_limits`; empty: none is.
+
+    :param x: present state (n,).
+    :param limits: n largest errors, or lower and upper limit of each error; empty: none.
+    """
+    n = len(plant.states)
+    if len(limits) not in (n, 2 * n) or len(x) != n:
+        return ''
+    moved = copy(design)
+    moved.xe = list(target)
+    point = SetPoint(moved).locate(x)   # one that moves begins beside the plant
+    bounds = (zip(limits[::2], limits[1::2], strict=True) if len(limits) == 2 * n
+              else ((-size, size) for size in limits))
+    for signal, here, there, (lower, upper) in zip(plant.states, x, point, bounds, strict=True):
+        error = here - there
+        if signal.angle:
+            error = math.remainder(error, 2.0 * math.pi)
+        if not lower <= error <= upper:
+            return (f'{signal.name} would be {error:.3g} {signal.unit} from it, outside of '
+                    f'x_limits, {lower:g} to {upper:g}: the loop would not hold it')
+    return ''

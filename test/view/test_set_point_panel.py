@@ -1,0 +1,66 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""What the panel of the set point sends and refuses, without a browser."""
+
+import asyncio
+import math
+from types import SimpleNamespace
+from typing import Any
+
+from obc_ros import systems
+from obc_ros.msg import LqrDesign
+import pytest
+
+pytest.importorskip('nicegui', reason='NiceGUI is not installed')
+from obc_ros.view.panels.set_point_panel import find_excess, SetPointPanel
+from obc_ros.view.telemetry import describe_plant
+
+
+def make_design(name: str, xe: list[float], ue: list[float]) -> LqrDesign:
+    """Return a message with the set point of a system."""
+    system = systems[name]
+    return LqrDesign(system=name, state_names=list(system.states),
+                     input_names=list(system.inputs), xe=xe, ue=ue)
+
+
+@pytest.mark.parametrize(('limits', 'far'), [
+    ([], False), ([2.0, 1.0], False), ([0.9, 1.0], True), ([-1.5, 0.0, -1.0, 1.0], False),
+    ([-0.5, 5.0, -1.0, 1.0], True), ([1.0], False)])
+def test_a_set_point_beyond_the_limits_of_the_error_is_refused(limits, far):
+    """The plant is at 0, the set point at 1: the error is -1."""
+    design = make_design('double_integrator', [0.0, 0.0], [0.0])
+    found = find_excess(describe_plant(design), design, [0.0, 0.0], [1.0, 0.0], limits)
+    assert bool(found) == far
+    assert not far or found.startswith(f'{systems["double_integrator"].states[0]} would be -1 ')
+
+
+def test_the_error_along_the_course_of_a_moving_set_point_is_free():
+    """The vehicle is 300 m down its lane: its set point begins there, 3 m beside it."""
+    design = make_design('vehicle', [0.0, -2.0, 0.0], [10.0, 0.0])
+    plant = describe_plant(design)
+    for width, far in ((4.0, False), (2.0, True)):
+        found = find_excess(plant, design, [300.0, 1.0, 2.0 * math.pi], [0.0, -2.0, 0.0],
+                            [1.0, width, 0.5])
+        assert found.startswith('py would be 3 m ') == far == bool(found)
+
+
+@pytest.mark.parametrize(('given', 'controls', 'sent'), [
+    ([1.0, 0.0], True, True), ([math.nan, 0.0], True, False), ([None, 0.0], True, False),
+    ([math.inf, 0.0], True, False), ([1.0, 0.0], False, False)])
+def test_only_numbers_of_a_page_that_controls_are_sent(given, controls, sent):
+    changes: list[dict[str, Any]] = []
+
+    async def set_parameters(node, values):
+        changes.append({node: values})
+        return True, ''
+
+    async def find_refusal(_):
+        return ''
+
+    panel = SimpleNamespace(
+        _busy=False, _may_control=lambda: controls, _message=SimpleNamespace(text=''),
+        _shown=[0.5, 0.0], _before=[], _find_refusal=find_refusal,
+        _client=SimpleNamespace(controller='mpc_node', set_parameters=set_parameters))
+    asyncio.run(SetPointPanel._set(panel, given))
+    assert changes == ([{'mpc_node': {'setpoint': [1.0, 0.0]}}] if sent else [])
+    assert panel._before == ([0.5, 0.0] if sent else []) and not panel._busy
