@@ -457,6 +457,7 @@ class PlantSimulator(Node):  # type: ignore[misc] # rclpy's classes are untyped
         level, text = self._health()
         status = make_status(f'{self.get_fully_qualified_name()[1:]}: plant', level, text, {
             'simulated time [s]': f'{simulated:.9g}',
+            'stamp at simulated time 0 [s]': f'{round(plant.epoch, 6) + 0.0:.6f}',
             'simulated seconds a second': f'{max(factor, 0.0):.3f}',
             'behind [s]': f'{plant.behind:.6f}', 'states published': plant.published,
             'states sent again': plant.resent, 'states unanswered': plant.unanswered,

@@ -13,6 +13,7 @@ const [PREDICTION, ELLIPSE] = ["#E69F00", "#56B4E9"];
 const BAND = "38"; // opacity of the surface of a band or an ellipse
 const JUMP = 100; // ratio of scales from which the plane does not move smoothly
 const SAID = 1000; // [ms] between two texts for screen readers
+const WIND = "#A86400";
 const GOAL = "#D55E00";
 const CLOCK = 1e8; // [s] from which a time is that of a clock: three years of simulated time
 const STALE = 1000; // [ms] without a frame, after which the picture says so
@@ -145,7 +146,8 @@ export default {
         ...(this.path.length ? [["plan", PLAN, [6, 4]]] : []),
         ...(ahead.length ? [["reference", REFERENCE, [2, 3]]] : []),
         ...(predicted.length ? [["prediction", PREDICTION, []]] : []),
-        ...(here && frame.ellipse.length ? [["95 % region", ELLIPSE, []]] : [])];
+        ...(here && frame.ellipse.length ? [["95 % region", ELLIPSE, []]] : []),
+        ...(frame ? frame.acting : []).map((words) => [words, WIND, []])];
       const time = frame ? `t = ${sayTime(frame.t, 1)}${frame.t < CLOCK ? " s" : ""}` : "";
       context.font = "14px system-ui, sans-serif";
       const after = 18 + context.measureText(time).width;
@@ -161,6 +163,7 @@ export default {
       if (here && frame.ellipse.length) this.drawEllipse(context, frame.ellipse, place(...here), scale);
       if (goal) this.drawGoal(context, place(...goal));
       if (here) this.drawBody(context, frame, place, colours);
+      if (here && frame.push.length) this.drawPush(context, frame.push, place(...here));
       this.line(context, predicted.map((p) => place(p[0], p[1])), PREDICTION, [], 2.5);
       this.say(frame, predicted);
       context.fillStyle = colours.ink;
@@ -176,7 +179,7 @@ export default {
       rows.forEach(([name, colour, dash], i) => {
         const y = 16 + 16 * i;
         this.line(context, [[width - 118, y], [width - 88, y]], colour, dash, 2.5);
-        context.fillText(name, width - 80, y + 4);
+        context.fillText(name, width - 80, y + 4, 78);
       });
     },
     say(frame, predicted) {
@@ -184,6 +187,7 @@ export default {
       if (now < this.said + SAID) return;
       this.said = now;
       const words = [this.sayStale()].filter(Boolean).concat(this.plain.states.map((s, i) => `${s.name} ${(frame.x[i] ?? NaN).toFixed(2)} ${s.unit}`));
+      words.push(...frame.acting);
       const [x, y] = predicted[predicted.length - 1] || [];
       if (predicted.length) words.push(`predicted: px ${x.toFixed(2)}, py ${y.toFixed(2)}`);
       const [a, b] = frame.ellipse;
@@ -254,6 +258,14 @@ export default {
     drawGoal(context, [x, y]) {
       this.line(context, [[x - 9, y], [x + 9, y]], GOAL, [], 2.5);
       this.line(context, [[x, y - 9], [x, y + 9]], GOAL, [], 2.5);
+    },
+    // An arrow towards the body, where a disturbance pushes it.
+    drawPush(context, [dx, dy], [x, y]) {
+      const size = Math.hypot(dx, dy);
+      const [c, s] = [dx / size, -dy / size];
+      const at = (along, across) => [x + along * c - across * s, y + along * s + across * c];
+      this.line(context, [at(-84, 0), at(-36, 0)], WIND, [], 5);
+      this.fill(context, [at(-22, 0), at(-40, 10), at(-40, -10)], WIND, "none");
     },
     drawEllipse(context, [a, b, angle], [x, y], scale) {
       context.beginPath();
@@ -376,6 +388,11 @@ export default {
       [low, high] = [Math.max(low - margin, least), high + margin];
       const px = this.project(end, later, width);
       const py = (v) => top + (high - v) / (high - low) * height;
+      frames.forEach((f, i) => {
+        const [from, to] = [px(f.t), px((frames[i + 1] || f).t)];
+        if (f.gust) this.fill(context, [[from, top], [to, top], [to, top + height],
+          [from, top + height]], WIND + BAND, "none");
+      });
       times.forEach((t) =>
         this.line(context, [[px(t), top], [px(t), top + height]], colours.grid, [], 1));
       context.strokeStyle = colours.grid;

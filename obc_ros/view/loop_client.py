@@ -12,6 +12,7 @@ from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future, InvalidStateError
 from contextlib import suppress
 from functools import partial
+import math
 import queue
 import re
 import threading
@@ -26,6 +27,7 @@ from obc_ros.msg import Command, Estimate, LqrDesign, OptimalControlProblem, Sta
 from obc_ros.ros.execution.executor import limit_leaving
 from obc_ros.ros.execution.subscription_thread import Apart
 from obc_ros.ros.service_qos import BURST
+from obc_ros.view.disturbances import Disturbances
 from obc_ros.view.telemetry import (
     describe_plant,
     describe_uncertainty,
@@ -39,7 +41,7 @@ from obc_ros.view.telemetry import (
     STOPPED,
     Uncertainty,
 )
-from rcl_interfaces.msg import Log, Parameter
+from rcl_interfaces.msg import Log, Parameter, ParameterEvent
 from rcl_interfaces.srv import GetParameters, ListParameters, SetParametersAtomically
 import rclpy
 from rclpy.action import ActionClient
@@ -49,7 +51,9 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from std_srvs.srv import Trigger
 
 PERIOD = 1.0 / 45.0  # [s] between two looks at the topics: each frame of the page has news
+PARAMETER_EVENTS = QoSProfile(depth=100)
 QUEUE = QoSProfile(depth=64, reliability=ReliabilityPolicy.BEST_EFFORT)
+PLANT_NODE = 'plant_simulator'
 CONTROLLERS = ('lqr_node', 'mpc_node')   # the first previews weights and follows references
 
 LINES = 500     # of the log
@@ -88,6 +92,8 @@ class LoopClient:
         self._prediction: Sequence[Sequence[float | None]] = ()
         self._uncertain: tuple[int, Uncertainty | None] = (0, None)
         self._held: SetPoint | None = None
+        self._disturbances = Disturbances()
+        self._plant_read = 0, 0.0, 1.0   # diagnostics of the plant: count, time [s], its rate
         self._frame: Frame | None = None
         self._time = 0.0
         self._given: FollowedPath | None = None
@@ -128,6 +134,8 @@ class LoopClient:
         node.create_subscription(Trajectory, 'reference', self._on_reference, LATCHED)
         node.create_subscription(Log, '/rosout', self._on_log, LATCHED)
         node.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, QUEUE)
+        node.create_subscription(
+            ParameterEvent, '/parameter_events', self._on_parameters, PARAMETER_EVENTS)
         for name in CONTROLLERS:   # discovered before somebody needs them
             self._clients[f'{name}/stop'] = node.create_client(
                 Trigger, f'{name}/stop', qos_profile=BURST)
@@ -214,7 +222,8 @@ class LoopClient:
         self._frame = Frame(
             1e-9 * stamp, message.x, self._u, held.locate(message.x) if held else (),
             held.measure_cost(message.x) if held else float('nan'), self._latency,
-            self._prediction, uncertainty if abs(stamp - estimated) < FRESH else None)
+            self._prediction, uncertainty if abs(stamp - estimated) < FRESH else None,
+            self._disturbances.find(1e-9 * stamp))
 
     def _on_estimate(self, message: Estimate, _: Mapping[str, int]) -> None:
         known = describe_uncertainty(self.plant, message) if self.plant else None
@@ -251,6 +260,28 @@ class LoopClient:
         for status in array.status:
             if status.name in names:
                 self._modes[names[status.name]] = read_mode(status), time.monotonic()
+            elif status.name == f'{self._find_plant_name()}: plant':
+                self._read_plant({each.key: each.value for each in status.values})
+
+    def _find_plant_name(self) -> str:
+        return '/'.join(filter(None, (self._node.get_namespace().strip('/'), PLANT_NODE)))
+
+    def _read_plant(self, values: Mapping[str, str]) -> None:
+        try:
+            now, rate, epoch = (float(values[key]) for key in (
+                'simulated time [s]', 'simulated seconds a second',
+                'stamp at simulated time 0 [s]'))
+        except (KeyError, ValueError):   # of another node
+            return
+        if math.isfinite(now + rate + epoch):
+            self._plant_read = self._plant_read[0] + 1, now, rate
+            self._disturbances.epoch = epoch
+
+    def _on_parameters(self, event: ParameterEvent) -> None:
+        if event.node == f'/{self._find_plant_name()}':
+            self._disturbances.take({
+                each.name: rclpy.parameter.parameter_value_to_python(each.value)
+                for each in (*event.new_parameters, *event.changed_parameters)})
 
     def _on_reference(self, path: Trajectory, info: Mapping[str, int]) -> None:
         begin = 1e-9 * _read_stamp(path) or self._time
@@ -365,6 +396,22 @@ class LoopClient:
                                    GetParameters.Request(names=list(names)))
         return {name: rclpy.parameter.parameter_value_to_python(value)
                 for name, value in zip(names, response.values, strict=False) if value.type}
+
+    async def load_disturbances(self) -> None:
+        """Read which disturbances the plant has now; later changes arrive by themselves."""
+        names = [name for group in ('disturbance', 'noise')
+                 for name in await self.list_parameters(PLANT_NODE, group)]
+        self._disturbances.take(await self.get_parameters(PLANT_NODE, names))
+
+    async def find_plant_time(self) -> tuple[float, float]:
+        """Return the simulated time [s] of the plant, and its seconds a second; ObcError: none."""
+        # The stamps of the states may be those of a clock, and a pause or a reset moves them.
+        count, deadline = self._plant_read[0], time.monotonic() + NEWS
+        while self._plant_read[0] == count:
+            if time.monotonic() > deadline:
+                raise ObcError(f'no diagnostics of {PLANT_NODE}: its time is not known')
+            await asyncio.sleep(PERIOD)
+        return self._plant_read[1:]
 
     async def list_parameters(self, node: str, prefix: str) -> list[str]:
         """Return the names of the parameters of a node in a group."""

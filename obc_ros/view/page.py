@@ -183,7 +183,7 @@ class LoopPage:
             with ui.tab_panel(names[2]):
                 self._plan = PlanPanel(client, self._canvas, self._controls)
             with ui.tab_panel(names[3]):
-                self._plant_panel = PlantPanel(client, self._controls, self._now)
+                self._plant_panel = PlantPanel(client, self._controls)
             with ui.tab_panel(names[4]):
                 self._problem = ProblemPanel(client, self._controls)
             with ui.tab_panel(names[5]):
@@ -209,9 +209,6 @@ class LoopPage:
         if not playback.playing and playback.position >= playback.duration:
             playback.seek(0.0)
         playback.playing = not playback.playing
-
-    def _now(self) -> float:
-        return self._viewer.frame.time if self._viewer.frame else 0.0
 
     async def _refresh(self) -> None:
         source = self._viewer.source

@@ -16,6 +16,7 @@ from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.systems import registry
 from obc_ros.core.text.errors import ObcError
 from obc_ros.msg import Estimate, LqrDesign, Trajectory
+from obc_ros.view.disturbances import Acting
 
 COVERED = 0.95   # share of the true states inside an ellipse, or inside a band of one state
 AT_REST = 1e-6   # largest rate of a set point that does not move
@@ -88,6 +89,7 @@ class Frame:
     :ivar latency: from the last answered state to its command [s], as published; NaN: unknown.
     :ivar prediction: rows of time [s], states and inputs of the plan of mpc_node; empty: none.
     :ivar uncertainty: of the state; None: no estimator is known.
+    :ivar acting: the disturbances of the simulated plant.
     """
 
     time: float
@@ -98,6 +100,7 @@ class Frame:
     latency: float = math.nan
     prediction: Sequence[Sequence[float | None]] = ()
     uncertainty: 'Uncertainty | None' = None
+    acting: Acting = Acting()
 
     def pack(self, number: int) -> dict[str, Any]:
         """Return the frame as JSON values, without the prediction."""
@@ -106,7 +109,9 @@ class Frame:
                 'goal': keep_finite(self.goal), 'cost': keep_finite([self.cost])[0],
                 'latency': keep_finite([1e3 * self.latency])[0],
                 'band': list(known.band) if known else [],
-                'ellipse': list(known.ellipse) if known else []}
+                'ellipse': list(known.ellipse) if known else [],
+                'acting': list(self.acting.words), 'gust': self.acting.is_gust,
+                'push': list(self.acting.push)}
 
 
 @dataclass(frozen=True)

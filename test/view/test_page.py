@@ -330,7 +330,6 @@ def test_the_ticks_of_all_axes_leave_their_names_legible(site, page):
             for (a, *one), (b, *other) in combinations(texts, 2):
                 assert (one[2] <= other[0] or other[2] <= one[0]
                         or one[3] <= other[1] or other[3] <= one[1]), (width, a, b)
-    assert page.locator('.obc-plots').evaluate('canvas => canvas.dashed') >= 6   # set points
 
 
 def test_the_set_point_is_clicked_typed_stepped_and_brought_back(site, page):
@@ -347,8 +346,10 @@ def test_the_set_point_is_clicked_typed_stepped_and_brought_back(site, page):
     site.probe.wait_for(lambda: float(fields[0].input_value()) != before[0])
     assert back.is_disabled() and site.designs[-1].revision == revision
     target = [float(field.input_value()) for field in fields]
+    page.evaluate(NOTE_TEXTS)
     hold.click()
     site.probe.wait_for(lambda: list(site.designs[-1].xe[:2]) == target)
+    page.wait_for_function('document.querySelector(".obc-plots").dashed >= 6')   # set points
     page.get_by_label('size of the step').fill('0.25')
     step.click()
     site.probe.wait_for(
@@ -525,7 +526,16 @@ def test_the_plant_is_paused_and_disturbed(site, page):
     page.get_by_label('peak of its rate').fill('3')
     page.get_by_role('button', name='Gust', exact=True).click()
     page.get_by_text('set: disturbance.gust.vx = 3.0').wait_for()
+    site.probe.wait_for(lambda: 'gust on vx' in plane.get_attribute('aria-label'))
     site.probe.wait_for(lambda: abs(site.states[-1].x[0] - before[0]) > 0.05)
+    site.probe.wait_for(lambda: 'gust' not in plane.get_attribute('aria-label'))
+    noise = page.get_by_label('noise of px', exact=True)
+    noise.fill('0.001')
+    noise.blur()
+    site.probe.wait_for(lambda: 'noise' in plane.get_attribute('aria-label'))
+    noise.fill('0')
+    noise.blur()
+    site.probe.wait_for(lambda: 'noise' not in plane.get_attribute('aria-label'))
 
 
 def test_an_example_is_solved_and_its_certificate_shown(site, page):

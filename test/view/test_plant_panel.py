@@ -1,15 +1,20 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""Which speeds of the plant are set, without a browser."""
+"""Which speeds of the plant are set, and that a gust acts, without a browser."""
 
 import asyncio
+from contextlib import closing
 import math
 from types import SimpleNamespace
 from typing import Any
 
+from obc_ros import systems
+from obc_ros.msg import State
 import pytest
 
 pytest.importorskip('nicegui', reason='NiceGUI is not installed')
+from obc_ros.view.disturbances import Acting, Disturbances
+from obc_ros.view.loop_client import LoopClient
 from obc_ros.view.panels.plant_panel import PlantPanel, TOP_SPEED
 
 
@@ -29,3 +34,60 @@ def test_a_plant_with_a_real_time_priority_leaves_time_to_others(priority, value
     asyncio.run(PlantPanel._set(panel, 'speed', value, False))
     assert panel._message.text.startswith(said)
     assert changes == ([] if said else [{'speed': value}])
+
+
+@pytest.mark.nodes
+@pytest.mark.parametrize('publish_clock', [False, True])
+def test_a_gust_acts_whatever_the_stamps_of_the_states_are(
+        spawn, probe, domain, monkeypatch, publish_clock):
+    """Without publish_clock stamps are wall time; the gust adds half its peak times its span."""
+    monkeypatch.setenv('ROS_DOMAIN_ID', str(domain))
+    monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+    states = probe.listen(State, 'state')
+    spawn('plant_simulator', {
+        'system': 'double_integrator', 'publish_rate': 50.0, 'publish_clock': publish_clock,
+        'hold_until_command': False})
+    probe.wait_for(lambda: states)
+    speed = systems['double_integrator'].states[1]
+    gust, seen = (f'gust on {speed}',), []
+
+    async def disturb(client: LoopClient) -> None:
+        async def change(values: dict[str, Any]) -> None:
+            assert await client.set_parameters('plant_simulator', values) == (True, '')
+
+        await client.load_disturbances()
+        panel = SimpleNamespace(_client=client, _may_control=lambda: True, _change=change,
+                                _message=SimpleNamespace(text=''))
+        await PlantPanel._gust(panel, speed, 4.0, 0.5)
+        assert not panel._message.text
+
+    with closing(LoopClient()) as client:
+        asyncio.run(disturb(client))
+
+        def is_over() -> bool:
+            if frame := client.take_frame():
+                seen.append(frame.acting)
+            return Acting(gust, is_gust=True) in seen and seen[-1] == Acting()
+
+        probe.wait_for(is_over)
+        states.clear()
+        probe.wait_for(lambda: states)
+    assert 0.5 < states[-1].x[1] <= 1.0 + 1e-9   # on a busy machine its begin has passed
+
+
+@pytest.mark.parametrize(('values', 'stamp', 'acting'), [
+    ({}, 5.0, Acting()),
+    ({'disturbance.gust.vx': 2.0, 'disturbance.gust_start': 1.0}, 101.5,
+     Acting(('gust on vx',), True, (2.0, 0.0))),
+    ({'disturbance.gust.vx': 2.0, 'disturbance.gust_start': 1.0}, 102.5, Acting()),
+    ({'disturbance.gust.vx': 2.0, 'disturbance.gust_start': 1.0}, 1.5, Acting()),
+    ({'disturbance.constant.vy': -1.0, 'noise.px': 0.1, 'noise.py': 0.0}, 0.0,
+     Acting(('constant on vy', 'noise'), False, (0.0, -1.0))),
+    ({'disturbance.constant.omega': 1.0, 'mass': 4.0}, 0.0, Acting(('constant on omega',))),
+    ({'disturbance.constant.vx': math.nan, 'noise.px': 'much'}, 0.0, Acting())])
+def test_what_acts_is_found_by_the_time_of_the_plant(values, stamp, acting):
+    """Its time 0 has the stamp 100 s."""
+    disturbances = Disturbances()
+    disturbances.epoch = 100.0
+    disturbances.take(values)
+    assert disturbances.find(stamp) == acting

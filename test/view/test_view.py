@@ -408,7 +408,8 @@ def test_a_name_from_the_network_reads_no_file(tmp_path):
 def test_numbers_that_are_not_finite_are_left_out():
     packed = Frame(1.0, [np.nan, 1.0], [np.inf]).pack(3)
     assert packed == {'n': 3, 't': 1.0, 'x': [None, 1.0], 'u': [None], 'goal': [], 'cost': None,
-                      'latency': None, 'band': [], 'ellipse': []}
+                      'latency': None, 'band': [], 'ellipse': [], 'acting': [],
+                      'gust': False, 'push': []}
 
 
 def test_a_recording_plays_pauses_and_is_scrubbed(tmp_path, monkeypatch):

@@ -73,6 +73,7 @@ class PacedPlant:
     A simulator that a node polls; the first state must be published at once.
 
     :ivar stamp: its stamp [ns].
+    :ivar epoch: the stamp [s] of simulated time 0 as long as the plant keeps its pace.
     :ivar answered: whether a command for it has arrived.
     :ivar behind: delay of the published states after their stamps [s].
     :ivar published, resent, unanswered: numbers of states: published, published again, and
@@ -297,6 +298,7 @@ class PacedPlant:
         self.unanswered += bool(self.accepted and not self.answered)
         self.sample: Array = self.simulator.measure()
         self.stamp = (round(self.simulator.time * 1e9) if self.pacing.simulated_stamps else wall)
+        self.epoch = 1e-9 * self.stamp - self.simulator.time
         self._last_stamp = min(self._last_stamp, self.stamp - 1)   # the clock may be set back
         self.answered = False
         self.published += 1

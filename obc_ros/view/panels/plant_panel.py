@@ -8,10 +8,9 @@ from typing import Any
 
 from nicegui import ui
 from obc_ros.core.text.errors import ObcError
-from obc_ros.view.loop_client import LoopClient
+from obc_ros.view.loop_client import LoopClient, PLANT_NODE
 from std_srvs.srv import SetBool
 
-NODE = 'plant_simulator'
 SOON = 0.1  # [s] until a gust begins
 TOP_SPEED = 5.0  # times real time, of a plant with a real-time priority: others need time, too
 FIELDS = {'speed': 'speed [times real time]', 'input_delay': 'delay of the input [s]',
@@ -19,11 +18,10 @@ FIELDS = {'speed': 'speed [times real time]', 'input_delay': 'delay of the input
 
 
 class PlantPanel:
-    """The conditions of plant_simulator; `now` returns the time of the last state [s]."""
+    """The conditions of plant_simulator."""
 
-    def __init__(self, client: LoopClient, may_control: Callable[[], bool],
-                 now: Callable[[], float]) -> None:
-        self._client, self._may_control, self._now = client, may_control, now
+    def __init__(self, client: LoopClient, may_control: Callable[[], bool]) -> None:
+        self._client, self._may_control = client, may_control
         self._priority = 0
         with ui.row().classes('items-center'):
             ui.button('Pause', on_click=lambda: self._pause(True))
@@ -39,9 +37,10 @@ class PlantPanel:
         plant = self._client.plant
         try:
             names = [*FIELDS, 'priority',
-                     *await self._client.list_parameters(NODE, 'system_parameters'),
-                     *await self._client.list_parameters(NODE, 'noise')]
-            values = await self._client.get_parameters(NODE, names)
+                     *await self._client.list_parameters(PLANT_NODE, 'system_parameters'),
+                     *await self._client.list_parameters(PLANT_NODE, 'noise')]
+            values = await self._client.get_parameters(PLANT_NODE, names)
+            await self._client.load_disturbances()
         except ObcError as error:
             self._message.text = f'no simulated plant: {error}'
             return
@@ -83,13 +82,18 @@ class PlantPanel:
         if not all(isinstance(each, int | float) and math.isfinite(each) for each in (peak, span)):
             self._message.text = 'a gust needs two numbers'
         elif self._may_control():
+            try:
+                now, rate = await self._client.find_plant_time()
+            except ObcError as error:
+                self._message.text = str(error)
+                return
             await self._change({f'disturbance.gust.{state}': float(peak),
-                                'disturbance.gust_start': self._now() + SOON,
+                                'disturbance.gust_start': now + SOON * max(rate, 1.0),
                                 'disturbance.gust_duration': float(span)})
 
     async def _change(self, values: dict[str, Any]) -> None:
         try:
-            done, reason = await self._client.set_parameters(NODE, values)
+            done, reason = await self._client.set_parameters(PLANT_NODE, values)
         except ObcError as error:
             done, reason = False, str(error)
         names = ', '.join(f'{name} = {value}' for name, value in values.items())
@@ -99,11 +103,11 @@ class PlantPanel:
         if self._may_control():
             try:
                 response = await self._client.call(
-                    SetBool, f'{NODE}/pause', SetBool.Request(data=wanted))
+                    SetBool, f'{PLANT_NODE}/pause', SetBool.Request(data=wanted))
                 self._message.text = str(response.message)
             except ObcError as error:
                 self._message.text = str(error)
 
     async def _trigger(self, name: str) -> None:
         if self._may_control():
-            self._message.text = await self._client.trigger(f'{NODE}/{name}')
+            self._message.text = await self._client.trigger(f'{PLANT_NODE}/{name}')
