@@ -12,6 +12,7 @@ from pathlib import Path
 import tempfile
 from typing import Any
 
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from mcap.writer import CompressionType, Writer
 import numpy as np
 from obc_ros import lqr, systems
@@ -19,6 +20,7 @@ from obc_ros.core.text.errors import ObcError
 from obc_ros.msg import Command, Estimate, LqrDesign, State, Trajectory
 from obc_ros.view.canvas import AHEAD, describe_scene
 from obc_ros.view.playback import Playback
+from rcl_interfaces.msg import Log
 from rclpy.serialization import serialize_message
 
 LONGEST = 1000   # characters of a sentence
@@ -43,6 +45,10 @@ def list_messages() -> list[tuple[str, Any]]:
             disk_margin=np.ones(m), delay_margin=np.ones(m), peak_input=np.ones(m))),
         ('/reference', path), ('/mpc_node/plan', path),
         ('/estimator_node/estimate', Estimate(covariance=[1.0, 0.0, 0.0, 1.0])),
+        ('/rosout', Log(level=40, name='lqr_node', msg='stopped')),
+        *(('/diagnostics', DiagnosticArray(status=[DiagnosticStatus(
+            name='lqr_node: commands', values=[KeyValue(key='mode', value=mode)])]))
+          for mode in ('SET_POINT', 'STOPPED')),
         ('/state', State(names=names, x=[0.0, 1.0]))]
 
 
@@ -57,7 +63,8 @@ def write_seeds(folder: str) -> None:
             channels: dict[str, int] = {}
             for second, (topic, message) in enumerate(list_messages()):
                 if topic not in channels:
-                    kind = f'obc_ros/msg/{type(message).__name__}'
+                    package = type(message).__module__.partition('.')[0]
+                    kind = f'{package}/msg/{type(message).__name__}'
                     schema = writer.register_schema(kind, 'ros2msg', b'float64[] x')
                     channels[topic] = writer.register_channel(topic, 'cdr', schema)
                 writer.add_message(channels[topic], log_time=second * 10**9,
@@ -76,7 +83,7 @@ def mcap(data: bytes) -> None:
             assert 0 < len(str(error)) < LONGEST and '\n' not in str(error)
             return
     playback.playing = False
-    shown = [playback.duration, describe_scene(playback.plant)]
+    shown = [playback.duration, describe_scene(playback.plant, playback.events)]
     for part in (0.0, 0.3, 0.7, 1.0):
         playback.seek(part * playback.duration)
         frame = playback.take_frame()

@@ -22,7 +22,7 @@ def design_of(name: str, qx: list[float], qu: list[float]) -> LqrDesign:
     return LqrDesign(
         system=name, state_names=list(system.states), input_names=list(system.inputs),
         a=np.ravel(design.A), b=np.ravel(design.B), k=np.ravel(design.K), p=np.ravel(design.P),
-        xe=np.zeros(n), ue=np.zeros(m), poles_real=poles.real, poles_imag=poles.imag,
+        qx=np.diag(qx).ravel(), qu=np.diag(qu).ravel(), xe=np.zeros(n), ue=np.zeros(m), poles_real=poles.real, poles_imag=poles.imag,
         damping=-poles.real / np.abs(poles), rise_time=[1.0] + [np.nan] * (n - 1),
         phase_margin=[1.0] * m, disk_margin=[1.0] * m, delay_margin=[1.0] * m,
         peak_input=[2.0] * m)
@@ -38,8 +38,9 @@ def record(file: Path, states: list[list[float]], topic: str = '/state',
         channels: dict[str, int] = {}
         for second, name, message in sorted(rows, key=lambda row: row[0]):
             if name not in channels:
+                package = type(message).__module__.partition('.')[0]
                 schema = writer.register_schema(
-                    f'obc_ros/msg/{type(message).__name__}', 'ros2msg', b'float64[] x')
+                    f'{package}/msg/{type(message).__name__}', 'ros2msg', b'float64[] x')
                 channels[name] = writer.register_channel(name, 'cdr', schema)
             writer.add_message(channels[name], log_time=second * 10**9,
                                publish_time=second * 10**9, data=serialize_message(message))

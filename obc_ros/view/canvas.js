@@ -337,6 +337,7 @@ export default {
       const { times, digits } = this.ticks(end, later, width);
       panels.forEach((panel, row) =>
         this.drawPanel(context, panel, row, shown, end, later, width, colours, times));
+      this.drawMarks(context, end, later, width, colours);
       const [taken, bottom] = [[], panels.length * PANEL + 13];
       context.font = "11px system-ui, sans-serif";
       context.fillStyle = colours.warn;
@@ -348,6 +349,18 @@ export default {
       times.forEach((t) => {
         const text = sayTime(t, digits);
         this.write(context, taken, text, px(t) - context.measureText(text).width / 2, bottom);
+      });
+    },
+    // The events of a recording: a line through all panels, the words where they have room.
+    drawMarks(context, end, later, width, colours) {
+      const [px, edge] = [this.project(end, later, width), width - RIGHT];
+      const taken = [[edge, 0, width, PANEL]];
+      context.font = "11px system-ui, sans-serif";
+      context.fillStyle = colours.ink;
+      this.plain.marks.filter(([t]) => t > end - WINDOW && t <= end).forEach(([t, words]) => {
+        const height = this.plain.panels.length * PANEL - 8;
+        this.line(context, [[px(t), 8], [px(t), height]], colours.ink, [1, 2], 1.5);
+        this.write(context, taken, words, px(t) + 4, 20);
       });
     },
     // From a time to its place in the plots, whose axis ends `later` [s] after the present one.

@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 from nicegui.element import Element
 from obc_ros.api.figures.bodies import ARM, draw_aircraft, draw_two_wheeled, draw_vehicle, PLUME
 from obc_ros.api.figures.style import LINE_COLOURS
+from obc_ros.view.recorded_events import RecordedEvent
 from obc_ros.view.telemetry import FollowedPath, Frame, Named, Plant
 
 BODIES: dict[str, Callable[..., list[Any]]] = {
@@ -68,14 +69,15 @@ class LoopCanvas(Element, component='canvas.js'):
             self._seen = number
 
 
-def describe_scene(plant: Plant) -> dict[str, Any]:
-    """Return body, plane and panels of a plant as JSON values."""
+def describe_scene(plant: Plant, events: Sequence[RecordedEvent] = ()) -> dict[str, Any]:
+    """Return body, plane and panels of a plant, and events to mark, as JSON values."""
     names = plant.state_names
     plane = None
     if plant.plane and {'px', 'py'} <= set(names):
         plane = {'x': names.index('px'), 'y': names.index('py'),
                  'theta': names.index('theta') if 'theta' in names else None}
     return {
+        'marks': [list(each) for each in events],
         'plane': plane, 'size': SIZES.get(plant.system, 2.0),
         'body': _outline(plant.system), 'plume': PLUME if plant.system == 'aircraft' else 0.0,
         'arm': ARM, 'states': [{'name': each.name, 'unit': each.unit} for each in plant.states],

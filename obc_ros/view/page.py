@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The page: picture and signals beside the panels; one page for each browser."""
 
+from functools import partial
 import time
 from typing import Any
 
@@ -44,6 +45,7 @@ PAGE_STYLE = """
 .obc-message { min-height: 1.4em; overflow-wrap: anywhere; }
 .obc-yaml textarea { font-family: monospace; min-height: 260px; font-size: 12px; }
 .obc-log { height: 320px; font-size: 12px; }
+.obc-events { max-height: 132px; overflow-y: auto; }
 .nicegui-content { padding: 10px; }
 .obc-mode { width: 100%; padding: 2px 10px; border-radius: 6px; overflow-wrap: anywhere; }
 .obc-idle { background: #3d454d; } .obc-acts { background: #00573f; }
@@ -204,6 +206,10 @@ class LoopPage:
             ui.select({0.1: '0.1 x', 0.5: '0.5 x', 1.0: '1 x', 2.0: '2 x', 5.0: '5 x'}, value=1.0,
                       on_change=lambda event: setattr(playback, 'speed', float(event.value))
                       ).props('dense aria-label=speed')
+        with ui.row().classes('obc-events w-full gap-1'):
+            for moment, words in playback.events:
+                ui.button(f'{moment:.1f} s {words}', on_click=partial(playback.seek, moment)
+                          ).props('outline dense no-caps size=sm')
 
     def _toggle(self, playback: Playback) -> None:
         if not playback.playing and playback.position >= playback.duration:
@@ -215,7 +221,8 @@ class LoopPage:
         controller = source.controller if isinstance(source, LoopClient) else ''
         if source.plant is not None and (controller, source.plant) != self._plant:
             self._plant = controller, source.plant
-            self._canvas.change_scene(describe_scene(source.plant))
+            events = source.events if isinstance(source, Playback) else ()
+            self._canvas.change_scene(describe_scene(source.plant, events))
             if isinstance(source, LoopClient):
                 await self._weights.load()
                 await self._plant_panel.load()
@@ -280,5 +287,5 @@ class LoopPage:
 
 
 def _empty_scene() -> dict[str, Any]:
-    return {'plane': None, 'size': 1.0, 'body': [], 'plume': 0.0, 'arm': 0.0, 'states': [],
-            'panels': []}
+    return {'marks': [], 'plane': None, 'size': 1.0, 'body': [], 'plume': 0.0, 'arm': 0.0,
+            'states': [], 'panels': []}

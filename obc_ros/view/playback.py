@@ -8,11 +8,13 @@ import struct
 import time
 from typing import Any
 
+from diagnostic_msgs.msg import DiagnosticArray
 from mcap.exceptions import McapError
 from mcap.reader import make_reader
 from obc_ros.cli.recording import type_name
 from obc_ros.core.text.errors import ObcError
 from obc_ros.msg import Command, Estimate, LqrDesign, State, Trajectory
+from obc_ros.view.recorded_events import list_events
 from obc_ros.view.telemetry import (
     describe_plant,
     describe_uncertainty,
@@ -22,11 +24,12 @@ from obc_ros.view.telemetry import (
     Plant,
     SetPoint,
 )
+from rcl_interfaces.msg import Log
 from rclpy.serialization import deserialize_message
 from zstandard import ZstdError
 
 KINDS = {'state': State, 'command': Command, 'design': LqrDesign, 'reference': Trajectory,
-         'plan': Trajectory, 'estimate': Estimate}
+         'plan': Trajectory, 'estimate': Estimate, 'diagnostics': DiagnosticArray, 'rosout': Log}
 # What mcap and the decoders of chunks and messages raise for bytes that are not theirs.
 FAULTS = (McapError, RuntimeError, ValueError, LookupError, ArithmeticError, MemoryError, OSError,
           struct.error, ZstdError)
@@ -35,7 +38,11 @@ LARGEST = 2 * 10**9  # bytes of a file
 
 
 class Playback:
-    """The states, commands and designs of a recording, an MCAP file or its folder."""
+    """
+    The states, commands and designs of a recording, an MCAP file or its folder.
+
+    :ivar events: what happened in it, in order.
+    """
 
     def __init__(self, file: Path) -> None:
         self.design: LqrDesign | None = None
@@ -51,6 +58,7 @@ class Playback:
         self._begin = self._times['state'][0]
         self.duration = self._times['state'][-1] - self._begin
         self.plant = self._describe()
+        self.events = list_events(self._times, self._rows)
         self._then, self._shown = time.monotonic(), -1.0
 
     def _read(self, file: Path) -> None:

@@ -588,7 +588,8 @@ def test_a_long_solution_is_cancelled(site, page):
 def test_a_recording_waits_plays_and_is_scrubbed(site, tmp_path):
     file = tmp_path / 'a.mcap'
     record(file, [[0.5 + 0.01 * k, *[0.0] * 5] for k in range(60)], others=[
-        (0, '/lqr_node/design', design_of('aircraft', [1.0] * 6, [1.0] * 2))])
+        (second, '/lqr_node/design', design_of('aircraft', [1.0 + second] * 6, [1.0] * 2))
+        for second in (0, 30)])
     page = site.open(serve(site.spawner, tmp_path, site.domain, str(file)))
     play, slider = page.get_by_role('button', name='Play'), page.get_by_label('time [s]')
     for _ in range(2):   # a second page does not begin it either
@@ -607,6 +608,9 @@ def test_a_recording_waits_plays_and_is_scrubbed(site, tmp_path):
     slider.locator('[tabindex="0"]').focus()
     page.keyboard.press('PageUp')
     page.wait_for_function(LATER, arg=float(held) + 1)
+    page.get_by_role('button', name='30.0 s weights').click()
+    page.wait_for_function(LATER, arg=29.9)
+    assert float(slider.get_attribute('aria-valuenow')) == pytest.approx(30.0, abs=0.1)
     page.context.close()
 
 

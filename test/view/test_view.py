@@ -26,6 +26,7 @@ from obc_ros.msg import Estimate, LqrDesign, NamedBounds, State, Trajectory
 from obc_ros.srv import PlanMotion
 from obc_ros.view import command
 import pytest
+from rcl_interfaces.msg import Log
 from scipy.stats import chi2, norm
 from std_srvs.srv import Trigger
 
@@ -577,7 +578,9 @@ def test_a_recording_with_a_flipped_byte_plays_or_is_rejected_in_words(tmp_path)
     plan = Trajectory(state_names=['px', 'v'], t=[0.0, 1.0], x=[0.0, 1.0, 2.0, 3.0])
     file = record(tmp_path / 'a.mcap', [[0.0, 0.0], [1.0, 0.0], [2.0, 0.0]], others=[
         (0, '/lqr_node/design', design), (1, '/reference', plan), (1, '/mpc_node/plan', plan),
-        (1, '/estimator_node/estimate', Estimate(x=[0.0, 0.0], covariance=[1.0, 0.0, 0.0, 1.0]))])
+        (1, '/estimator_node/estimate', Estimate(x=[0.0, 0.0], covariance=[1.0, 0.0, 0.0, 1.0])),
+        (1, '/rosout', Log(level=40, name='a', msg='b')),
+        (1, '/diagnostics', DiagnosticArray(status=[status('a: commands', mode='PLAN')]))])
     contents, draw = file.read_bytes(), np.random.default_rng(46)
     for place in draw.integers(len(contents), size=300):
         mutant = bytearray(contents)
@@ -591,6 +594,37 @@ def test_a_recording_with_a_flipped_byte_plays_or_is_rejected_in_words(tmp_path)
             playback.seek(moment)
             if frame := playback.take_frame():
                 frame.pack(0)
+
+
+def test_the_events_of_a_recording_are_listed_in_order(tmp_path):
+    """A first design, a repeated warning and an unchanged mode are none."""
+    designs = [design_of('double_integrator', [q, 1.0], [1.0]) for q in (1.0, 1.0, 4.0)]
+    designs[1].xe = [1.0, 0.0]
+    designs[2].xe = [1.0, 0.0]
+    reset = State(x=[0.0, 0.0], restarts=1)
+    modes = [DiagnosticArray(status=[status('lqr_node: commands', mode=mode, mode_reason=why)])
+             for mode, why in (('SET_POINT', ''), ('SET_POINT', ''), ('STOPPED', 'by ~/stop'))]
+    lines = [Log(level=level, name='lqr_node', msg=text) for level, text in (
+        (20, 'quiet'), (30, 'late'), (30, 'late'))]
+    path = Trajectory(t=[0.0, 1.0])
+    file = record(tmp_path / 'a.mcap', [[0.0, 0.0]] * 9, others=[
+        *((second, '/lqr_node/design', each) for second, each in enumerate(designs)),
+        (3, '/reference', path), (4, '/reference', Trajectory()), (5, '/state', reset),
+        *((second, '/diagnostics', each) for second, each in zip(
+            (5, 6, 6), modes, strict=True)),
+        *((second, '/rosout', each) for second, each in zip((0, 7, 8), lines, strict=True)),
+        (20, '/reference', path)])   # after the last state
+    events = Playback(file).events
+    assert [(round(each.time, 6), each.words) for each in events] == [
+        (1.0, 'set point'), (2.0, 'weights'), (3.0, 'reference'), (4.0, 'end of the reference'),
+        (5.0, 'reset'), (6.0, 'STOPPED: by ~/stop'), (6.0, 'reset'), (7.0, 'lqr_node: late')]
+    assert describe_scene(Playback(file).plant, events)['marks'][0] == [1.0, 'set point']
+
+
+def test_the_first_fifty_events_of_a_recording_are_listed(tmp_path):
+    file = record(tmp_path / 'a.mcap', [[0.0]] * 80, others=[
+        (second, '/reference', Trajectory(t=[0.0])) for second in range(80)])
+    assert [round(each.time) for each in Playback(file).events] == list(range(50))
 
 
 def test_a_recording_without_states_is_rejected(tmp_path):
