@@ -155,7 +155,7 @@ def open_page(playwright: Any, address: str) -> Iterator[Any]:
     page = browser.new_page(viewport={'width': 1280, 'height': 900})
     page.goto(address)
     page.get_by_label(FIELD).wait_for()
-    page.get_by_text('minimum damping ratio').first.wait_for()
+    page.get_by_text('(damping ratio)').first.wait_for()
     yield page
     browser.close()
 

@@ -22,7 +22,8 @@ def design_of(name: str, qx: list[float], qu: list[float]) -> LqrDesign:
     return LqrDesign(
         system=name, state_names=list(system.states), input_names=list(system.inputs),
         a=np.ravel(design.A), b=np.ravel(design.B), k=np.ravel(design.K), p=np.ravel(design.P),
-        qx=np.diag(qx).ravel(), qu=np.diag(qu).ravel(), xe=np.zeros(n), ue=np.zeros(m), poles_real=poles.real, poles_imag=poles.imag,
+        qx=np.diag(qx).ravel(), qu=np.diag(qu).ravel(), xe=np.zeros(n), ue=np.zeros(m),
+        poles_real=poles.real, poles_imag=poles.imag,
         damping=-poles.real / np.abs(poles), rise_time=[1.0] + [np.nan] * (n - 1),
         phase_margin=[1.0] * m, disk_margin=[1.0] * m, delay_margin=[1.0] * m,
         peak_input=[2.0] * m)

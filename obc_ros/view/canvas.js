@@ -42,6 +42,7 @@ export default {
     this.prediction = [];
     this.box = null;
     this.drawing = false;
+    this.settled = true;
     this.drawn = 0;
     this.said = -Infinity;
     this.arrived = 0;
@@ -104,6 +105,8 @@ export default {
         if (!this.$refs.plane) return;
         this.drawPlane();
         if (this.drawn++ % SLOW === 0) this.drawPlots();
+        // A loop brings the next frame; a recording that is paused has only this one.
+        if (!this.live && !this.settled) this.draw();
       });
     },
     prepare(canvas, height) {
@@ -206,10 +209,13 @@ export default {
       const wanted = [(x0 + x1) / 2 - width / scale / 2, (y0 + y1) / 2 - height / scale / 2, scale];
       if (!wanted.every(Number.isFinite) || !(scale > 0)) {
         this.box ||= [0, 0, height / size]; // the points are too far from each other
+        this.settled = true;
         return;
       }
       const zoom = this.box ? scale / this.box[2] : Infinity;
       const isNear = Math.max(zoom, 1 / zoom) < JUMP;
+      const [dx, dy] = [0, 1].map((i) => Math.abs(wanted[i] - (this.box ?? wanted)[i]) * scale);
+      this.settled = !isNear || (dx < 1 && dy < 1 && Math.abs(zoom - 1) < 0.005);
       this.box = isNear ? this.box.map((v, i) => v + 0.12 * (wanted[i] - v)) : wanted;
     },
     // Writes a text unless it would touch another one; `taken` has the edges of all of them.

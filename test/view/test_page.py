@@ -71,6 +71,10 @@ PUSH_STATE = """async x => {
     view.push({ ...view.frames[view.frames.length - 1], x });
     await new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)));
     return view.box; }"""
+IN_SIGHT = """px => {
+    const view = getElement(Number(document.querySelector('.obc-view').id.slice(1)));
+    const [left, , scale] = view.box;
+    return left < px && px < left + view.$el.clientWidth / scale; }"""
 PROBLEMS = find_example('x').parent
 AIRCRAFT = {'system': 'aircraft', 'publish_rate': 50.0, 'publish_clock': True}
 
@@ -188,6 +192,8 @@ def tab(page: Any, name: str) -> None:
 
 
 def test_a_weight_shows_the_candidate_that_apply_then_adopts(site, page):
+    page.get_by_text(re.compile('^slowest mode .* s; ')).click()
+    page.get_by_text('spectral abscissa').wait_for()
     before = candidate(page, 'damping ratio')
     number(page, 'weight of px').fill('100')
     page.wait_for_function(CHANGED, arg=['damping ratio', before])
@@ -356,6 +362,7 @@ def test_the_set_point_is_clicked_typed_stepped_and_brought_back(site, page):
         lambda: list(site.designs[-1].xe[:2]) == pytest.approx([target[0] + 0.25, target[1]]))
     back.click()
     site.probe.wait_for(lambda: list(site.designs[-1].xe[:2]) == target)
+    site.probe.wait_for(lambda: float(fields[0].input_value()) == target[0])
     fields[0].fill('')
     hold.click()
     page.get_by_text('every state needs a number').wait_for()
@@ -611,6 +618,8 @@ def test_a_recording_waits_plays_and_is_scrubbed(site, tmp_path):
     page.get_by_role('button', name='30.0 s weights').click()
     page.wait_for_function(LATER, arg=29.9)
     assert float(slider.get_attribute('aria-valuenow')) == pytest.approx(30.0, abs=0.1)
+    page.evaluate(PUSH_STATE, [50.0, *[0.0] * 5])
+    page.wait_for_function(IN_SIGHT, arg=50.0)   # though no other frame comes
     page.context.close()
 
 
