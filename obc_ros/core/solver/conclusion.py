@@ -199,15 +199,34 @@ def find_remark(problem: Problem, found: Solution) -> str:
     the statement may be missing. The certificate holds all the same: the answer is that of the
     statement.
     """
+    return '; '.join([*_remark_decision(problem, found), *_remark_unused(problem)])
+
+
+def _remark_decision(problem: Problem, found: Solution) -> Iterator[str]:
+    """Yield what decided an answer in place of the cost, at most one sentence."""
     if find_constant_cost(problem) is not None:
-        return (f'all paths cost {format_number(found.objective)}: the cost depends on neither '
-                'states nor inputs, so that this path is one of many')
-    bounds = list(_list_bounds(problem, found))
-    if not bounds:
-        return ''
-    decides = 'this bound decides' if len(bounds) == 1 else 'these bounds decide'
-    return ', and '.join([f'{" and ".join(bounds)}: {decides} the answer',
-                          *_list_missing(problem)])
+        yield (f'all paths cost {format_number(found.objective)}: the cost depends on neither '
+               'states nor inputs, so that this path is one of many')
+        return
+    bounds = [*_list_bounds(problem, found), *_list_starts(problem, found)]
+    if bounds:
+        decides = 'this bound decides' if len(bounds) == 1 else 'these bounds decide'
+        yield ', and '.join([f'{" and ".join(bounds)}: {decides} the answer',
+                             *_list_missing(problem)])
+    elif not (problem.q or problem.constrained or ca.depends_on(
+            ca.vertcat(problem.L, problem.V), problem.x)):
+        yield ('nothing is asked of the states: none is in the cost or in a constraint, so that '
+               'the inputs only minimise the running cost')
+
+
+def _remark_unused(problem: Problem) -> Iterator[str]:
+    """Yield which inputs change nothing."""
+    names = [name for name, u in zip(problem.inputs, ca.vertsplit(problem.u), strict=True)
+             if not ca.depends_on(ca.vertcat(problem.f, problem.L, problem.path), u)]
+    if names and problem.phases is None:
+        inputs, has = (f'the input {names[0]} occurs', 'its values are') if len(names) == 1 else (
+            f'the inputs {", ".join(names)} occur', 'their values are')
+        yield f'{inputs} in neither dynamics, cost nor constraints: {has} arbitrary'
 
 
 def _list_bounds(problem: Problem, found: Solution) -> Iterator[str]:
@@ -221,8 +240,28 @@ def _list_bounds(problem: Problem, found: Solution) -> Iterator[str]:
     for name in problem.free_parameters:
         k = problem.states.index(name)
         for side, bound in (('lower', lower[k]), ('upper', upper[k])):
-            if lower[k] < upper[k] and abs(found.x[0, k] - bound) <= 1e-6 * (upper[k] - lower[k]):
+            if lower[k] < upper[k] and _is_at(found.x[0, k], bound, lower[k], upper[k]):
                 yield f'{name} = {format_number(bound)} is its {side} bound'
+
+
+def _list_starts(problem: Problem, found: Solution) -> Iterator[str]:
+    """Yield bounds of x(0) that a path begins at, and beyond which it would cost less."""
+    if problem.start is None or problem.phases is not None or not found.lam.size:
+        return
+    slope = found.lam[0].copy()   # of the cost by x(0)
+    for k, other in problem.start.linked:
+        slope[k] += found.lam[0, other]
+    lower, upper = problem.start_box
+    for k, name in enumerate(problem.states[:problem.stated]):
+        for side, bound, sign in (('lower', lower[k], 1.0), ('upper', upper[k], -1.0)):
+            if lower[k] < upper[k] and _is_at(found.x[0, k], bound, lower[k], upper[k]) and (
+                    sign * slope[k] > 1e-6 * np.abs(found.lam).max()):
+                yield f'{name}(0) = {format_number(bound)} is the {side} bound of initial_state'
+
+
+def _is_at(value: float, bound: float, lower: float, upper: float) -> bool:
+    return math.isfinite(bound) and abs(value - bound) <= 1e-6 * min(
+        upper - lower, max(1.0, abs(bound)))
 
 
 def _list_missing(problem: Problem) -> Iterator[str]:

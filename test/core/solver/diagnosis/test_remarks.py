@@ -36,8 +36,24 @@ def free(lower, upper):
     # k costs k^2 - 10 k.
     ({**MOVE, 'dynamics': {'p': 'u - p'}, 'initial_state': {'p': 0}, 'running_cost': 'p**2 + u**2',
       'free_parameters': {'k': [0, 2]}, 'terminal_cost': 'k**2 - 10*k',
-      'final_time': {'free': False, 'value': 1}}, -16.0, ['k = 2 is its upper bound'])],
-    ids=['no bounds of inputs', 'lower', 'upper', 'no end', 'no cost', 'constant', 'parameter'])
+      'final_time': {'free': False, 'value': 1}}, -16.0, ['k = 2 is its upper bound']),
+    ({**REST, 'terminal_constraints': [], 'running_cost': 'u**2',
+      'final_time': {'free': False, 'value': 2}}, 0.0,
+     ['nothing is asked of the states: none is in the cost or in a constraint']),
+    ({**REST, 'inputs': ['u', 'w'], 'running_cost': 'u**2', 'input_bounds': {'w': [-1, 1]},
+      'final_time': {'free': False, 'value': 1}}, 12.0,
+     ['the input w occurs in neither dynamics, cost nor constraints: its values are arbitrary']),
+    # From p to 0 in 1 s with least effort: p^2.
+    ({**MOVE, 'input_bounds': {}, 'initial_state': {'p': [1, 2]}, 'running_cost': 'u**2',
+      'terminal_constraints': ['p'], 'final_time': {'free': False, 'value': 1}}, 1.0,
+     ['p(0) = 1 is the lower bound of initial_state: this bound decides the answer']),
+    # From p to 3, and a part of the cost at the start: (3 - p)^2 + (p - 4)^2 falls up to 3.5.
+    ({**MOVE, 'input_bounds': {}, 'initial_state': {'p': [1, 2]}, 'running_cost': 'u**2',
+      'initial_cost': '(p - 4)**2', 'terminal_constraints': ['p - 3'],
+      'final_time': {'free': False, 'value': 1}}, 5.0,
+     ['p(0) = 2 is the upper bound of initial_state: this bound decides the answer'])],
+    ids=['no bounds of inputs', 'lower', 'upper', 'no end', 'no cost', 'constant', 'parameter',
+         'effort only', 'unused input', 'start', 'cost of the start'])
 def test_what_decided_an_answer_is_said(statement, objective, words):
     answer = obc.solve(statement)
     assert answer.status == 'solved'
@@ -57,7 +73,13 @@ def test_a_figure_has_the_remark_in_its_title():
 
 @pytest.mark.parametrize('statement', [
     {**REST, 'running_cost': 1, **BOUNDED, **free(0.1, 20)},
-    {**REST, 'running_cost': 'u**2', 'final_time': {'free': False, 'value': 2}}])
+    {**REST, 'running_cost': 'u**2', 'final_time': {'free': False, 'value': 2}},
+    # (p - 1)^2 + p^2: the best start lies inside, at 1/2, or on a bound that costs nothing.
+    *({**MOVE, 'input_bounds': {}, 'initial_state': {'p': box}, 'running_cost': 'u**2',
+       'initial_cost': '(p - 1)**2', 'terminal_constraints': ['p'],
+       'final_time': {'free': False, 'value': 1}} for box in ([0, 2], [0.5, 2], [0, None])),
+    {**MOVE, 'dynamics': {'p': 'u - p'}, 'running_cost': 'p**2 + (u - k)**2',
+     'free_parameters': {'k': [-9, None]}, 'final_time': {'free': False, 'value': 1}}])
 def test_an_answer_that_the_cost_decided_has_no_remark(statement):
     answer = obc.solve(statement)
     assert (answer.status, answer.remark) == ('solved', '')
