@@ -69,9 +69,11 @@ class NamedSymbols:
         return len(self._symbols)
 
     def _refuse(self, *operands: object) -> Any:
-        name = next(iter(self._symbols), 'p')
-        raise StatementError(f'the argument is {self._what} by name, not a number: write '
-                             f"x.{name}, x['{name}'] or x[0]; numpy.array(x) is the array of all")
+        letter = {'an input': 'u', 'a parameter': 'p'}.get(self._what, 'x')
+        name = next(iter(self._symbols), 'name')
+        raise StatementError(f'{letter} has names, it is no number: write {letter}.{name}, '
+                             f"{letter}['{name}'] or {letter}[0]; numpy.array({letter}) is the "
+                             'array of all')
 
     __add__ = __radd__ = __sub__ = __rsub__ = __mul__ = __rmul__ = __truediv__ = _refuse
     __rtruediv__ = __pow__ = __rpow__ = __neg__ = __abs__ = __call__ = __float__ = _refuse

@@ -4,6 +4,7 @@
 
 import casadi as ca
 import numpy as np
+import obc_ros as obc
 from obc_ros.core.ocp.statement import build_problem
 from obc_ros.core.text.errors import StatementError
 import pytest
@@ -72,6 +73,14 @@ def test_equations_between_both_ends_and_in_phases():
     given = {key: value for key, value in BASE.items() if key != 'final_time'}
     assert build_problem(given | {'phases': phases}).structure == build_problem(
         given | {'phases': plain}).structure
+
+
+@pytest.mark.slow
+def test_the_remedy_states_an_inequality_at_the_end():
+    """The least effort to reach p >= 1 in 1 s, at any speed, is 3; at v <= 1 it is 4."""
+    found = [obc.solve(BASE, free_parameters={'s': [1, None], 'w': [None, most]},
+                       terminal_constraints=['p == s', 'v == w']) for most in (2, 1)]
+    assert [each.objective for each in found] == pytest.approx([3, 4], abs=1e-5)
 
 
 @pytest.mark.parametrize(('change', 'said'), [
