@@ -14,7 +14,6 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import combinations, product
 import math
-from types import MappingProxyType
 from typing import Any
 
 import casadi as ca
@@ -100,28 +99,24 @@ class FormulaQuestion(SheetQuestion):
             return 'it has no finite value for some numbers that are allowed'
         return self.advice or 'it is not right'
 
-    def evaluate(self, answer: Any, special: Mapping[str, str | float] = MappingProxyType({})
-                 ) -> Array:
-        """
-        Return the values of an answer, formulas at random points of the intervals.
+    def evaluate(self, answer: Any) -> Array:
+        """Return the values of an answer, formulas at random points of the intervals."""
+        return _evaluate(self._compile(answer), self._draw_points())
 
-        :param special: names that have a number or another name's value at all points.
-        """
+    def _compile(self, answer: Any) -> ca.Function:
+        """Return an answer as a function of its names."""
         rows = _arrange(self.name, split_answer(answer, not self.names, self.name))
         symbols = {name: ca.SX.sym(name) for name in self.names}
         found = ca.vertcat(*(ca.horzcat(*(
             parse_answer(entry, symbols, self.name, find_unit(self.text)) for entry in row))
             for row in rows))
-        function = ca.Function('answer', [ca.vertcat(*symbols.values())], [found])
-        drawn = np.random.default_rng(1)
+        return ca.Function('answer', [ca.vertcat(*symbols.values())], [found])
+
+    def _draw_points(self) -> Array:
+        """Return points (N, names); one, if there are no names."""
         lower, upper = np.array([*self.names.values(), (0.0, 0.0)])[:-1].reshape(-1, 2).T
-        points = drawn.uniform(lower, upper, size=(POINTS if symbols else 1, len(symbols)))
-        columns = list(self.names)
-        for name, value in special.items():
-            points[:, columns.index(name)] = (
-                points[:, columns.index(value)] if isinstance(value, str) else value)
-        values = np.array(function(points.T if symbols else []))
-        return values.reshape(found.shape[0], len(points), found.shape[1]).swapaxes(0, 1)
+        return np.random.default_rng(1).uniform(
+            lower, upper, size=(POINTS if self.names else 1, len(self.names)))
 
     def agree(self, given: Array, right: Array) -> bool:
         """Return whether values are equal: formulas to rounding, numbers to three digits."""
@@ -129,15 +124,27 @@ class FormulaQuestion(SheetQuestion):
 
     def _find_special_cases(self, answer: Any) -> str:
         """Return for which values of a name a formula is right; '' if for none of those tried."""
-        cases: list[tuple[str, str | float]] = [*product(self.names, (0.0, 1.0)),
-                                                *combinations(self.names, 2)]
+        names = list(self.names)
+        given, right = self._compile(answer), self._compile(self.reference)
+        cases: list[tuple[str, str | float]] = [*product(names, (0.0, 1.0)),
+                                                *combinations(names, 2)]
         found = []
         for name, value in cases:
-            right = self.evaluate(self.reference, {name: value})
-            if np.any(np.abs(right) > SAME_FORMULA) and self.agree(
-                    self.evaluate(answer, {name: value}), right):
+            points = self._draw_points()
+            points[:, names.index(name)] = (
+                points[:, names.index(value)] if isinstance(value, str) else value)
+            wanted = _evaluate(right, points)
+            if np.any(np.abs(wanted) > SAME_FORMULA) and self.agree(
+                    _evaluate(given, points), wanted):
                 found.append(f'{name} = {value if isinstance(value, str) else f"{value:g}"}')
         return f'it is right only for {" or ".join(found)}' if found else ''
+
+
+def _evaluate(function: ca.Function, points: Array) -> Array:
+    """Return the values (points, rows, columns) of an answer."""
+    rows, columns = function.size_out(0)
+    values = np.array(function(points.T if points.shape[1] else []))
+    return values.reshape(rows, len(points), columns).swapaxes(0, 1)
 
 
 def _arrange(name: str, answer: Any) -> Sequence[Sequence[Any]]:
