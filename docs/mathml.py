@@ -15,7 +15,7 @@ TOKEN = re.compile(r'\\[A-Za-z]+|\\.| - |[^\\]', re.DOTALL)
 OPENING = {'{', '(', '[', r'\begin', r'\left', r'\lvert'}
 CLOSING = {'}', ')', ']', r'\end', r'\right', r'\rvert'}
 OPERATORS = {'=', '<', '>', '+', ' - ', r'\le', r'\ge', r'\to'}
-SHORT = 40  # characters of a formula that fits a line
+SHORT = 30  # characters of a formula that fits a line
 
 
 def setup(app: Any) -> None:

@@ -82,8 +82,9 @@ def test_no_formula_is_cut_on_a_telephone(mathml, tmp_path):
             mathml._inline(page, nodes.math(formula, formula))
     style = (DOCS / '_static' / 'obc_ros.css').read_text(encoding='utf-8')
     file = tmp_path / 'formulas.html'
-    file.write_text(f'<meta charset="utf-8"><style>{style} body {{ width: {WIDTH}px }}</style>'
-                    + ''.join(page.body), encoding='utf-8')
+    file.write_text(
+        f'<!doctype html><meta charset="utf-8"><style>{style} body {{ width: {WIDTH}px }}</style>'
+        + ''.join(page.body), encoding='utf-8')
     with sync.sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=CHROMIUM, args=['--no-sandbox'])
         shown = browser.new_page(viewport={'width': 390, 'height': 844})
