@@ -10,6 +10,7 @@ import re
 import shutil
 import subprocess
 import sys
+import tempfile
 import time
 from typing import Any
 from urllib.error import URLError
@@ -88,6 +89,14 @@ def take_pictures(browser: Any) -> None:
     page.get_by_label('weight of f2, as a number').fill('1')
     page.get_by_role('button', name='Apply').click()
     page.wait_for_timeout(1000)
+    page.get_by_role('tab', name='Set point', exact=True).click()
+    for name in ('Step', 'Back'):
+        page.get_by_role('button', name=name, exact=True).click()
+        page.get_by_text('set point: ').wait_for()
+        page.wait_for_timeout(4000)
+        if name == 'Step':
+            keep(page, 'set_point')
+    page.get_by_role('tab', name='Plan', exact=True).click()
     plane = page.locator('.obc-plane')
     box = plane.bounding_box()
     plane.click(position={'x': GOAL[0] * box['width'], 'y': GOAL[1] * box['height']})
@@ -120,6 +129,18 @@ def take_prediction(browser: Any) -> None:
     page.close()
 
 
+def take_recording(browser: Any) -> None:
+    """Write the picture of a recording."""
+    page = browser.new_page(viewport=WIDE)
+    page.goto(ADDRESS)
+    page.get_by_role('button', name='Play').click()
+    page.wait_for_timeout(9000)
+    page.get_by_role('button', name='Pause').click()
+    page.wait_for_timeout(300)
+    keep(page, 'recording')
+    page.close()
+
+
 def record_flight(page: Any) -> None:
     """Write the moving picture: the plan is flown."""
     said = page.get_by_text(re.compile('^lqr_node: .*a reference ')).first
@@ -149,6 +170,12 @@ def main() -> int:
         with start_page():
             take_pictures(browser)
         isolate(domain)
+        with tempfile.TemporaryDirectory() as folder:
+            subprocess.run([Path(sys.executable).with_name('obc'), 'demo', 'aircraft', '--out',
+                            folder], check=True)
+            file, *_ = Path(folder).glob('**/*.mcap')
+            with start_page(str(file)):
+                take_recording(browser)
         with start('launch', 'loop', *LOOP), start_page('--namespace', '/', '--control'):
             take_prediction(browser)
         browser.close()
