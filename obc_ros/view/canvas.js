@@ -123,6 +123,7 @@ export default {
       const colours = dark
         ? { paper: "#15181c", ink: "#e6e9ec", grid: "#343a40", faint: "#9aa3ab", warn: "#ff9b66" }
         : { paper: "#ffffff", ink: "#1b1f24", grid: "#dde2e6", faint: "#5c656d", warn: "#b03a00" };
+      this.paper = colours.paper;
       context.fillStyle = colours.paper;
       context.fillRect(0, 0, width, height);
       context.font = "12px system-ui, sans-serif";
@@ -171,10 +172,10 @@ export default {
       this.say(frame, predicted);
       context.fillStyle = colours.ink;
       context.font = "14px system-ui, sans-serif";
-      context.fillText(time, 10, 20);
+      this.ink(context, time, 10, 20);
       context.fillStyle = colours.warn;
       context.font = "12px system-ui, sans-serif";
-      context.fillText(this.sayStale(), after, 20);
+      this.ink(context, this.sayStale(), after, 20);
     },
     drawKey(context, width, colours, rows) {
       context.font = "12px system-ui, sans-serif";
@@ -224,6 +225,14 @@ export default {
       if (x < 0 || right > this.$el.clientWidth || taken.some((box) =>
         x - 4 < box[2] && box[0] < right + 4 && top < box[3] && box[1] < bottom)) return;
       taken.push([x, top, right, bottom]);
+      this.ink(context, text, x, y);
+    },
+    // Writes a text with a margin of paper: no line of a grid strikes it through.
+    ink(context, text, x, y) {
+      context.strokeStyle = this.paper;
+      context.lineWidth = 4;
+      context.lineJoin = "round";
+      context.strokeText(text, x, y);
       context.fillText(text, x, y);
     },
     drawGrid(context, width, height, colours, place, taken) {
@@ -237,21 +246,22 @@ export default {
       const { x, y } = this.plain.plane;
       const name = (s) => `${s.name} [${s.unit}]`;
       const below = name(this.plain.states[x]);
-      this.write(context, taken, below, width - 4 - context.measureText(below).width, height - 5);
-      this.write(context, taken, name(this.plain.states[y]), 3, 38);
+      const texts = [[below, width - 4 - context.measureText(below).width, height - 5],
+        [name(this.plain.states[y]), 3, 38]];
       // Counted, as x + step is x for a very large x.
       for (let i = 0; i < width / 90 + 1; i++) {
         const x = (Math.ceil(left / step) + i) * step;
         const [px] = place(x, 0);
         this.line(context, [[px, 0], [px, height]], colours.grid, [], 1);
-        this.write(context, taken, x.toFixed(digits), px + 3, height - 5);
+        texts.push([x.toFixed(digits), px + 3, height - 5]);
       }
       for (let i = 0; i < height / 90 + 1; i++) {
         const y = (Math.ceil(bottom / step) + i) * step;
         const [, py] = place(0, y);
         this.line(context, [[0, py], [width, py]], colours.grid, [], 1);
-        this.write(context, taken, y.toFixed(digits), 3, py - 3);
+        texts.push([y.toFixed(digits), 3, py - 3]);
       }
+      texts.forEach((each) => this.write(context, taken, ...each));
     },
     // The decimals of multiples of a step.
     count(step) {

@@ -45,6 +45,7 @@ PAGE_STYLE = """
 .obc-message { min-height: 1.4em; overflow-wrap: anywhere; }
 .obc-yaml textarea { font-family: monospace; min-height: 260px; font-size: 12px; }
 .obc-log { height: 320px; font-size: 12px; }
+.body--dark .obc-chip { color: #8cc8f0 !important; }
 .obc-events { max-height: 132px; overflow-y: auto; }
 .nicegui-content { padding: 10px; }
 .obc-mode { width: 100%; padding: 2px 10px; border-radius: 6px; overflow-wrap: anywhere; }

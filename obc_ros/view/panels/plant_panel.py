@@ -88,7 +88,7 @@ class PlantPanel:
                 self._message.text = str(error)
                 return
             await self._change({f'disturbance.gust.{state}': float(peak),
-                                'disturbance.gust_start': now + SOON * max(rate, 1.0),
+                                'disturbance.gust_start': round(now + SOON * max(rate, 1.0), 3),
                                 'disturbance.gust_duration': float(span)})
 
     async def _change(self, values: dict[str, Any]) -> None:

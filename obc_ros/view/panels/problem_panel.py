@@ -43,7 +43,7 @@ class ProblemPanel:
         with ui.row().classes('w-full gap-1'):
             for name, words in SHOWN.items():
                 ui.chip(words, on_click=partial(self._pick, name)).props(
-                    'dense outline').tooltip(titles[name])
+                    'dense outline').classes('obc-chip').tooltip(titles[name])
         self._text = ui.textarea('problem (YAML)', value=read_example_text(first)).props(
             f'outlined maxlength={MAX_BYTES} spellcheck=false').classes('w-full obc-yaml')
         with ui.row().classes('items-center'):
