@@ -143,7 +143,7 @@ def take_recording(browser: Any) -> None:
 
 def record_flight(page: Any) -> None:
     """Write the moving picture: the plan is flown."""
-    said = page.get_by_text(re.compile('^lqr_node: .*a reference ')).first
+    said = page.get_by_text(re.compile('lqr_node: .*a reference |lqr_node rejected it')).first
     for _ in range(TRIES):   # on a busy machine a plan may be late, and is rejected
         page.get_by_role('button', name='Fly it').click()
         said.wait_for(state='hidden')
