@@ -193,7 +193,7 @@ def tab(page: Any, name: str) -> None:
 
 def test_a_weight_shows_the_candidate_that_apply_then_adopts(site, page):
     page.get_by_text(re.compile('^slowest mode .* s; ')).click()
-    page.get_by_text('spectral abscissa').wait_for()
+    page.locator('.obc-design').get_by_text('spectral abscissa').wait_for()
     before = candidate(page, 'damping ratio')
     number(page, 'weight of px').fill('100')
     page.wait_for_function(CHANGED, arg=['damping ratio', before])
