@@ -104,14 +104,25 @@ def take_pictures(browser: Any) -> None:
     page.wait_for_timeout(500)
     keep(page, 'plan', full_page=True)
     record_flight(page)
-    page.get_by_role('tab', name='Plant', exact=True).click()
-    page.wait_for_timeout(500)
-    keep(page, 'plant')
     page.close()
+    take_gust(browser)
     narrow = open_page(browser, viewport=NARROW, color_scheme='dark')
     narrow.wait_for_timeout(1500)
     keep(narrow, 'telephone')
     narrow.close()
+
+
+def take_gust(browser: Any) -> None:
+    """Write the picture of the plant in a gust."""
+    page = open_page(browser, viewport=WIDE)
+    page.get_by_role('tab', name='Plant', exact=True).click()
+    page.get_by_label('duration [s]', exact=True).fill('4')
+    page.get_by_role('button', name='Gust', exact=True).click()
+    page.get_by_text('set: disturbance').wait_for()
+    page.wait_for_timeout(2000)
+    page.evaluate('scrollTo(0, 0)')
+    keep(page, 'plant')
+    page.close()
 
 
 def take_prediction(browser: Any) -> None:
@@ -173,8 +184,7 @@ def main() -> int:
         with tempfile.TemporaryDirectory() as folder:
             subprocess.run([Path(sys.executable).with_name('obc'), 'demo', 'aircraft', '--out',
                             folder], check=True)
-            file, *_ = Path(folder).glob('**/*.mcap')
-            with start_page(str(file)):
+            with start_page(str(Path(folder) / 'aircraft')):
                 take_recording(browser)
         with start('launch', 'loop', *LOOP), start_page('--namespace', '/', '--control'):
             take_prediction(browser)
