@@ -214,10 +214,10 @@ def modules(root: Path, folder: str) -> Iterator[Module]:
     for path in sorted((root / folder).rglob('*.py')):
         parts = path.relative_to(root).with_suffix('').parts
         tree = ast.parse(path.read_text(encoding='utf-8'))
-        members = tuple(_member(node) for node in tree.body
-                        if isinstance(node, (ast.FunctionDef, ast.ClassDef))
-                        and not node.name.startswith('_'))
-        if members:
+        public = {node.name: node for node in tree.body  # the last of several is no overload
+                  if isinstance(node, (ast.FunctionDef, ast.ClassDef))
+                  and not node.name.startswith('_')}
+        if members := tuple(map(_member, public.values())):
             yield Module('.'.join(part for part in parts if part != '__init__'), _summary(tree),
                          members)
 

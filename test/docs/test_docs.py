@@ -93,6 +93,14 @@ def test_the_reference_lists_the_modules_of_the_package(sources):
         'class', 'function', 'function')
 
 
+def test_the_reference_lists_an_overloaded_function_once(sources):
+    [module] = (each for each in sources.modules(ROOT, 'obc_ros/api')
+                if each.name == 'obc_ros.api.regulators')
+    [lqr] = (each for each in module.members if each.name == 'lqr')
+    assert 'plant_or_A' in lqr.parameters
+    assert lqr.summary.startswith('Return the gain')
+
+
 def test_the_page_lists_the_registered_systems():
     text = (DOCS / 'systems.md').read_text(encoding='utf-8').partition('\n## ')[0]
     rows = re.findall(r'^\| `(\w+)` \| ([^|]*) \| ([^|]*) \|.*\| ([^|]*)\|$', text, re.MULTILINE)
