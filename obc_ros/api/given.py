@@ -2,9 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Values as users give them: states, inputs, weights and numbers, by name or in order."""
 
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Callable, Collection, Mapping, Sequence
+from typing import Any, TypedDict
 
+import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 from obc_ros.api.answer import PathPoint
@@ -18,6 +19,69 @@ MatrixLike = Sequence[Sequence[float]] | NDArray[Any]
 VectorLike = Sequence[float] | NDArray[Any]
 StateLike = VectorLike | Mapping[str, Any] | PathPoint | Equilibrium   # in order or by name
 WeightLike = float | VectorLike | MatrixLike | Mapping[str, float]   # or the diagonal
+
+Expression = str | float | ca.SX           # also a number
+Expressions = Sequence[Expression]
+StatedFunction = Callable[..., Any]        # of named symbols
+
+
+class _Unset:
+    """The default of a keyword that may be None."""
+
+    def __repr__(self) -> str:
+        """Return a word for signatures."""
+        return 'unset'
+
+
+UNSET: Any = _Unset()
+
+
+class KeysForPeople(TypedDict, total=False):
+    """Keys that say what a problem or a system is; nothing is computed from them."""
+
+    title: str
+    source: str
+    tags: Sequence[str]
+    notes: str
+    difficulty: Any
+    kind: str
+    expected: Any
+
+
+class KeysOfPlant(KeysForPeople, total=False):
+    """Keys of a system file that a problem does not need, so that one file can be both."""
+
+    units: Mapping[str, str]
+    angles: Sequence[str]
+    setpoint: Mapping[str, Any]
+    setpoint_input: Mapping[str, Any]
+    parameter_bounds: Mapping[str, Any]
+    plane: str
+    description: str
+    outputs: Mapping[str, Expression]
+    ros: Mapping[str, Mapping[str, Any]]
+
+
+class KeysOfTask(KeysForPeople, total=False):
+    """Keys of a problem file that a system does not need."""
+
+    running_cost: Any
+    terminal_cost: Any
+    initial_cost: Any
+    initial_state: Any
+    initial_constraints: Any
+    terminal_constraints: Any
+    boundary_constraints: Any
+    periodic: Sequence[str]
+    path_constraints: Any
+    final_time: Mapping[str, Any]
+    initial_guess: Mapping[str, Any]
+    method: str
+
+
+def choose_given(values: Mapping[str, Any], keys: Collection[str]) -> dict[str, Any]:
+    """Return those of some keywords that were given."""
+    return {key: values[key] for key in keys if values[key] is not UNSET}
 
 
 def as_state(value: object, names: Sequence[str], where: str) -> Array:

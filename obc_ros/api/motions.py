@@ -2,11 +2,22 @@
 # SPDX-License-Identifier: Apache-2.0
 """Motions of registered systems, shortest paths of a car, and minima of functions."""
 
+from __future__ import annotations
+
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 from obc_ros.api.answer import Answer
-from obc_ros.api.given import as_state, convert_numbers, StateLike
+from obc_ros.api.given import (
+    as_state,
+    choose_given,
+    convert_numbers,
+    Expression,
+    Expressions,
+    StateLike,
+    UNSET,
+    VectorLike,
+)
 from obc_ros.api.plants import as_system, SystemLike
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.ocp.augmentation import hide_added_states
@@ -17,6 +28,8 @@ from obc_ros.core.tasks import minimize as static
 from obc_ros.core.tasks.minimize import Minimum
 from obc_ros.core.tasks.motion_planning import Motion, solve_motion
 from obc_ros.core.text.errors import describe_type, StatementError
+
+_KEYS = 'variables', 'parameters', 'cost', 'equalities', 'inequalities', 'bounds', 'guess'
 
 
 def plan(system: SystemLike, start: StateLike, goal: StateLike,
@@ -69,8 +82,11 @@ def plan(system: SystemLike, start: StateLike, goal: StateLike,
                   hide_added_states(problem, solution), problem)
 
 
-def minimize(statement: Mapping[str, Any] | None = None, *, time_limit: float = 10.0, **keys: Any
-             ) -> Minimum:
+def minimize(statement: Mapping[str, Any] | None = None, *, variables: Sequence[str] = UNSET,
+             parameters: Mapping[str, Any] = UNSET, cost: Expression = UNSET,
+             equalities: Expressions = UNSET, inequalities: Expressions = UNSET,
+             bounds: Mapping[str, Any] = UNSET, guess: VectorLike = UNSET,
+             time_limit: float = 10.0) -> Minimum:
     """
     Minimise a function of several variables, with a certificate.
 
@@ -78,11 +94,20 @@ def minimize(statement: Mapping[str, Any] | None = None, *, time_limit: float = 
     ----------
     statement : mapping, optional
         The keys below.
+    variables : sequence of str
+        Names.
+    parameters : mapping, optional
+        Numbers by name.
+    cost : str
+        An expression.
+    equalities, inequalities : sequence of str, optional
+        Expressions that are 0, and at most 0.
+    bounds : mapping, optional
+        ``{'x': [lower, upper]}``; None: no bound.
+    guess : array_like, optional
+        The point from which the search begins; otherwise from several.
     time_limit : float
         Limit of the wall-clock time [s].
-    **keys
-        `variables`: names; `cost`: an expression; `equalities`, `inequalities`: expressions that
-        are 0, and at most 0; `bounds`: ``{'x': [lower, upper]}``; `parameters`; `guess`.
 
     Returns
     -------
@@ -96,6 +121,7 @@ def minimize(statement: Mapping[str, Any] | None = None, *, time_limit: float = 
         If the statement is invalid.
 
     """
+    keys = choose_given(locals(), _KEYS)
     if statement is not None and not isinstance(statement, Mapping):
         raise StatementError(f'statement: wanted a mapping, found {describe_type(statement)}')
     return static.minimize(convert_numbers({**(statement or {}), **keys}), time_limit=time_limit)

@@ -8,17 +8,28 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, Protocol, Unpack
 
 import casadi as ca
 import numpy as np
-from obc_ros.api.given import as_input, as_state, convert_numbers, NAMED_AT_MOST, StateLike
+from obc_ros.api.given import (
+    as_input,
+    as_state,
+    choose_given,
+    convert_numbers,
+    Expression,
+    KeysOfTask,
+    NAMED_AT_MOST,
+    StatedFunction,
+    StateLike,
+    UNSET,
+)
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.ocp import problem as ocp
 from obc_ros.core.systems import registry
 from obc_ros.core.systems import system as plant
 from obc_ros.core.systems.equilibrium import Equilibrium, find_equilibrium, linearize
-from obc_ros.core.systems.file import build_system
+from obc_ros.core.systems.file import build_system, OF_A_PLANT
 from obc_ros.core.text.errors import describe_type, DynamicsError, quote, StatementError
 from obc_ros.core.text.expressions import check_name, parse_number
 from obc_ros.core.text.fields import read_bounds
@@ -30,6 +41,8 @@ _FAULTS = (ArithmeticError, AttributeError, LookupError, NotImplementedError, Ru
            TypeError, ValueError)
 
 
+_KEYS = ('name', 'states', 'inputs', 'parameters', 'dynamics', 'input_bounds', 'state_bounds',
+         *OF_A_PLANT)
 _OF_PROBLEMS = 'system', 'free_parameters', 'phases'   # keys that a system ignores
 _SIZES = 0.1, 1.0, 1.0, 10.0   # of states and inputs at which functions are compared
 
@@ -55,8 +68,11 @@ class System(Tabulated):
 
     Parameters
     ----------
-    **statement
+    name, states, inputs, parameters, dynamics, input_bounds, state_bounds, units, angles, \
+    setpoint, setpoint_input, parameter_bounds, plane, description, outputs, ros
         The keys of a system file.
+    **others
+        Keys of a problem file, which are ignored.
 
     Raises
     ------
@@ -74,8 +90,18 @@ class System(Tabulated):
 
     """
 
-    def __init__(self, **statement: Any) -> None:
-        self._set(build_system(convert_numbers(statement)))
+    def __init__(
+            self, *, name: str = UNSET, states: Sequence[str] = UNSET,
+            inputs: Sequence[str] = UNSET, parameters: Mapping[str, Any] = UNSET,
+            dynamics: Mapping[str, Expression] | StatedFunction = UNSET,
+            input_bounds: Mapping[str, Any] = UNSET, state_bounds: Mapping[str, Any] = UNSET,
+            units: Mapping[str, str] = UNSET, angles: Sequence[str] = UNSET,
+            setpoint: Mapping[str, Any] = UNSET, setpoint_input: Mapping[str, Any] = UNSET,
+            parameter_bounds: Mapping[str, Any] = UNSET, plane: str = UNSET,
+            description: str = UNSET, outputs: Mapping[str, Expression] = UNSET,
+            ros: Mapping[str, Mapping[str, Any]] = UNSET, **others: Unpack[KeysOfTask]) -> None:
+        keys = choose_given(locals(), _KEYS)
+        self._set(build_system(convert_numbers({**keys, **others})))
 
     def _set(self, model: plant.System | None, name: str = '', states: tuple[str, ...] = (),
              inputs: tuple[str, ...] = (),

@@ -2,16 +2,28 @@
 # SPDX-License-Identifier: Apache-2.0
 """An optimal control problem as a user states it."""
 
-from collections.abc import Callable, Mapping
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, Unpack
 
 from obc_ros.api.answer import Answer, PathPoint
-from obc_ros.api.given import convert_numbers, NAMED_AT_MOST
-from obc_ros.api.plants import as_system
+from obc_ros.api.given import (
+    choose_given,
+    convert_numbers,
+    Expression,
+    Expressions,
+    KeysOfPlant,
+    NAMED_AT_MOST,
+    StatedFunction,
+    StateLike,
+    UNSET,
+)
+from obc_ros.api.plants import as_system, SystemLike
 from obc_ros.core.ocp import problem as ocp
-from obc_ros.core.ocp.statement import build_problem, replace_functions
+from obc_ros.core.ocp.statement import build_problem, FOR_THE_SOLVER, replace_functions
 from obc_ros.core.systems.registry import is_file
 from obc_ros.core.systems.system import System
 from obc_ros.core.text.errors import describe_type, quote, StatementError, suggest_name
@@ -29,12 +41,19 @@ class Problem(Tabulated):
 
     Parameters
     ----------
-    **statement
+    problem : Problem, Answer, mapping, Path or str, optional
+        A problem of which some keys are replaced; see `solve`.
+    name, system, states, inputs, parameters, free_parameters, dynamics, running_cost, \
+    terminal_cost, initial_cost, initial_state, initial_constraints, terminal_constraints, \
+    boundary_constraints, periodic, input_bounds, state_bounds, path_constraints, final_time, \
+    phases, initial_guess, method
         The keys of a problem file. `dynamics`, `running_cost` and `path_constraints` may be
         functions of (x, u) or (x, u, p), `terminal_cost` and `terminal_constraints` of (x) or
         (x, p); each returns what the key has in a file, with expressions in place of texts.
         `system` may be a name, a `System`, a file, the keys of one, or a system of python-control;
         `initial_state` also a list in the order of the states, or a point of `Answer.at`.
+    **others
+        Other keys that a file may have, such as `title` and `units`.
 
     Raises
     ------
@@ -50,8 +69,26 @@ class Problem(Tabulated):
 
     """
 
-    def __init__(self, **statement: Any) -> None:
-        self._set(_read_keys(statement))
+    def __init__(
+            self, problem: ProblemLike | None = None, /, *, name: str = UNSET,
+            system: SystemLike = UNSET, states: Sequence[str] = UNSET,
+            inputs: Sequence[str] = UNSET, parameters: Mapping[str, Any] = UNSET,
+            free_parameters: Mapping[str, Any] = UNSET,
+            dynamics: Mapping[str, Expression] | StatedFunction = UNSET,
+            running_cost: Expression | StatedFunction = UNSET,
+            terminal_cost: Expression | StatedFunction = UNSET,
+            initial_cost: Expression | StatedFunction = UNSET,
+            initial_state: StateLike | Sequence[Any] = UNSET,
+            initial_constraints: Expressions | StatedFunction = UNSET,
+            terminal_constraints: Expressions | StatedFunction = UNSET,
+            boundary_constraints: Expressions = UNSET, periodic: Sequence[str] = UNSET,
+            input_bounds: Mapping[str, Any] = UNSET, state_bounds: Mapping[str, Any] = UNSET,
+            path_constraints: Sequence[Mapping[str, Any] | Expression] | StatedFunction = UNSET,
+            final_time: Mapping[str, Any] = UNSET, phases: Sequence[Mapping[str, Any]] = UNSET,
+            initial_guess: Mapping[str, Any] = UNSET, method: str = UNSET,
+            **others: Unpack[KeysOfPlant]) -> None:
+        keys = choose_given(locals(), FOR_THE_SOLVER)
+        self._set(as_statement(problem, {**keys, **others}))
 
     def _set(self, statement: object) -> None:
         self.statement: dict[str, Any] = convert_numbers(statement)
@@ -64,14 +101,14 @@ class Problem(Tabulated):
         self.built: ocp.Problem = build_problem(self.statement)
 
     @classmethod
-    def from_dict(cls, statement: Mapping[str, Any]) -> 'Problem':
+    def from_dict(cls, statement: Mapping[str, Any]) -> Problem:
         """Return the problem of a mapping with the keys of a problem file, as `Problem`."""
         problem = cls.__new__(cls)
         problem._set(statement)
         return problem
 
     @classmethod
-    def from_file(cls, path: str | Path, name: str | None = None) -> 'Problem':
+    def from_file(cls, path: str | Path, name: str | None = None) -> Problem:
         """
         Return a problem of a YAML file.
 
@@ -92,11 +129,11 @@ class Problem(Tabulated):
         return cls.from_dict(choose_entry(read_entries(path), str(path), name))
 
     @classmethod
-    def from_text(cls, text: str, name: str | None = None) -> 'Problem':
+    def from_text(cls, text: str, name: str | None = None) -> Problem:
         """Return a problem of a YAML text, as `from_file`."""
         return cls.from_dict(choose_entry(read_text_entries(text), 'the text', name))
 
-    def replace(self, **keys: Any) -> 'Problem':
+    def replace(self, **keys: Any) -> Problem:
         """Return this problem with other values of some keys, checked as by `Problem`."""
         return Problem.from_dict({**self.statement, **_read_keys(keys)})
 
@@ -139,7 +176,7 @@ class Problem(Tabulated):
         return [(key, 'a function' if callable(value) else format_entry(value))
                 for key, value in self.statement.items() if key != 'name' and value is not None]
 
-    def __reduce__(self) -> tuple[Callable[..., 'Problem'], tuple[dict[str, Any]]]:
+    def __reduce__(self) -> tuple[Callable[..., Problem], tuple[dict[str, Any]]]:
         """Return how another process makes the problem: from its statement."""
         return Problem.from_dict, (replace_functions(self.statement),)
 

@@ -2,18 +2,30 @@
 # SPDX-License-Identifier: Apache-2.0
 """Solve problems, and certify solutions of any solver."""
 
-from collections.abc import Iterable, Mapping
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 import json
 import math
-from typing import Any
+from typing import Any, Unpack
 
 import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 from obc_ros.api.answer import Answer
-from obc_ros.api.given import convert_numbers
+from obc_ros.api.given import (
+    choose_given,
+    convert_numbers,
+    Expression,
+    Expressions,
+    KeysOfPlant,
+    StatedFunction,
+    StateLike,
+    UNSET,
+)
 from obc_ros.api.interpolation import restore_added_costates
+from obc_ros.api.plants import SystemLike
 from obc_ros.api.problem import as_problem, as_statement, ProblemLike
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.numerics.vectorized import VectorizedFunction
@@ -22,21 +34,38 @@ from obc_ros.core.ocp.augmentation import hide_added_states
 from obc_ros.core.ocp.certificate import certificate
 from obc_ros.core.ocp.method_names import get_method
 from obc_ros.core.ocp.solution import Certificate, Report, Solution, Status
-from obc_ros.core.ocp.statement import replace_functions
+from obc_ros.core.ocp.statement import FOR_THE_SOLVER, replace_functions
 from obc_ros.core.solver import solve as solver
 from obc_ros.core.solver.options import read_options
 from obc_ros.core.solver.program_cache import Cache
 from obc_ros.core.text.errors import describe_type, StatementError
 from obc_ros.core.text.recorded_functions import pack_statement
 
+_KEYS = tuple(key for key in FOR_THE_SOLVER if key != 'method')   # an argument by itself
 _INTERPOLATIONS = 'linear', 'zoh'
 
 _cache = Cache()   # programs of the problems solved last in this process
 
 
-def solve(problem: ProblemLike | None = None, *, time_limit: float = 60.0,
-          method: str = '', options: Mapping[str, Any] | Iterable[str] = (),
-          report: Report | None = None, isolated: bool = False, **keys: Any) -> Answer:
+def solve(problem: ProblemLike | None = None, *, name: str = UNSET,
+          system: SystemLike = UNSET, states: Sequence[str] = UNSET,
+          inputs: Sequence[str] = UNSET, parameters: Mapping[str, Any] = UNSET,
+          free_parameters: Mapping[str, Any] = UNSET,
+          dynamics: Mapping[str, Expression] | StatedFunction = UNSET,
+          running_cost: Expression | StatedFunction = UNSET,
+          terminal_cost: Expression | StatedFunction = UNSET,
+          initial_cost: Expression | StatedFunction = UNSET,
+          initial_state: StateLike | Sequence[Any] = UNSET,
+          initial_constraints: Expressions | StatedFunction = UNSET,
+          terminal_constraints: Expressions | StatedFunction = UNSET,
+          boundary_constraints: Expressions = UNSET, periodic: Sequence[str] = UNSET,
+          input_bounds: Mapping[str, Any] = UNSET, state_bounds: Mapping[str, Any] = UNSET,
+          path_constraints: Sequence[Mapping[str, Any] | Expression] | StatedFunction = UNSET,
+          final_time: Mapping[str, Any] = UNSET, phases: Sequence[Mapping[str, Any]] = UNSET,
+          initial_guess: Mapping[str, Any] = UNSET,
+          method: str = '', time_limit: float = 60.0,
+          options: Mapping[str, Any] | Iterable[str] = (), report: Report | None = None,
+          isolated: bool = False, **others: Unpack[KeysOfPlant]) -> Answer:
     """
     Solve an optimal control problem and certify the solution.
 
@@ -62,8 +91,13 @@ def solve(problem: ProblemLike | None = None, *, time_limit: float = 60.0,
         whatever it does. The limit then counts all but the start of the process, about a second.
         The process may use 2 GiB, and keeps nothing for the next problem. It gets what
         functions have returned here. A system must be its name. Needs Linux or macOS.
-    **keys
-        Keys of the statement: the problem, or changes of it.
+    name, system, states, inputs, parameters, free_parameters, dynamics, running_cost, \
+    terminal_cost, initial_cost, initial_state, initial_constraints, terminal_constraints, \
+    boundary_constraints, periodic, input_bounds, state_bounds, path_constraints, final_time, \
+    phases, initial_guess
+        The keys of a problem file: the problem, or changes of it; see `Problem`.
+    **others
+        Other keys that a file may have, such as `title` and `units`.
 
     Returns
     -------
@@ -78,6 +112,7 @@ def solve(problem: ProblemLike | None = None, *, time_limit: float = 60.0,
         If the problem or an argument is invalid.
 
     """
+    keys = {**choose_given(locals(), _KEYS), **others}
     if not (isinstance(time_limit, (int, float)) and 0.0 < time_limit < math.inf):
         raise StatementError('time_limit: wanted a positive number of seconds, found '
                              f'{describe_type(time_limit)}')

@@ -3,11 +3,18 @@
 """Every function accepts a system, a state and a problem in every form, with the same result."""
 
 
+import inspect
 import pickle
 
 import control
 import numpy as np
 import obc_ros as obc
+from obc_ros.api import given
+from obc_ros.core.ocp.statement import FOR_THE_SOLVER
+from obc_ros.core.systems.file import FOR_PEOPLE, OF_A_PLANT
+from obc_ros.core.systems.file import PLANT as PLANT_KEYS
+from obc_ros.core.systems.file import TASK as TASK_KEYS
+from obc_ros.core.tasks.minimize import KEYS
 from obc_ros.core.text.errors import StatementError
 import pytest
 import yaml
@@ -165,3 +172,42 @@ def test_the_text_of_a_problem_names_no_file(tmp_path):
         obc.Problem.from_text(yaml.safe_dump(statement))
     with pytest.raises(StatementError, match='^system: unknown system'):
         obc.solve(statement)
+
+
+KEYWORDS = {'problem', 'self', 'others'}
+OF_SOLVE = {'time_limit', 'options', 'report', 'isolated', 'cache'}
+
+
+def list_keywords(function):
+    return set(inspect.signature(function).parameters) - KEYWORDS
+
+
+def test_keywords_are_the_keys_of_a_statement():
+    assert list_keywords(obc.Problem) == set(FOR_THE_SOLVER)
+    assert list_keywords(obc.solve) - OF_SOLVE == set(FOR_THE_SOLVER)
+    assert list_keywords(obc.System) == set(PLANT_KEYS)
+    assert list_keywords(obc.minimize) - {'statement', 'time_limit'} == set(KEYS)
+    others = set(given.KeysOfPlant.__annotations__)
+    assert others == {*OF_A_PLANT, *FOR_PEOPLE}
+    task = set(given.KeysOfTask.__annotations__)
+    assert task == {*TASK_KEYS, *FOR_PEOPLE}
+
+
+def test_every_argument_has_a_name_and_a_type():
+    """For completion in editors: no function takes `*arguments`, and `**others` are typed."""
+    for name in obc.__all__:
+        function = getattr(obc, name)
+        if not inspect.isroutine(function) and function not in (obc.Problem, obc.System):
+            continue
+        for each in inspect.signature(function).parameters.values():
+            assert each.kind is not each.VAR_POSITIONAL, (name, each)
+            assert each.kind is not each.VAR_KEYWORD or 'Unpack' in str(each.annotation), name
+
+
+def test_a_key_that_is_none_replaces_another():
+    """Without its terminal constraints, the least effort is none."""
+    assert obc.solve(PROBLEM, terminal_constraints=None).objective == pytest.approx(0, abs=1e-9)
+    other = obc.Problem(PROBLEM, initial_state=[0.5, 0])
+    assert other.built.x0[:2].tolist() == [0.5, 0]
+    with pytest.raises(StatementError, match=r'^runing_cost: unknown key \(did you mean'):
+        obc.Problem(PROBLEM, runing_cost=1)
