@@ -14,6 +14,7 @@ _Module = type(_os)
 # The module of each public name.
 _HOMES = {
     'Answer': 'obc_ros.api.answer',
+    'Cache': 'obc_ros.core.solver.program_cache',
     'ObcError': 'obc_ros.core.text.errors',
     'Problem': 'obc_ros.api.problem',
     'System': 'obc_ros.api.plants',

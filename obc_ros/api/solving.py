@@ -44,8 +44,6 @@ from obc_ros.core.text.recorded_functions import pack_statement
 _KEYS = tuple(key for key in FOR_THE_SOLVER if key != 'method')   # an argument by itself
 _INTERPOLATIONS = 'linear', 'zoh'
 
-_cache = Cache()   # programs of the problems solved last in this process
-
 
 def solve(problem: ProblemLike | None = None, *, name: str = UNSET,
           system: SystemLike = UNSET, states: Sequence[str] = UNSET,
@@ -65,7 +63,8 @@ def solve(problem: ProblemLike | None = None, *, name: str = UNSET,
           initial_guess: Mapping[str, Any] = UNSET,
           method: str = '', time_limit: float = 60.0,
           options: Mapping[str, Any] | Iterable[str] = (), report: Report | None = None,
-          isolated: bool = False, **others: Unpack[KeysOfPlant]) -> Answer:
+          isolated: bool = False, cache: Cache | None = None, **others: Unpack[KeysOfPlant]
+          ) -> Answer:
     """
     Solve an optimal control problem and certify the solution.
 
@@ -91,6 +90,10 @@ def solve(problem: ProblemLike | None = None, *, name: str = UNSET,
         whatever it does. The limit then counts all but the start of the process, about a second.
         The process may use 2 GiB, and keeps nothing for the next problem. It gets what
         functions have returned here. A system must be its name. Needs Linux or macOS.
+    cache : Cache, optional
+        Keeps what is made for a problem, for problems that differ only in numbers: these are
+        solved faster, from the solution of the nearest one, which may be another local minimum.
+        Default: none is kept, so that the answer does not depend on earlier ones.
     name, system, states, inputs, parameters, free_parameters, dynamics, running_cost, \
     terminal_cost, initial_cost, initial_state, initial_constraints, terminal_constraints, \
     boundary_constraints, periodic, input_bounds, state_bounds, path_constraints, final_time, \
@@ -120,12 +123,16 @@ def solve(problem: ProblemLike | None = None, *, name: str = UNSET,
                ] if isinstance(options, Mapping) else list(options)
     chosen = read_options(written)
     get_method(method)
+    if cache is not None and not isinstance(cache, Cache):
+        raise StatementError(f'cache: wanted a Cache, found {describe_type(cache)}')
+    if isolated and cache is not None:
+        raise StatementError('isolated: another process keeps nothing in a cache')
     if isolated:
         return _solve_isolated(problem, keys, report, float(time_limit),
                                {'method': method, 'options': written})
     stated = as_problem(problem, keys)
     solution = solver.solve(stated.built, method=method, time_limit=float(time_limit),
-                            report=report, cache=_cache, options=chosen)
+                            report=report, cache=cache, options=chosen)
     return Answer(stated.name, stated.states, stated.inputs,
                   hide_added_states(stated.built, solution), stated.built,
                   str(stated.statement.get('title') or ''))

@@ -297,3 +297,24 @@ def test_an_answer_with_phases_has_their_states_in_order_of_time():
     assert len(answer.plot().axes) == 3   # x, u, lam
     with pytest.raises(StatementError, match='phases'):
         obc.certify(statement, answer)
+
+
+def test_an_answer_does_not_depend_on_the_one_before():
+    """The same bits alone and after a neighbour; with a cache the neighbour is followed."""
+    def arrays(answer):
+        solution = answer.solution
+        return [solution.t, solution.x, solution.u, solution.lam]
+
+    problem = {**EFFORT, 'dynamics': {'p': 'v', 'v': 'u - v**3'}}
+    alone = obc.solve(problem)
+    obc.solve(problem, terminal_constraints=['p - 1.01', 'v'])
+    for one, other in zip(arrays(alone), arrays(obc.solve(problem)), strict=True):
+        np.testing.assert_array_equal(one, other)
+    cache = obc.Cache()
+    obc.solve(problem, terminal_constraints=['p - 1.01', 'v'], cache=cache)
+    cached = obc.solve(problem, cache=cache)
+    assert 'neighbour' in str(cached.trace)
+    assert 'neighbour' not in str(alone.trace)
+    assert cached.objective == pytest.approx(alone.objective, rel=1e-6)
+    with pytest.raises(StatementError, match='^cache: wanted a Cache, found a mapping'):
+        obc.solve(problem, cache={})

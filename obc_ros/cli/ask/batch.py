@@ -25,7 +25,6 @@ from obc_ros.workers.pool import Job, Pool, RequestAnswer, SHORTEST, TIME_LIMIT
 from obc_ros.workers.responses import compute_affinity, respond, unpack_solution
 from obc_ros.workers.wire import Packet
 
-CACHE_SIZE = 32       # problem structures whose solvers a worker keeps, as those of a server
 MOST_VALUES = 250_000  # of a statement: more than the bytes of a file only if it repeats itself
 DEEPEST = 50
 CANCEL = 2.0  # [s] to wait for the results of cancelled requests
@@ -65,7 +64,7 @@ class Question(Asked):
     def make_request(self) -> Packet:
         """Return the request to a worker."""
         return Packet({'statement': self.mapping, 'method': self.method,
-                       'options': list(self.options), 'cache_size': CACHE_SIZE})
+                       'options': list(self.options), 'cache_size': 0})
 
     def take_response(self, response: Packet) -> None:
         """Keep the solution that a worker has found."""

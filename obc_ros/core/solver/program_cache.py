@@ -233,7 +233,15 @@ def collect_numbers(problem: Problem) -> Array:
 
 
 class Cache:
-    """The program caches of the structures solved last, at most `size` of them."""
+    """
+    Programs and solutions of the problems solved last, for others that differ only in numbers.
+
+    Parameters
+    ----------
+    size : int
+        Largest number of structures of problems; 0: nothing is kept.
+
+    """
 
     def __init__(self, size: int = 32) -> None:
         self._size = size
