@@ -19,3 +19,5 @@ from obc_ros.core.estimation.kalman_gain import dlqe as dlqe
 from obc_ros.core.estimation.kalman_gain import lqe as lqe
 from obc_ros.core.solver.program_cache import Cache as Cache
 from obc_ros.core.text.errors import ObcError as ObcError
+
+__version__: str
