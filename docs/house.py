@@ -41,7 +41,8 @@ SHARED_NAMES = {
     'Settings': ('nodes',),      # the parameters of a node; docs/sources.py reads them
     'system': ('core.systems',),   # of a module with one registered system
     # Names of the public interface, which wrap what has this name below.
-    **dict.fromkeys(('Problem', 'System', 'solve', 'certify', 'lqr', 'dlqr', 'minimize'),
+    **dict.fromkeys(('Problem', 'System', 'solve', 'certify', 'lqr', 'dlqr', 'lqe', 'dlqe',
+                     'minimize'),
                     ('api',)),
 }
 # Names of modules that say nothing to a reader who knows the field.

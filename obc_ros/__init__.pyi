@@ -1,6 +1,8 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 from obc_ros.api.answer import Answer as Answer
+from obc_ros.api.estimators import dlqe as dlqe
+from obc_ros.api.estimators import lqe as lqe
 from obc_ros.api.motions import minimize as minimize
 from obc_ros.api.motions import plan as plan
 from obc_ros.api.motions import reeds_shepp as reeds_shepp
@@ -15,8 +17,6 @@ from obc_ros.api.simulation import simulate as simulate
 from obc_ros.api.solving import certify as certify
 from obc_ros.api.solving import solve as solve
 from obc_ros.api.sweep import sweep as sweep
-from obc_ros.core.estimation.kalman_gain import dlqe as dlqe
-from obc_ros.core.estimation.kalman_gain import lqe as lqe
 from obc_ros.core.solver.program_cache import Cache as Cache
 from obc_ros.core.text.errors import ObcError as ObcError
 

@@ -12,13 +12,13 @@ import numpy as np
 from obc_ros.api.figures.path import draw_path, draw_search
 from obc_ros.api.figures.presentation import present
 from obc_ros.api.interpolation import interpolate
-from obc_ros.api.json_values import convert_to_json
 from obc_ros.api.search_tree import SearchTree
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.ocp.solution import Certificate, Optimality, Solution
 from obc_ros.core.ocp.statement import build_problem
 from obc_ros.core.text.errors import describe_type, ObcError, quote
+from obc_ros.core.text.json_values import convert_to_json
 from obc_ros.core.text.tables import format_entry, format_html_table, Tabulated
 
 

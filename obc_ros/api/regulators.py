@@ -477,7 +477,7 @@ def _read_call(name: str, first: tuple[Any, Any, Any], B: Any, others: dict[str,
     given = [each for each in first if each is not None]
     if len(given) != 1:
         raise StatementError(f'{name}: {wanted}')
-    has_matrices = first[1] is not None or first[2] is None and _is_matrix(first[0])
+    has_matrices = first[1] is not None or first[2] is None and is_matrix(first[0])
     if not has_matrices and B is not None:
         moved = [B, *others.values()]
         if all(each is not None for each in moved):
@@ -489,13 +489,14 @@ def _read_call(name: str, first: tuple[Any, Any, Any], B: Any, others: dict[str,
             raise StatementError(f'{name}: {key} is missing; {wanted}')
     if has_matrices and at is not None:
         raise StatementError(f'{name}: at is the set point of a plant, not of A and B')
-    plant = _name_matrices(given[0], B) if has_matrices else _linearize(given[0], at)
+    plant = _name_matrices(given[0], B) if has_matrices else linearize_given(given[0], at)
     names = {'Qx': plant.states, 'Qu': plant.inputs, 'P1': plant.states}
     return [plant, *(as_weight(value, names[key], key) if key in names else value
                      for key, value in others.items())]
 
 
-def _is_matrix(value: Any) -> bool:
+def is_matrix(value: Any) -> bool:
+    """Return whether a first argument is A, not a plant."""
     return not is_of_control(value) and (
         isinstance(value, (list, tuple, int, float)) or hasattr(value, '__array__'))
 
@@ -515,7 +516,8 @@ def _measure(matrix: Any) -> tuple[int, ...]:
         return ()
 
 
-def _linearize(plant: Any, at: Any) -> LinearPlant:
+def linearize_given(plant: Any, at: Any) -> LinearPlant:
+    """Return a plant in any form about its set point, or about `at`."""
     if at is None and is_of_control(plant) and hasattr(plant, 'A'):
         states, inputs = (choose_names(labels, letter) for labels, letter in (
             (plant.state_labels, 'x'), (plant.input_labels, 'u')))

@@ -12,7 +12,6 @@ from typing import Any
 
 from obc_ros.api.figures.files import FORMATS, save_figure
 from obc_ros.api.figures.style import STYLE
-from obc_ros.api.json_values import convert_to_json
 from obc_ros.book.entry import GalleryEntry
 from obc_ros.book.page import render_page, strip_markup
 from obc_ros.book.runner import Desk
@@ -22,6 +21,7 @@ from obc_ros.cli.results import write as write_json
 from obc_ros.cli.ros_graph import ServerLostError
 from obc_ros.cli.terminal import InterruptedByUserError, print_table, show_progress
 from obc_ros.core.text.errors import ObcError
+from obc_ros.core.text.json_values import convert_to_json
 from obc_ros.core.text.tables import format_residual, format_value
 
 HEADER = ('entry', '', 'numbers', 'largest error: result', 'reference', 'error', 'time')

@@ -18,10 +18,10 @@ import re
 from typing import Any, ClassVar, TypeVar
 
 from obc_ros.api.figures.files import FORMATS, parse_formats
-from obc_ros.api.json_values import convert_to_json
 from obc_ros.cli.terminal import Parser
 from obc_ros.core.text.errors import DynamicsError, ObcError, quote, StatementError
 from obc_ros.core.text.example_files import suggest_file
+from obc_ros.core.text.json_values import convert_to_json
 from obc_ros.core.text.yaml_files import FileEntry, read_entries
 from obc_ros.workers.wire import Packet
 

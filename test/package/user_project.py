@@ -15,6 +15,7 @@ import obc_ros as obc
 from obc_ros.api.plants import SystemNames
 from obc_ros.api.regulators import FiniteHorizonDesign, RegulatorDesign
 from obc_ros.api.simulation import Simulation
+from obc_ros.core.estimation.kalman_gain import KalmanDesign
 from obc_ros.core.ocp.solution import Certificate
 from obc_ros.core.systems.equilibrium import Equilibrium
 from obc_ros.core.tasks.minimize import Minimum
@@ -63,6 +64,8 @@ assert_type(obc.lqr(A=A, B=B, Qx=[1, 1], Qu=1), RegulatorDesign)
 assert_type(obc.lqr(cart, {'p': 1, 'v': 0.1}, [0.01], at=[3, 0]), RegulatorDesign)
 assert_type(obc.lqr(system='aircraft', Qx=1, Qu=1).K, NDArray[np.float64])
 assert_type(obc.dlqr(cart, 1, 1, period=0.1), RegulatorDesign)
+assert_type(obc.lqe(A, [[1, 0]], [1, 1], 1), KalmanDesign)
+assert_type(obc.lqe(cart, {'p': 1, 'v': 1}, Rv=1), KalmanDesign)
 law = obc.finite_horizon(cart, 1, 1, 0, T=2.0)
 assert_type(law, FiniteHorizonDesign)
 assert_type(law(0.5, answer.at(0.5)), NDArray[np.float64])
