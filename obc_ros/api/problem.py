@@ -9,6 +9,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any, Unpack
 
+import numpy as np
 from obc_ros.api.answer import Answer, PathPoint
 from obc_ros.api.given import (
     choose_given,
@@ -29,6 +30,8 @@ from obc_ros.core.systems.system import System
 from obc_ros.core.text.errors import describe_type, quote, StatementError, suggest_name
 from obc_ros.core.text.tables import format_entry, Tabulated
 from obc_ros.core.text.yaml_files import FileEntry, read_entries, read_text_entries
+
+_GUESSED = 201   # values of an initial guess that is the path of an answer
 
 
 class Problem(Tabulated):
@@ -51,7 +54,8 @@ class Problem(Tabulated):
         functions of (x, u) or (x, u, p), `terminal_cost` and `terminal_constraints` of (x) or
         (x, p); each returns what the key has in a file, with expressions in place of texts.
         `system` may be a name, a `System`, a file, the keys of one, or a system of python-control;
-        `initial_state` also a list in the order of the states, or a point of `Answer.at`.
+        `initial_state` also a list in the order of the states, or a point of `Answer.at`;
+        `initial_guess` also an answer.
     **others
         Other keys that a file may have, such as `title` and `units`.
 
@@ -85,7 +89,7 @@ class Problem(Tabulated):
             input_bounds: Mapping[str, Any] = UNSET, state_bounds: Mapping[str, Any] = UNSET,
             path_constraints: Sequence[Mapping[str, Any] | Expression] | StatedFunction = UNSET,
             final_time: Mapping[str, Any] = UNSET, phases: Sequence[Mapping[str, Any]] = UNSET,
-            initial_guess: Mapping[str, Any] = UNSET, method: str = UNSET,
+            initial_guess: Mapping[str, Any] | Answer = UNSET, method: str = UNSET,
             **others: Unpack[KeysOfPlant]) -> None:
         keys = choose_given(locals(), FOR_THE_SOLVER)
         self._set(as_statement(problem, {**keys, **others}))
@@ -96,6 +100,8 @@ class Problem(Tabulated):
             start, system = statement.get('initial_state'), statement.get('system')
             if isinstance(start, PathPoint):
                 self.statement['initial_state'] = convert_numbers(start.x)
+            if isinstance(guess := statement.get('initial_guess'), Answer):
+                self.statement['initial_guess'] = _make_guess(guess)
             if not isinstance(system, str | None):
                 self.statement['system'] = as_system(system)
         self.built: ocp.Problem = build_problem(self.statement)
@@ -209,6 +215,17 @@ def as_statement(value: object, keys: Mapping[str, Any]) -> dict[str, Any]:
         return {**(value or {}), **_read_keys(keys)}
     raise StatementError('problem: wanted a Problem, an answer, a mapping, a file, YAML or the '
                          f'keys of a statement, found {describe_type(value)}')
+
+
+def _make_guess(answer: Answer) -> dict[str, Any]:
+    """Return the path of an answer as an initial guess."""
+    if not answer.has_path or answer.problem is not None and answer.problem.phases is not None:
+        raise StatementError('initial_guess: wanted an answer with a path, without phases')
+    t = answer.t
+    times = np.linspace(t[0], t[-1], _GUESSED)
+    return {key: {name: np.interp(times, t, values).tolist() for name, values in columns.items()}
+            for key, columns in (('states', answer.x), ('inputs', answer.u))} | {
+        'parameters': dict(answer.free_parameters), 'final_time': float(t[-1])}
 
 
 def _is_path(text: str) -> bool:

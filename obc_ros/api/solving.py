@@ -60,7 +60,7 @@ def solve(problem: ProblemLike | None = None, *, name: str = UNSET,
           input_bounds: Mapping[str, Any] = UNSET, state_bounds: Mapping[str, Any] = UNSET,
           path_constraints: Sequence[Mapping[str, Any] | Expression] | StatedFunction = UNSET,
           final_time: Mapping[str, Any] = UNSET, phases: Sequence[Mapping[str, Any]] = UNSET,
-          initial_guess: Mapping[str, Any] = UNSET,
+          initial_guess: Mapping[str, Any] | Answer = UNSET,
           method: str = '', time_limit: float = 60.0,
           options: Mapping[str, Any] | Iterable[str] = (), report: Report | None = None,
           isolated: bool = False, cache: Cache | None = None, **others: Unpack[KeysOfPlant]

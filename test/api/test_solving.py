@@ -271,7 +271,8 @@ def test_every_public_name_is_found_documented_and_stubbed():
     for name in obc.__all__:
         assert getattr(obc, name).__doc__, name
         assert f' as {name}\n' in stub or f'\n{name}: ' in stub, name
-    assert stub.count(' as ') + stub.count(': ') - stub.count('SPDX') == len(obc.__all__)
+    assert stub.count(' as ') + stub.count(': ') - stub.count('SPDX') == len(
+        [*obc.__all__, '__version__'])
     with pytest.raises(AttributeError, match="module 'obc_ros' has no attribute 'solv'"):
         obc.solv  # noqa: B018
 
@@ -318,3 +319,22 @@ def test_an_answer_does_not_depend_on_the_one_before():
     assert cached.objective == pytest.approx(alone.objective, rel=1e-6)
     with pytest.raises(StatementError, match='^cache: wanted a Cache, found a mapping'):
         obc.solve(problem, cache={})
+
+
+def test_an_answer_is_an_initial_guess():
+    """Its path from one end to the other, in equal steps, with its free numbers."""
+    stated = {'states': ['p'], 'inputs': ['u'], 'free_parameters': {'k': [0, 2]},
+              'dynamics': {'p': 'k*u'}, 'running_cost': 'u**2 + k**2',
+              'initial_state': {'p': 0}, 'terminal_constraints': ['p - 1'],
+              'final_time': {'free': True, 'lower': 0.5, 'upper': 2}}
+    answer = obc.solve(stated)
+    guess = obc.Problem(stated, initial_guess=answer).built.guess
+    times = np.linspace(0, answer.t[-1], len(guess.x['p']))
+    np.testing.assert_allclose(guess.x['p'], answer.at(times).x['p'], atol=1e-4)
+    assert guess.final_time == answer.t[-1]
+    assert guess.x['k'] == pytest.approx(answer.free_parameters['k'])
+    again = obc.solve(stated, initial_guess=answer)
+    assert again.objective == pytest.approx(answer.objective, rel=1e-6)
+    with pytest.raises(StatementError, match='^initial_guess: wanted an answer with a path'):
+        obc.Problem(stated, initial_guess=obc.solve(
+            stated, terminal_constraints=['p - 1', 'p - 2']))
