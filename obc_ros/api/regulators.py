@@ -24,7 +24,7 @@ from obc_ros.core.numerics.arrays import Array, Complex
 from obc_ros.core.riccati.fixed_horizon import solve_finite_horizon
 from obc_ros.core.systems.equilibrium import linearize
 from obc_ros.core.text.errors import describe_type, quote, StatementError
-from obc_ros.core.text.tables import format_html_table, format_table, Tabulated
+from obc_ros.core.text.tables import format_entry, format_html_table, format_table, Tabulated
 
 LOOPS = 'setpoint', 'disturbance', 'loop', 'plant'
 _POINTS = 201   # times of a finite horizon, unless they are given
@@ -280,8 +280,9 @@ class FiniteHorizonDesign(Tabulated):
                 f'T = {self.T:g} s')
 
     def _rows(self) -> list[tuple[str, str]]:
-        """Return the gain at the first and the last time."""
-        return [(f'K {u} {x} at {self.t[k]:g} s', f'{value:.6g}') for k in (0, -1)
+        """Return the sizes, and the gain at the first and the last time."""
+        sizes = [(name, format_entry(getattr(self, name))) for name in ('t', 'P', 'K')]
+        return sizes + [(f'K {u} {x} at {self.t[k]:g} s', f'{value:.6g}') for k in (0, -1)
                 for u, row in zip(self.inputs, self.K[k], strict=True)
                 for x, value in zip(self.states, row, strict=True)]
 
