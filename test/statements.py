@@ -24,9 +24,9 @@ GOOD = {
 }
 
 
-def changed(path, value):
-    """Return GOOD with the entry at a dotted path replaced, or omitted if value is `...`."""
-    mapping = copy.deepcopy(GOOD)
+def changed(path, value, statement=GOOD):
+    """Return a statement with the entry at a dotted path replaced, or omitted if it is `...`."""
+    mapping = copy.deepcopy(statement)
     *parents, last = path.split('.')
     inner = mapping
     for key in parents:
@@ -42,7 +42,7 @@ FAULTS = [
     # Keys and types
     ('runing_cost', 'u', r"^runing_cost: unknown key \(did you mean 'running_cost'\?\)"),
     ('final_state', {'x': 0}, r"^final_state: .* \(did you mean 'terminal_constraints'\?\)"),
-    ('horizon', 3, r"^horizon: unknown key \(did you mean 'final_time'\?\); known keys: name, "),
+    ('horizon', 3, r"^horizon: unknown key \(did you mean 'final_time'\?\)$"),
     ('colour', 3, '^colour: unknown key; known keys: name, system, states, inputs, '),
     ('states', ..., '^states: missing'),
     ('states', 'h', "^states: wanted a list, found str 'h'"),

@@ -181,6 +181,12 @@ def write(folder: Path, name: str, result: Mapping[str, Any]) -> None:
         raise ObcError(f'{folder / name}.json cannot be written: {error.strerror}') from error
 
 
+def print_lines(label: str, message: str) -> None:
+    """Print a message, each line with the name of the entry."""
+    for line in message.split('\n'):
+        print(quote(f'{label}: {line}', None))
+
+
 def choose_file_name(name: str, taken: Iterable[str]) -> str:
     """Return `name` as a file name without extension, with a number appended if it is taken."""
     safe = re.sub(r'[^\w.+-]', '_', name).encode()[:LONGEST].decode(errors='ignore')

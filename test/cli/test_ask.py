@@ -18,6 +18,7 @@ from obc_ros.cli.ask.batch import is_plain, Question
 from obc_ros.cli.ask.regulator_requests import Case
 from obc_ros.cli.obc import main
 from obc_ros.core.systems import registry
+from obc_ros.core.text.errors import StatementError
 from obc_ros.workers.wire import pack, Packet, unpack
 import problems
 import pytest
@@ -311,3 +312,34 @@ def test_a_malformed_name_of_a_server_exits_with_2(capsys, name):
         main(['solve', 'scalar.yaml', '--server', name])
     assert exit_.value.code == 2
     assert 'write --server after the files' in capsys.readouterr().err
+
+
+def test_all_errors_of_a_file_are_printed_each_on_its_line(tmp_path, capsys):
+    (tmp_path / 'scalar.yaml').write_text(yaml.safe_dump({
+        **SCALAR, 'final_time': 3, 'colour': 'red', 'running_cost': 'y'}, sort_keys=False))
+    assert main(['solve', str(tmp_path / 'scalar.yaml'), '--json', str(tmp_path)]) == 2
+    printed = capsys.readouterr().out.splitlines()
+    answer = read_json(tmp_path / 'scalar.json')
+    check_malformed(answer)
+    assert printed == [f'scalar: {line}' for line in answer['message'].split('\n')]
+    keys = [line.split()[1] for line in printed]
+    assert keys == [f'{key}:' for key in [*SCALAR, 'colour']
+                    if key in ('final_time', 'colour', 'running_cost')]
+
+
+def test_all_errors_of_a_regulator_are_printed_each_on_its_line(tmp_path, capsys):
+    (tmp_path / 'case.yaml').write_text(
+        '{A: [[0]], B: [[1], [2]], Qx: [a], weights: brison, rho: [], delays: 1}')
+    assert main(['lqr', str(tmp_path / 'case.yaml')]) == 2
+    keys = [line.split()[1] for line in capsys.readouterr().out.splitlines()]
+    assert keys == ['B:', 'weights:', 'rho:', 'delays:']
+
+
+def test_all_errors_of_a_system_file_are_told(tmp_path):
+    (tmp_path / 'plant.yaml').write_text(
+        '{states: [x, v], inputs: [u], parameters: {m: 1/}, dynamics: {x: v, v: u/n},'
+        ' state_bounds: {x: [1, 0], v: [0, m]}, plane: round}')
+    with pytest.raises(StatementError) as error:
+        registry.load_system(tmp_path / 'plant.yaml')
+    starts = [line.split(': ')[1] for line in str(error.value).split('\n')]
+    assert starts == ['parameters.m', 'dynamics.v', 'state_bounds.x', 'plane']

@@ -16,7 +16,6 @@ from obc_ros.cli.ask.regulator_requests import Case
 from obc_ros.cli.terminal import get_width, Parser, print_table
 from obc_ros.core.lqr.design.report import Matrices, read_matrices
 from obc_ros.core.numerics.arrays import Array
-from obc_ros.core.text.errors import quote
 from obc_ros.core.text.tables import format_value
 
 HEADER = ('case', 'status', 'gain K', 'poles')
@@ -68,7 +67,7 @@ def _show(asked: list[Case], full: bool) -> None:
         if full and case.design:
             _print_matrices(case)
         if case.message:
-            print(quote(f'{case.label}: {case.message}', None))
+            results.print_lines(case.label, case.message)
     if any(cell.endswith(CUT) for row in rows for cell in row[2:]):
         print('--full prints what does not fit into the table')
 

@@ -22,7 +22,7 @@ from obc_ros.core.lqr.weights import WEIGHT_KINDS
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.systems.file import FOR_PEOPLE
 from obc_ros.core.systems.registry import find_registered
-from obc_ros.core.text.errors import describe_type, StatementError, suggest_name
+from obc_ros.core.text.errors import describe_type, Faults, StatementError, suggest_name
 from obc_ros.core.text.expressions import parse_number
 from obc_ros.core.text.fields import check_keys
 from obc_ros.workers.wire import Packet
@@ -81,26 +81,33 @@ class Case(Asked):
 
 def check_case(mapping: Mapping[Any, Any]) -> dict[str, Any]:
     """Return the checked entries of a case by key: flat arrays, numbers and names."""
-    check_keys(mapping, KEYS, FOR_PEOPLE)
     given = {key: value for key, value in mapping.items() if key in KEYS and value is not None}
-    n, m = _system(given) if 'system' in given else _plant(given)
     found = {key: given[key] for key in ('system', 'parameters') if key in given}
-    found |= {key: _matrix(key, given[key]).ravel() for key in PLANT if key in given}
-    found |= {key: _weight(key, given[key], size)
-              for key, size in (('Qx', n), ('Qu', m)) if key in given}
-    found |= {key: _matrix(key, given[key]).ravel()
-              for key in (*LISTS, 'setpoint', 'setpoint_input') if key in given}
-    found |= {key: parse_number(given[key], {}, key) for key in NUMBERS if key in given}
-    found['weights'] = given.get('weights', 'matrices')
-    if found['weights'] not in WEIGHT_KINDS:
-        raise StatementError(
-            f'weights: wanted one of {", ".join(WEIGHT_KINDS)}, found '
-            f'{describe_type(found["weights"])}'
-            f'{suggest_name(str(found["weights"]), WEIGHT_KINDS)}')
-    for key in ('Qx', 'Qu') if found['weights'] == 'matrices' else ():
-        if key not in found:
-            raise StatementError(f'{key}: missing; wanted a list of rows or a diagonal')
+    with Faults(mapping) as faults:
+        faults.attempt(check_keys, mapping, KEYS, FOR_PEOPLE)
+        sizes = faults.attempt(_system if 'system' in given else _plant, given)
+        for key, size in zip(('Qx', 'Qu'), sizes or (), strict=False):
+            if key in given:
+                found[key] = faults.attempt(_weight, key, given[key], size)
+        for key in (*PLANT, *LISTS, 'setpoint', 'setpoint_input'):
+            if key in given:
+                found[key] = faults.attempt(_flat, key, given[key])
+        for key in NUMBERS:
+            if key in given:
+                found[key] = faults.attempt(parse_number, given[key], {}, key)
+        found['weights'] = faults.attempt(_kind_of_weights, given.get('weights', 'matrices'))
+        for key in ('Qx', 'Qu') if found['weights'] == 'matrices' else ():
+            if key not in given:
+                faults.note(StatementError(
+                    f'{key}: missing; wanted a list of rows or a diagonal'))
     return found
+
+
+def _kind_of_weights(value: object) -> str:
+    if value not in WEIGHT_KINDS:
+        raise StatementError(f'weights: wanted one of {", ".join(WEIGHT_KINDS)}, found '
+                             f'{describe_type(value)}{suggest_name(str(value), WEIGHT_KINDS)}')
+    return str(value)
 
 
 def _system(given: Mapping[str, Any]) -> tuple[int, int]:
@@ -120,19 +127,21 @@ def _system(given: Mapping[str, Any]) -> tuple[int, int]:
 
 
 def _plant(given: Mapping[str, Any]) -> tuple[int, int]:
-    for key in PLANT:
-        if key not in given:
-            raise StatementError(f"{key}: missing; wanted a list of rows (or 'system')")
-    for key in SYSTEM:
-        if key in given:
-            raise StatementError(f"{key}: goes with 'system', not with 'A' and 'B'")
-    A, B = (_matrix(key, given[key]) for key in PLANT)
+    with Faults() as faults:
+        for key in PLANT:
+            if key not in given:
+                faults.note(StatementError(f"{key}: missing; wanted a list of rows (or 'system')"))
+        for key in SYSTEM:
+            if key in given:
+                faults.note(StatementError(f"{key}: goes with 'system', not with 'A' and 'B'"))
+        A: Array = faults.attempt(_matrix, 'A', given.get('A', 0))
+        B: Array = faults.attempt(_matrix, 'B', given.get('B', 0))
     if A.shape[0] != A.shape[1]:
         raise StatementError(f'A: wanted as many columns as rows, found {A.shape[0]} rows of '
                              f'{A.shape[1]}')
     if len(B) != len(A):
         raise StatementError(f'B: wanted {len(A)} rows as A has, found {len(B)}')
-    return B.shape
+    return len(B), B.shape[1]
 
 
 def _weight(key: str, value: Any, n: int) -> Array:
@@ -143,6 +152,10 @@ def _weight(key: str, value: Any, n: int) -> Array:
         raise StatementError(f'{key}: wanted {n} rows of {n}, or a diagonal of {n} numbers, '
                              f'found {M.shape[0]} of {M.shape[1]}')
     return M.ravel()
+
+
+def _flat(key: str, value: Any) -> Array:
+    return _matrix(key, value).ravel()
 
 
 def _matrix(key: str, value: Any) -> Array:

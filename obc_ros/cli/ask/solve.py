@@ -16,7 +16,7 @@ from obc_ros.cli.ask.batch import answer_all, Question
 from obc_ros.cli.terminal import get_width, Parser, print_table
 from obc_ros.core.ocp.method_names import get_method, NAMES
 from obc_ros.core.ocp.solution import Condition, Optimality, Solution
-from obc_ros.core.text.errors import quote, StatementError
+from obc_ros.core.text.errors import StatementError
 from obc_ros.core.text.example_files import choose_file
 from obc_ros.core.text.tables import format_value
 from obc_ros.workers.pool import LONGEST_LIMIT, TIME_LIMIT
@@ -150,7 +150,7 @@ def _show(asked: list[Question]) -> None:
                 f'{name} = {format_value(value)}' for name, value in found.items()))
         remark = question.solution.remark if question.solution else ''
         if sentence := remark if question.status == 'solved' else question.message:
-            print(quote(f'{question.label}: {sentence}', None))
+            results.print_lines(question.label, sentence)
 
 
 def _row(question: Question) -> tuple[str, ...]:

@@ -78,7 +78,8 @@ def run(args: argparse.Namespace) -> int:
         sweep, workers = _ask(args)
         sweep.check(args.resume)
     except (StatementError, DynamicsError) as error:
-        print(f'obc sweep: {error}', file=sys.stderr)
+        for line in str(error).split('\n'):
+            print(f'obc sweep: {line}', file=sys.stderr)
         return 2
     if args.scheduler not in ('', WITHOUT_DASK) and (
             exposure := explain_exposure(args.scheduler)):

@@ -3,13 +3,13 @@
 """
 Conversion of a statement, from a file or a request, to a valid Problem.
 
-An error names the key, what was found and what is wanted; the first error ends the conversion. A
-valid statement of a problem without a solution is accepted.
+An error names the key, what was found and what is wanted. All errors that do not follow from
+others are raised together. A valid statement of a problem without a solution is accepted.
 
 The module is long because each key of a statement has its own check and message.
 """
 
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 import hashlib
 import math
@@ -29,18 +29,29 @@ from obc_ros.core.systems.file import FOR_PEOPLE, OF_A_PLANT
 from obc_ros.core.systems.system import System
 from obc_ros.core.text import expressions
 from obc_ros.core.text.comparisons import state_comparisons
-from obc_ros.core.text.errors import describe_type, ObcError, quote, StatementError, suggest_name
+from obc_ros.core.text.errors import (
+    DependentError,
+    describe_type,
+    Faults,
+    ObcError,
+    quote,
+    restate,
+    StatementError,
+    suggest_name,
+)
 from obc_ros.core.text.expressions import check_name, parse_number
 from obc_ros.core.text.fields import (
     check_keys,
     evaluate_limits,
     Given,
     list_of,
+    NamedValues,
     read_bounds,
     read_list,
     read_mapping,
     read_names,
     read_section,
+    UnknownValues,
 )
 from obc_ros.core.text.stated_functions import (
     call_functions,
@@ -105,21 +116,33 @@ def build_problem(mapping: object) -> Problem:
         parameters, initial state, goal, bounds or final time have the same `structure`.
     """
     given = read_mapping(mapping, 'problem')
-    check_keys(given, FOR_THE_SOLVER, OF_A_PLANT + FOR_PEOPLE)
+    with Faults(given) as faults:
+        faults.attempt(check_keys, given, FOR_THE_SOLVER, OF_A_PLANT + FOR_PEOPLE)
+        units = faults.attempt(_read_units, given)
+        problem: Problem = faults.attempt(_build_stated, given)
+    return replace(problem, units={**problem.units, **units})
+
+
+def _build_stated(given: Given) -> Problem:
+    """Build a problem with or without phases."""
     given = state_comparisons(given)
     if given.get('phases') is None:
         problem = _build_problem(given)
     else:
         given = name_initial_state(given, read_names(given, 'states'))
-        joined, layout = state_as_one_phase(given)
-        try:
-            problem = replace(_build_problem(joined), phases=layout)
-        except StatementError as error:
-            _check_each_phase(given)
-            raise StatementError(layout.name_phases(str(error))) from None
-        _check_durations(given['phases'], problem)
-    return replace(problem, units={**problem.units, **_read_units(given)},
-                   statement=name_initial_state(given, problem.shown_states))
+        problem = _build_with_phases(given)
+    return replace(problem, statement=name_initial_state(given, problem.shown_states))
+
+
+def _build_with_phases(given: Given) -> Problem:
+    joined, layout = state_as_one_phase(given)
+    try:
+        problem = replace(_build_problem(joined), phases=layout)
+    except StatementError as error:
+        _check_each_phase(given)
+        raise restate(error, layout.name_phases) from None
+    _check_durations(given['phases'], problem)
+    return problem
 
 
 def replace_functions(mapping: Mapping[str, Any]) -> dict[str, Any]:
@@ -132,12 +155,16 @@ def replace_functions(mapping: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _check_each_phase(given: Given) -> None:
-    """Raise the error of the first phase, or link, that is invalid by itself."""
-    for part, rename in state_each_phase(given):
+    """Raise the errors of the phases, and links, that are invalid by themselves."""
+    def check(part: Given, rename: Callable[[str], str]) -> None:
         try:
             _build_problem(part)
         except StatementError as error:
-            raise StatementError(rename(str(error))) from None
+            raise restate(error, rename) from None
+
+    with Faults() as faults:
+        for part, rename in state_each_phase(given):
+            faults.attempt(check, part, rename)
 
 
 def _read_units(given: Given) -> dict[str, str]:
@@ -153,18 +180,27 @@ def _read_units(given: Given) -> dict[str, str]:
 def _build_problem(given: Given) -> Problem:
     """Build a problem without phases."""
     _bounded_text(given)
-    plant = _registered_plant(given) if given.get('system') is not None else _own_plant(given)
-    given = call_functions(given, STATED_FUNCTIONS, *plant.arguments)
-    L = _cost(given, plant, 'running_cost')
-    V = _cost(given, plant, 'terminal_cost')
-    _states_only(V, plant, 'terminal_cost')
-    psi, literals = _end_constraints(given, plant, 'terminal_constraints')
-    path, path_lower, path_upper = _path_constraints(given, plant)
-    x_lower, x_upper = _bounds(given, 'state_bounds', plant.states, plant.values)
-    u_lower, u_upper = _bounds(given, 'input_bounds', plant.inputs, plant.values,
-                               plant.u_lower, plant.u_upper)
-    final_time = _final_time(given, plant.values)
-    guess, more = _guess(given, plant, final_time), _Start(given, plant)
+    with Faults(given) as faults:
+        name = faults.attempt(_name, given)
+        method = faults.attempt(get_method, given.get('method'))
+        plant = faults.attempt(
+            _own_plant if given.get('system') is None else _registered_plant, given, faults)
+        if not plant:
+            faults.attempt(_final_time, given, UnknownValues())
+            raise DependentError('the plant is malformed')
+        given = _call_each(given, plant, faults)
+        L = faults.attempt(_cost, given, plant, 'running_cost')
+        V = faults.attempt(_terminal_cost, given, plant)
+        end = faults.attempt(_end_constraints, given, plant, 'terminal_constraints')
+        along = faults.attempt(_path_constraints, given, plant)
+        x_bounds = faults.attempt(_bounds, given, 'state_bounds', plant.states, plant.values)
+        u_bounds = faults.attempt(_bounds, given, 'input_bounds', plant.inputs, plant.values,
+                                  plant.u_lower, plant.u_upper)
+        final_time = faults.attempt(_final_time, given, plant.values)
+        more = faults.attempt(_Start, given, plant)
+        guess = faults.attempt(_guess, given, plant, final_time)
+    (psi, literals), (path, path_lower, path_upper) = end, along
+    (x_lower, x_upper), (u_lower, u_upper) = x_bounds, u_bounds
     time = plant.time if plant.time is not None and ca.depends_on(
         ca.vertcat(plant.f, L, V, path, *psi), plant.time) else None
     added = more.augment(time, guess)
@@ -178,7 +214,7 @@ def _build_problem(given: Given) -> Problem:
     bounds = (np.append(x_lower, -unlimited), np.append(x_upper, unlimited), u_lower, u_upper,
               path_lower, path_upper)
     problem = Problem(
-        name=_name(given), states=tuple(added.x), inputs=plant.inputs,
+        name=name, states=tuple(added.x), inputs=plant.inputs,
         parameters=(*plant.p, *(symbol.name() for symbol, _ in literals)),
         x=x, u=u, p=p, f=f, L=L, V=V, psi=rows, path=path, x_lower=bounds[0], x_upper=bounds[1],
         u_lower=u_lower, u_upper=u_upper, path_lower=path_lower, path_upper=path_upper,
@@ -186,10 +222,19 @@ def _build_problem(given: Given) -> Problem:
         x0=np.array(added.x0), start=added.start, added=added.count,
         free_parameters=tuple(plant.free), has_clock=time is not None, final_time=final_time,
         guess=guess, angles=plant.angles + (False,) * added.count,
-        method=get_method(given.get('method')), units=plant.units, ends=ends,
+        method=method, units=plant.units, ends=ends,
         structure=_structure(functions, bounds, final_time, added.start))
     _defined_at_start(problem, functions)
     return problem
+
+
+def _call_each(given: Given, plant: _Plant, faults: Faults) -> Given:
+    """Return a statement without functions; one that fails counts as absent."""
+    for key in STATED_FUNCTIONS:
+        if callable(given.get(key)):
+            given = faults.attempt(call_functions, given, (key,), *plant.arguments) or {
+                **given, key: None}
+    return given
 
 
 def load_file(path: str | Path) -> list[dict[str, Any]]:
@@ -242,40 +287,55 @@ def _unknown(name: object, known: tuple[str, ...], where: str, what: str) -> Sta
 
 def _check_states(given: Given, states: tuple[str, ...], key: str, what: str) -> None:
     """Raise an error unless the keys of a mapping are the states."""
-    for name in given:
-        if name not in states:
-            raise _unknown(name, states, f'{key}.{_short(name)}', 'a state')
-    for name in states:
-        if name not in given:
-            raise StatementError(f"{key}: no {what} for the state '{name}'")
+    with Faults() as faults:
+        for name in given:
+            if name not in states:
+                faults.note(_unknown(name, states, f'{key}.{_short(name)}', 'a state'))
+        for name in states:
+            if name not in given:
+                faults.note(StatementError(f"{key}: no {what} for the state '{name}'"))
 
 
-def _own_plant(given: Given) -> _Plant:
-    states, inputs = read_names(given, 'states'), read_names(given, 'inputs')
-    for name in inputs:
-        if name in states:
-            raise StatementError(f"inputs: '{name}' is both a state and an input")
+def _own_plant(given: Given, faults: Faults) -> _Plant:
+    """Return the plant; errors that leave its names known go to `faults`."""
+    with Faults() as names:
+        states = names.attempt(read_names, given, 'states')
+        inputs = names.attempt(read_names, given, 'inputs')
+        parameters = names.attempt(read_section, given, 'parameters')
+        names.attempt(read_section, given, 'free_parameters')
+        for name in inputs or ():
+            if name in (states or ()):
+                names.note(StatementError(f"inputs: '{name}' is both a state and an input"))
     x = {name: ca.SX.sym(name) for name in states}
     u = {name: ca.SX.sym(name) for name in inputs}
-    values: dict[str, float] = {}
-    for name, value in read_section(given, 'parameters').items():
-        values[_parameter(name, states, inputs)] = parse_number(value, values,
-                                                                f'parameters.{name}')
+    values = NamedValues()
+    for name, value in parameters.items():
+        if known_name := faults.attempt(_parameter, name, states, inputs):
+            values.read(known_name, value, faults)
     p = {name: ca.SX.sym(name) for name in values}
-    free = {name: ca.SX.sym(name) for name in _free_names(given, (*states, *inputs), p)}
+    free = {name: ca.SX.sym(name) for name in _free_names(given, (*states, *inputs), p, faults)}
     time = _time((*states, *inputs, *p))
     known = x | u | p | free | ({} if time is None else {TIME: time})
-    if given.get('dynamics') is None:
-        raise StatementError('dynamics: missing; wanted an equation for each state')
-    called = call_functions(given, ('dynamics',), x, u, p | free, time)
-    equations = read_mapping(called['dynamics'], 'dynamics')
-    _check_states(equations, states, 'dynamics', 'equation')
-    f = _column([expressions.parse_expression(equations[name], known, f'dynamics.{name}')
-                 for name in states])
+    equations = faults.attempt(_equations, given, x, u, p | free, time)
+    if equations is None:
+        equations = {}
+    else:
+        faults.attempt(_check_states, equations, states, 'dynamics', 'equation')
+    rows = [faults.attempt(expressions.parse_expression, equations[name], known,
+                           f'dynamics.{name}') for name in states if name in equations]
+    f = _column(row for row in rows if row is not None)
     unlimited = np.full(len(inputs), np.inf)
     return _Plant(
         states=states, inputs=inputs, angles=(False,) * len(states), x=x, u=u, p=p,
         values=values, f=f, u_lower=-unlimited, u_upper=unlimited, free=free, time=time)
+
+
+def _equations(given: Given, x: dict[str, ca.SX], u: dict[str, ca.SX], p: dict[str, ca.SX],
+               time: ca.SX | None) -> Given:
+    if given.get('dynamics') is None:
+        raise StatementError('dynamics: missing; wanted an equation for each state')
+    return read_mapping(call_functions(given, ('dynamics',), x, u, p, time)['dynamics'],
+                        'dynamics')
 
 
 def _parameter(name: object, states: tuple[str, ...], inputs: tuple[str, ...]) -> str:
@@ -292,9 +352,8 @@ def _time(names: Collection[str]) -> ca.SX | None:
 
 
 def _free_names(given: Given, signals: Collection[str],
-                parameters: Collection[str]) -> list[str]:
-    names = []
-    for name in read_section(given, 'free_parameters'):
+                parameters: Collection[str], faults: Faults) -> list[str]:
+    def check(name: object) -> str:
         name = check_name(name, 'free_parameters')
         if name == TIME:
             raise StatementError(f"free_parameters: '{TIME}' is the time; choose another name")
@@ -305,11 +364,13 @@ def _free_names(given: Given, signals: Collection[str],
         if name in parameters:
             raise StatementError(f"free_parameters: '{name}' has a value in parameters; give one "
                                  'of the two')
-        names.append(name)
-    return names
+        return name
+
+    return [name for each in read_section(given, 'free_parameters')
+            if (name := faults.attempt(check, each))]
 
 
-def _registered_plant(given: Given) -> _Plant:
+def _registered_plant(given: Given, faults: Faults) -> _Plant:
     """Return the plant of the key `system`, a name or a System, with its own parameters."""
     for key in ('states', 'inputs', 'dynamics'):
         if given.get(key):
@@ -330,27 +391,27 @@ def _registered_plant(given: Given) -> _Plant:
             system = name
     except ObcError as error:
         raise StatementError(f'system: {error}') from None
-    values = {parameter.name: parameter.value for parameter in system.parameters}
+    values = NamedValues({parameter.name: parameter.value for parameter in system.parameters})
     own = tuple(values)
     waiting = set(section)
     for key, value in section.items():
         if key not in options:
-            key = _parameter(key, system.state_names, system.input_names)
-            known = {name: values[name] for name in values if name not in waiting}
-            values[key] = parse_number(value, known, f'parameters.{key}')
+            if faults.attempt(_parameter, key, system.state_names, system.input_names):
+                values.read(key, value, faults, waiting)
             waiting.discard(key)
     try:
-        system = system.with_parameters({key: values[key] for key in own if key in section})
+        system = system.with_parameters({
+            key: values[key] for key in own if key in section and not values.is_malformed(key)})
     except ObcError as error:
         raise StatementError(f'parameters: {error}') from None
     p = dict(zip(own, ca.vertsplit(system.p), strict=True))
     p |= {key: ca.SX.sym(key) for key in values if key not in p}
     # A free parameter of the system replaces its value.
     replaced = {key: p.pop(key) for key in own if key in free and key not in section}
-    values = {key: values[key] for key in p}
+    values = values.select(p)
     signals = (*system.state_names, *system.input_names)
     found = {key: replaced[key] if key in replaced else ca.SX.sym(key)
-             for key in _free_names(given, signals, p)}
+             for key in _free_names(given, signals, p, faults)}
     return _Plant(
         states=system.state_names, inputs=system.input_names, angles=system.angles,
         x=dict(zip(system.state_names, ca.vertsplit(system.x), strict=True)),
@@ -374,6 +435,12 @@ def _states_only(expression: ca.SX, plant: _Plant, where: str) -> None:
                                  'appear in terminal costs and constraints')
 
 
+def _terminal_cost(given: Given, plant: _Plant) -> ca.SX:
+    V = _cost(given, plant, 'terminal_cost')
+    _states_only(V, plant, 'terminal_cost')
+    return V
+
+
 def _cost(given: Given, plant: _Plant, key: str) -> ca.SX:
     value = given.get(key)
     return expressions.parse_expression(0 if value is None else value, plant.known, key)
@@ -389,18 +456,18 @@ def _end_constraints(given: Given, plant: _Plant, key: str,
     """
     firsts = first or {}
     names = plant.known | firsts
-    rows: list[ca.SX] = []
-    literals: list[tuple[ca.SX, float]] = []
-    for index, text in enumerate(read_list(given, key)):
+
+    def read(index: int, text: object) -> tuple[ca.SX, list[tuple[ca.SX, float]]]:
         where = f'{key}[{index}]'
         row = expressions.parse_expression(text, names, where)
         _states_only(row, plant, where)
         if not ca.depends_on(row, _column((plant.x | plant.free | firsts).values())):
             raise StatementError(f"{where}: '{_short(text)}' does not depend on any state")
-        row, found = expressions.parse_lifted(text, names, where)
-        rows.append(row)
-        literals.extend(found)
-    return rows, literals
+        return expressions.parse_lifted(text, names, where)
+
+    with Faults() as faults:
+        found = [faults.attempt(read, *each) for each in enumerate(read_list(given, key))]
+    return [row for row, _ in found], [each for _, literals in found for each in literals]
 
 
 def _bounds(given: Given, key: str, names: tuple[str, ...],
@@ -408,7 +475,8 @@ def _bounds(given: Given, key: str, names: tuple[str, ...],
             upper: Array | None = None) -> tuple[Array, Array]:
     low = np.full(len(names), -np.inf) if lower is None else lower.copy()
     high = np.full(len(names), np.inf) if upper is None else upper.copy()
-    for name, value in read_section(given, key).items():
+
+    def read(name: str, value: object) -> None:
         where = f'{key}.{_short(name)}'
         if name not in names:
             raise _unknown(name, names, where, f'a{"n" * (key == "input_bounds")} '
@@ -416,13 +484,17 @@ def _bounds(given: Given, key: str, names: tuple[str, ...],
         if value is not None:
             index = names.index(name)
             low[index], high[index] = read_bounds(value, values, where)
+
+    with Faults() as faults:
+        for each in read_section(given, key).items():
+            faults.attempt(read, *each)
     return low, high
 
 
 def _path_constraints(given: Given, plant: _Plant) -> tuple[ca.SX, Array, Array]:
-    rows, lower, upper = [], [], []
     names = _column((plant.x | plant.u | plant.free).values())
-    for index, entry in enumerate(read_list(given, 'path_constraints')):
+
+    def read(index: int, entry: object) -> tuple[ca.SX, float, float]:
         where = f'path_constraints[{index}]'
         entry = read_mapping(entry, where, 'a mapping such as {expr: v, upper: 1}, or a '
                              'comparison, v <= 1')
@@ -435,9 +507,12 @@ def _path_constraints(given: Given, plant: _Plant) -> tuple[ca.SX, Array, Array]
         low, high = evaluate_limits(entry.get('lower'), entry.get('upper'), plant.values, where)
         if math.isinf(low) and math.isinf(high):
             raise StatementError(f'{where}: wanted a lower or an upper bound, found neither')
-        rows.append(row)
-        lower.append(low)
-        upper.append(high)
+        return row, low, high
+
+    with Faults() as faults:
+        found = [faults.attempt(read, *each)
+                 for each in enumerate(read_list(given, 'path_constraints'))]
+    rows, lower, upper = zip(*found, strict=True) if found else ((), (), ())
     return _column(rows), np.array(lower), np.array(upper)
 
 
@@ -451,18 +526,21 @@ class _Start:
 
     def __init__(self, given: Given, plant: _Plant) -> None:
         self._given, self._plant = given, plant
-        self._x0 = _initial_state(given, plant)
-        self._free = {name: _box(value, plant.values, f'free_parameters.{name}')
-                      for name, value in read_section(given, 'free_parameters').items()}
         at_start = replace(plant, time=None)
-        self._cost = _cost(given, at_start, 'initial_cost')
-        _states_only(self._cost, at_start, 'initial_cost')
-        self._rows, self.literals = _end_constraints(given, at_start, 'initial_constraints')
-        self._periodic = _periodic(given, plant)
-        self._first = {} if given.get('boundary_constraints') is None else _first_symbols(plant)
-        self._between, literals = _end_constraints(
-            given, plant, 'boundary_constraints', self._first)
-        self.literals = self.literals + literals
+        with Faults() as faults:
+            self._x0: list[tuple[float, float]] = faults.attempt(_initial_state, given, plant)
+            self._free: dict[str, tuple[float, float]] = {name: faults.attempt(
+                _box, value, plant.values, f'free_parameters.{name}')
+                for name, value in read_section(given, 'free_parameters').items()}
+            self._cost = faults.attempt(_initial_cost, given, at_start)
+            start = faults.attempt(_end_constraints, given, at_start, 'initial_constraints')
+            self._periodic = faults.attempt(_periodic, given, plant)
+            self._first = {} if given.get('boundary_constraints') is None else _first_symbols(
+                plant)
+            between = faults.attempt(
+                _end_constraints, given, plant, 'boundary_constraints', self._first)
+        self._rows, self._between = start[0], between[0]
+        self.literals = start[1] + between[1]
         self.cost, self.rows = ca.SX(0), list[ca.SX]()
         self.keys = (*(f'initial_constraints[{k}]' for k in range(len(self._rows))),
                      *(f'boundary_constraints[{k}]' for k in range(len(self._between))),
@@ -490,6 +568,12 @@ class _Start:
         self.rows = [*first[1:a], *between, *(plant.x[name] - kept for name, kept in zip(
             self._periodic, first[b:], strict=True))]
         return added
+
+
+def _initial_cost(given: Given, plant: _Plant) -> ca.SX:
+    cost = _cost(given, plant, 'initial_cost')
+    _states_only(cost, plant, 'initial_cost')
+    return cost
 
 
 def _box(value: object, values: Mapping[str, float], where: str) -> tuple[float, float]:
@@ -548,11 +632,18 @@ def _initial_state(given: Given, plant: _Plant) -> list[tuple[float, float]]:
     if given['initial_state'] is None:
         raise StatementError(f'initial_state: missing; wanted {wanted}')
     start = read_mapping(given['initial_state'], 'initial_state', wanted)
-    _check_states(start, plant.states, 'initial_state', 'value')
-    return [_box(start[name], plant.values, f'initial_state.{name}')
-            if start[name] is None or isinstance(start[name], (list, tuple)) else
-            (parse_number(start[name], plant.values, f'initial_state.{name}'),) * 2
-            for name in plant.states]
+    with Faults() as faults:
+        faults.attempt(_check_states, start, plant.states, 'initial_state', 'value')
+        return [faults.attempt(_initial_value, start[name], plant.values, f'initial_state.{name}')
+                for name in plant.states if name in start]
+
+
+def _initial_value(value: object, values: Mapping[str, float], where: str) -> tuple[float, float]:
+    """Return the bounds of an initial value: a number, [lower, upper], or null."""
+    if value is None or isinstance(value, (list, tuple)):
+        return _box(value, values, where)
+    number = parse_number(value, values, where)
+    return number, number
 
 
 def _final_time(given: Given, values: Mapping[str, float]) -> FinalTime:
@@ -612,14 +703,14 @@ def _positive(value: float, where: str) -> float:
     return value
 
 
-def _guess(given: Given, plant: _Plant, final_time: FinalTime) -> Guess:
+def _guess(given: Given, plant: _Plant, final_time: FinalTime | None) -> Guess:
     entry = read_section(given, 'initial_guess')
     check_keys(entry, ('states', 'inputs', 'parameters', 'final_time'), where='initial_guess')
     final = entry.get('final_time')
     if final is not None:
         final = _positive(parse_number(final, plant.values, 'initial_guess.final_time'),
                           'initial_guess.final_time')
-        if final_time.free:
+        if final_time and final_time.free:
             final = min(max(final, final_time.lower), final_time.upper)
     return Guess(x=_profiles(entry, 'states', plant.states, plant.values) | _profiles(
         entry, 'parameters', tuple(plant.free), plant.values),

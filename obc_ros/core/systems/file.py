@@ -20,12 +20,21 @@ from typing import Any
 import casadi as ca
 from obc_ros.core.systems.system import define, Parameter, Signal, System
 from obc_ros.core.text import expressions
-from obc_ros.core.text.errors import describe_type, ObcError, quote, StatementError, suggest_name
+from obc_ros.core.text.errors import (
+    describe_type,
+    Faults,
+    ObcError,
+    quote,
+    restate,
+    StatementError,
+    suggest_name,
+)
 from obc_ros.core.text.expressions import check_name, parse_number
 from obc_ros.core.text.fields import (
     check_keys,
     check_unique,
     Given,
+    NamedValues,
     read_bounds,
     read_mapping,
     read_names,
@@ -47,6 +56,7 @@ FOR_PEOPLE = ('title', 'source', 'tags', 'notes', 'difficulty', 'kind', 'expecte
 PLANES = ('horizontal', 'vertical')
 
 Values = Mapping[str, float]
+Limits = dict[str, tuple[float, float]]
 
 
 def load_system(path: str | Path) -> System:
@@ -77,7 +87,7 @@ def _load(path: str | Path) -> tuple[System, Given]:
             raise StatementError(f'wanted one mapping of keys, found {describe_type(given)}')
         return _system(given, Path(path).stem, {}), given
     except ObcError as error:
-        raise StatementError(f'{path}: {error}') from None
+        raise restate(error, lambda line: f'{path}: {line}') from None
 
 
 def build_system(statement: object) -> System:
@@ -103,54 +113,76 @@ def evaluate_parameters(parameters: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _system(given: Given, stem: str, chosen: Values) -> System:
-    check_keys(given, PLANT, TASK + FOR_PEOPLE)
-    states, inputs = read_names(given, 'states'), read_names(given, 'inputs')
-    values = _parameters(given, (*states, *inputs), chosen)
-    outputs = _outputs(given, states, (*inputs, *values))
-    units = _texts(given, 'units', tuple(dict.fromkeys((*states, *inputs, *values, *outputs))))
-    angles = _chosen(given, 'angles', tuple(dict.fromkeys((*states, *outputs))))
-    ranges = _bounds(given, 'parameter_bounds', tuple(values), values)
-    x_limits = _bounds(given, 'state_bounds', states, values)
-    u_limits = _bounds(given, 'input_bounds', inputs, values)
-
+    with Faults(given) as faults:
+        faults.attempt(check_keys, given, PLANT, TASK + FOR_PEOPLE)
+        with Faults() as names:
+            states = names.attempt(read_names, given, 'states')
+            inputs = names.attempt(read_names, given, 'inputs')
+        values = _parameters(given, (*states, *inputs), chosen, faults)
+        outputs = faults.attempt(_outputs, given, states, (*inputs, *values)) or {}
+        named = tuple(dict.fromkeys((*states, *inputs, *values, *outputs)))
+        units = faults.attempt(_texts, given, 'units', named)
+        angles = faults.attempt(
+            _chosen, given, 'angles', tuple(dict.fromkeys((*states, *outputs))))
+        ranges: Limits = faults.attempt(_bounds, given, 'parameter_bounds', tuple(values), values)
+        x_limits: Limits = faults.attempt(_bounds, given, 'state_bounds', states, values)
+        u_limits: Limits = faults.attempt(_bounds, given, 'input_bounds', inputs, values)
+        setpoint = faults.attempt(_numbers, given, 'setpoint', states, values)
+        setpoint_input = faults.attempt(_numbers, given, 'setpoint_input', inputs, values)
+        name = faults.attempt(_text, given, 'name', stem)
+        description = faults.attempt(
+            lambda: _text(given, 'description', _text(given, 'title', '')))
+        plane = faults.attempt(_plane, given)
+        ros = faults.attempt(read_section, given, 'ros')
+        if faults:   # `define` is not reached, which would call these
+            symbols = [[ca.SX.sym(each) for each in some] for some in (states, inputs, values)]
+            faults.attempt(_dynamics, given, {}, (states, inputs, tuple(values)), *symbols)
+            faults.attempt(_measured, outputs, (*states, *inputs, *values), *symbols)
     kept = dict(given)   # without functions, which do not pickle
-
-    def dynamics(x: list[ca.SX], u: list[ca.SX], p: list[ca.SX]) -> list[ca.SX]:
-        by_name = [dict(zip(names, symbols, strict=True)) for names, symbols in (
-            (states, x), (inputs, u), (values, p))]
-        called = call_functions(given, ('dynamics',), by_name[0], by_name[1], by_name[2], None)
-        equations = _by_name(called, 'dynamics', states)
-        for missing in (name for name in states if name not in equations):
-            raise StatementError(f"dynamics: no equation for the state '{missing}'")
-        symbols = by_name[0] | by_name[1] | by_name[2]
-        rows = [expressions.parse_expression(equations[name], symbols, f'dynamics.{name}')
-                for name in states]
-        if callable(given.get('dynamics')):
-            kept['dynamics'] = record_function(
-                'dynamics', dict(zip(states, rows, strict=True)), symbols)
-        return rows
-
-    def measured(x: list[ca.SX], u: list[ca.SX], p: list[ca.SX]) -> list[ca.SX]:
-        symbols = dict(zip((*states, *inputs, *values), (*x, *u, *p), strict=True))
-        return [expressions.parse_expression(text, symbols, f'outputs.{name}')
-                for name, text in outputs.items()]
-
     return define(
-        _text(given, 'name', stem),
+        name,
         [Signal(name, units.get(name, ''), *x_limits[name], angle=name in angles)
          for name in states],
         [Signal(name, units.get(name, ''), *u_limits[name]) for name in inputs],
         [Parameter(name, value, units.get(name, ''), *ranges[name])
          for name, value in values.items()],
-        dynamics,
-        setpoint=_numbers(given, 'setpoint', states, values),
-        setpoint_input=_numbers(given, 'setpoint_input', inputs, values),
-        description=_text(given, 'description', _text(given, 'title', '')),
-        plane=_plane(given),
+        partial(_dynamics, given, kept, (states, inputs, tuple(values))),
+        setpoint=setpoint, setpoint_input=setpoint_input, description=description, plane=plane,
         rebuild=partial(_rebuild, kept, stem, chosen),
         outputs=[Signal(name, units.get(name, ''), angle=name in angles) for name in outputs],
-        output_map=measured,
-        ros=read_section(given, 'ros'))
+        output_map=partial(_measured, outputs, (*states, *inputs, *values)), ros=ros)
+
+
+def _dynamics(given: Given, kept: dict[Any, Any], names: tuple[Sequence[str], ...],
+              x: list[ca.SX], u: list[ca.SX], p: list[ca.SX]) -> list[ca.SX]:
+    """
+    Return dx/dt for symbols of the states, inputs and parameters with some names.
+
+    :param kept: takes the equations in place of a function.
+    """
+    by_name = [dict(zip(*each, strict=True)) for each in zip(names, (x, u, p), strict=True)]
+    called = call_functions(given, ('dynamics',), by_name[0], by_name[1], by_name[2], None)
+    symbols = by_name[0] | by_name[1] | by_name[2]
+    with Faults() as faults:
+        equations = _by_name(called, 'dynamics', names[0])
+        for missing in (name for name in names[0] if name not in equations):
+            faults.note(StatementError(f"dynamics: no equation for the state '{missing}'"))
+        rows = [faults.attempt(
+            expressions.parse_expression, equations[name], symbols, f'dynamics.{name}')
+            for name in names[0] if name in equations]
+    if callable(given.get('dynamics')):
+        kept['dynamics'] = record_function(
+            'dynamics', dict(zip(names[0], rows, strict=True)), symbols)
+    return rows
+
+
+def _measured(outputs: Mapping[str, Any], names: Sequence[str], x: list[ca.SX], u: list[ca.SX],
+              p: list[ca.SX]) -> list[ca.SX]:
+    """Return the outputs for symbols of the states, inputs and parameters."""
+    symbols = dict(zip(names, (*x, *u, *p), strict=True))
+    with Faults() as faults:
+        return [faults.attempt(expressions.parse_expression, text, symbols, f'outputs.{name}')
+                for name, text in outputs.items()]
 
 
 def _rebuild(given: Given, stem: str, chosen: Values, new: Values) -> System:
@@ -181,27 +213,30 @@ def _by_name(given: Given, key: str, known: Sequence[str]) -> dict[str, Any]:
     return dict(section)
 
 
-def _parameters(given: Given, taken: tuple[str, ...], chosen: Values) -> dict[str, float]:
+def _parameters(given: Given, taken: tuple[str, ...], chosen: Values, faults: Faults
+                ) -> NamedValues:
     section = read_section(given, 'parameters')
     check_unique((*taken, *(check_name(name, 'parameters') for name in section)),
                   'states, inputs and parameters')
-    values: dict[str, float] = {}
+    values = NamedValues()
     for name, text in section.items():
-        values[name] = chosen[name] if name in chosen else parse_number(
-            text, values, f'parameters.{name}')
+        values.read(name, chosen.get(name, text), faults)
     return values
 
 
 def _numbers(given: Given, key: str, names: Sequence[str], values: Values) -> list[float]:
-    section = _by_name(given, key, names)
-    return [parse_number(section.get(name, 0.0), values, f'{key}.{name}') for name in names]
+    with Faults() as faults:
+        section = _by_name(given, key, names)
+        return [faults.attempt(parse_number, section.get(name, 0.0), values, f'{key}.{name}')
+                for name in names]
 
 
 def _bounds(given: Given, key: str, names: Sequence[str],
-            values: Values) -> dict[str, tuple[float, float]]:
-    section = _by_name(given, key, names)
-    return {name: (-math.inf, math.inf) if section.get(name) is None else
-            read_bounds(section[name], values, f'{key}.{name}') for name in names}
+            values: Values) -> Limits:
+    with Faults() as faults:
+        section = _by_name(given, key, names)
+        return {name: (-math.inf, math.inf) if section.get(name) is None else faults.attempt(
+            read_bounds, section[name], values, f'{key}.{name}') for name in names}
 
 
 def _texts(given: Given, key: str, names: Sequence[str]) -> dict[str, str]:

@@ -6,11 +6,18 @@ Fields of user input: lists, mappings, names and bounds, checked and of limited 
 Every function raises StatementError for an invalid field; the message begins with its key.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 import math
 from typing import Any
 
-from obc_ros.core.text.errors import describe_type, quote, StatementError, suggest_name
+from obc_ros.core.text.errors import (
+    DependentError,
+    describe_type,
+    Faults,
+    quote,
+    StatementError,
+    suggest_name,
+)
 from obc_ros.core.text.expressions import check_name, parse_number
 
 MAX_COUNT = 1_000  # entries of a list or mapping
@@ -29,6 +36,55 @@ _OTHER_KEYS = {other: key for key, others in {
     'final_time': ('T', 'tf', 'horizon', 'duration')}.items() for other in others}
 
 Given = Mapping[Any, Any]
+
+
+class NamedValues(dict[str, float]):
+    """Values of parameters by name; DependentError for one that is malformed."""
+
+    def __init__(self, values: Mapping[str, float] | None = None) -> None:
+        super().__init__(values or {})
+        self._malformed: set[str] = set()
+
+    def __getitem__(self, name: str) -> float:
+        if name in self._malformed:
+            raise DependentError(f"'{name}' is malformed")
+        return super().__getitem__(name)
+
+    def spoil(self, name: str) -> None:
+        """Let a name have a malformed value."""
+        self[name] = math.nan
+        self._malformed.add(name)
+
+    def is_malformed(self, name: str) -> bool:
+        """Return whether a name has a malformed value."""
+        return name in self._malformed
+
+    def select(self, names: Iterable[str]) -> 'NamedValues':
+        """Return the values of some names."""
+        found = NamedValues({name: self.get(name, math.nan) for name in names})
+        for name in self._malformed & set(found):
+            found.spoil(name)
+        return found
+
+    def read(self, name: str, value: object, faults: Faults, unknown: Collection[str] = ()
+             ) -> None:
+        """Evaluate a parameter, an expression of the others, but for those that are unknown."""
+        known = self.select(each for each in self if each not in unknown) if unknown else self
+        found = faults.attempt(parse_number, value, known, f'parameters.{name}')
+        if found is None:
+            self.spoil(name)
+        else:
+            self[name] = found
+
+
+class UnknownValues(NamedValues):
+    """Values of any names, which all depend on something malformed."""
+
+    def __contains__(self, name: object) -> bool:
+        return True
+
+    def __getitem__(self, name: str) -> float:
+        raise DependentError(f"'{name}' is not known")
 
 
 def read_mapping(value: object, where: str, wanted: str = 'a mapping of keys to values',
@@ -66,13 +122,15 @@ def read_list(given: Given, key: str, most: int = MAX_COUNT, where: str = '') ->
 def check_keys(given: Given, known: Sequence[str], others: Sequence[str] = (), where: str = ''
                ) -> None:
     """Check that a mapping has only known keys, which a message lists, and others."""
-    for key in given:
-        if key not in known and key not in others:
-            place = f'{where}.{quote(str(key))}' if where else quote(str(key))
-            meant = _OTHER_KEYS.get(str(key), '')
-            raise StatementError(
-                f'{place}: unknown key{suggest_name(meant if meant in known else str(key), known)}'
-                f'; known keys: {", ".join(known)}')
+    listed = f'; known keys: {", ".join(known)}'
+    with Faults() as faults:
+        for key in given:
+            if key not in known and key not in others:
+                place = f'{where}.{quote(str(key))}' if where else quote(str(key))
+                meant = _OTHER_KEYS.get(str(key), '')
+                hint = suggest_name(meant if meant in known else str(key), known)
+                faults.note(StatementError(f'{place}: unknown key{hint or listed}'))
+                listed = listed if hint else ''   # once is enough
 
 
 def read_names(given: Given, key: str, most: int = MAX_COUNT) -> tuple[str, ...]:

@@ -2,7 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Statements: the keys of a problem file, and errors that name the key at fault."""
 
+import copy
 import math
+import re
 import time
 
 import casadi as ca
@@ -99,6 +101,63 @@ def test_errors_name_the_key_at_fault(path, value, said):
     with pytest.raises(StatementError, match=said) as error:
         build_problem(changed(path, value))
     assert len(str(error.value)) < 500
+    assert '\n' not in str(error.value)   # no other error follows from this one
+
+
+def collect_lines(*faults):
+    """Return the lines of the error of GOOD with some faults."""
+    statement = copy.deepcopy(GOOD)
+    for path, value, _ in faults:
+        statement = changed(path, value, statement)
+    with pytest.raises(StatementError) as error:
+        build_problem(statement)
+    return str(error.value).split('\n')
+
+
+# Each by itself, in the order of the file: nothing else depends on it.
+APART = [fault for fault in FAULTS if fault[0] in (
+    'runing_cost', 'colour', 'dynamics.v', 'running_cost', 'terminal_cost', 'initial_state.v',
+    'terminal_constraints.0', 'input_bounds.u', 'path_constraints.0.expr', 'final_time.lower',
+    'initial_guess.states.h') and 'undefined at' not in fault[2]]
+
+
+@given(st.lists(st.sampled_from(APART), min_size=2, max_size=6, unique_by=lambda fault: fault[0]))
+@settings(max_examples=40)
+def test_independent_errors_are_told_together(faults):
+    alone = [line for fault in faults for line in collect_lines(fault)]
+    together = collect_lines(*faults)
+    assert len(together) == len(faults)
+    for line in together:   # of several unknown keys, the first one lists those that are known
+        assert any(each.startswith(line) for each in alone)
+    keys = [re.split(r'[.:\[]', line)[0] for line in together]
+    order = [*GOOD, 'runing_cost', 'colour']
+    known = [key for key in keys if key in GOOD]
+    assert known == sorted(known, key=order.index)
+
+
+@pytest.mark.parametrize('faults, lines', [
+    ([('parameters.g', 'a/', ''), ('input_bounds.v', 1, '')], 2),   # weight, u need g
+    ([('states', 'h', ''), ('final_time', 3, '')], 2),              # the others need states
+    ([('inputs', ..., ''), ('controls', ['u'], '')], 1)])           # it is not missing
+def test_what_depends_on_a_malformed_entry_is_not_reported(faults, lines):
+    assert len(collect_lines(*faults)) == lines
+
+
+def test_at_most_twenty_errors_are_told():
+    lines = collect_lines(*((f'colour{k}', 1, '') for k in range(30)))
+    assert len(lines) == 20
+    assert lines[-1] == 'and 11 more errors'
+
+
+@given(st.lists(st.sampled_from(FAULTS), min_size=2, max_size=4, unique_by=lambda fault: fault[0]))
+@settings(max_examples=40)
+def test_several_faults_are_a_statement_error(faults):
+    try:
+        lines = collect_lines(*faults)
+    except (KeyError, TypeError, ValueError):   # a fault has removed the place of another one
+        return
+    assert 1 <= len(lines) <= 20
+    assert all(': ' in line for line in lines)
 
 
 VEHICLE = {
