@@ -34,6 +34,27 @@ SUBCOMMANDS = {
     'bench': 'run the benchmarks',
     'completion': 'print what completes commands, options and names in a shell',
 }
+EXAMPLES = {
+    'demo': 'obc demo aircraft',
+    'solve': 'obc solve dido --plot figures',
+    'lqr': 'obc lqr cases.yaml --json designs',
+    'sweep': "obc sweep di_mintime_rest --over 'x0.x=-2:2:41' --out out --plot",
+    'gallery': 'obc gallery --sheet exercises.yaml',
+    'examples': 'obc examples --match obstacle',
+    'view': 'obc view --scenario vehicle',
+    'bench': 'obc bench lqr',
+    'completion': 'obc completion bash',
+    'param': 'obc param get /lqr_node Qx',
+    'service': 'obc service call /lqr_node/stop std_srvs/srv/Trigger',
+    'topic': 'obc topic echo /state --once',
+    'action': 'obc action send_goal /trajectory_server/solve_optimal_control '
+              'obc_ros/action/SolveOptimalControl --feedback',
+    'interface': 'obc interface show obc_ros/msg/LqrDesign',
+    'lifecycle': 'obc lifecycle get',
+    'node': 'obc node list',
+    'run': 'obc run obc_ros plant_simulator --ros-args -p system:=vehicle',
+    'launch': 'obc launch loop scenario:=vehicle',
+}
 # With the names and arguments of `ros2`: modules of obc_ros.cli.ros2.
 ROS2 = {
     'param': 'parameters of running nodes: list, get, set, describe, dump, load',
@@ -90,7 +111,7 @@ def parse(arguments: Sequence[str]) -> argparse.Namespace:
     used = next((word for word in arguments if not word.startswith('-')), None)
     if used in NEED_ROS and used in find_subcommands():
         require_ros(used)
-    parser = build_parser({used} if used else (), NEED_ROS if pure else ROS2, _epilog(pure))
+    parser = build_parser({used} if used else (), NEED_ROS if pure else ROS2, tell_more(pure))
     return parser.parse_args(arguments)
 
 
@@ -107,6 +128,7 @@ def build_parser(used: Collection[str], unlisted: Collection[str] = (), epilog: 
         listed: dict[str, Any] = {} if name in unlisted else {'help': text}
         command = commands.add_parser(
             name, description=f'{text[:1].upper()}{text[1:]}.', **listed)
+        command.example = EXAMPLES[name]
         if name in used:
             module = import_subcommand(name)
             module.add_arguments(command)
@@ -114,7 +136,7 @@ def build_parser(used: Collection[str], unlisted: Collection[str] = (), epilog: 
     return parser
 
 
-def _epilog(pure: bool) -> str:
+def tell_more(pure: bool) -> str:
     """Return the end of the help: the commands of ros2 or those without ROS 2, the exit status."""
     if pure:
         more = f'commands that need ROS 2, which is not installed: {", ".join(NEED_ROS)}\n'
@@ -122,8 +144,9 @@ def _epilog(pure: bool) -> str:
         rows = ''.join(f'    {name:20}{text}\n' for name, text in ROS2.items())
         more = ('the commands of ros2, with the same arguments, if ros2 is not installed:\n'
                 f'{rows}')
-    return (f'{more}\nexit status: 0 success, 1 failure or no certified solution '
-            '(the reason is printed), 2 invalid input')
+    return (f'{more}\nexample: {EXAMPLES["solve"]}\n'
+            'exit status: 0 success, 1 failure or no certified solution (the reason is printed), '
+            '2 invalid input')
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -33,13 +33,18 @@ class Parser(argparse.ArgumentParser):
     An argument parser whose errors suggest commands, verbs and options.
 
     It refuses arguments that would have no effect, see `limit`. `effects`: when an argument has
-    one, by its name; those that are missing always have one.
+    one, by its name; those that are missing always have one. `example`: a line that ends the help.
     """
 
     def __init__(self, *words: Any, **settings: Any) -> None:
         super().__init__(*words, **settings)
         self.effects: dict[str, ArgumentEffect] = {}
+        self.example = ''
         self._given: list[str] = []
+
+    def format_help(self) -> str:
+        """Return the help, with the example at the end."""
+        return super().format_help() + (f'\nexample: {self.example}\n' if self.example else '')
 
     def limit(self, *names: str, needs: Sequence[str] = (), without: Sequence[str] = ()) -> None:
         """

@@ -2,8 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """The command `obc`: subcommands, imports, exit status, closed streams."""
 
+import argparse
 from importlib import metadata
 import re
+import shlex
 import subprocess
 import sys
 from types import SimpleNamespace
@@ -70,6 +72,29 @@ def test_help_lists_all_subcommands_without_heavy_imports():
     assert answer.endswith('[]\n')
     for name in obc.find_subcommands():
         assert re.search(rf'\n    {name}[ \n]|[:,] {name}\b', answer), name
+
+
+def find_examples(parser):
+    """Yield the program, the help and the examples of a parser and of those inside it."""
+    told = parser.format_help()
+    yield parser.prog, told, re.findall(r'^example: (.*)$', told, re.M)
+    for action in parser._actions:
+        if isinstance(action, argparse._SubParsersAction):
+            for inner in action.choices.values():
+                yield from find_examples(inner)
+
+
+def test_each_help_ends_with_an_example_that_is_parsed():
+    pure = bool(installation.explain_missing_ros())
+    names = [name for name in obc.find_subcommands() if not (pure and name in obc.NEED_ROS)]
+    parser = obc.build_parser(names, epilog=obc.tell_more(pure))
+    for program, told, examples in find_examples(parser):
+        if pure and any(f'obc {name}' in program for name in obc.NEED_ROS):
+            continue
+        assert len(examples) == 1, program
+        assert program == 'obc' or told.endswith(f'example: {examples[0]}\n')
+        assert f'{examples[0]} '.startswith(f'{program} ')
+        assert parser.parse_args(shlex.split(examples[0])[1:]).run
 
 
 # A process in which ROS 2 is not installed, wherever the test runs.

@@ -25,7 +25,10 @@ run = run_verb
 
 def add_arguments(parser: Parser) -> None:
     """Declare the verbs."""
-    add_verbs(parser, {'send_goal': ('send a goal and print the result', _arguments, send_goal)})
+    add_verbs(parser, {'send_goal': (
+        'send a goal and print the result', '/trajectory_server/solve_optimal_control '
+        'obc_ros/action/SolveOptimalControl "$(cat goal.yaml)" --feedback', _arguments,
+        send_goal)})
 
 
 def _arguments(parser: Parser) -> None:

@@ -18,7 +18,8 @@ SEPARATOR = '---'
 
 def add_arguments(parser: Parser) -> None:
     """Declare the verbs."""
-    add_verbs(parser, {'show': ('show the fields of an interface', _arguments, show)})
+    add_verbs(parser, {'show': (
+        'show the fields of an interface', 'obc_ros/msg/LqrDesign', _arguments, show)})
 
 
 def run(args: argparse.Namespace) -> int:

@@ -18,9 +18,9 @@ run = run_verb
 def add_arguments(parser: Parser) -> None:
     """Declare the verbs."""
     add_verbs(parser, {
-        'get': ('print the state of a node, or of all', partial(add_node, optional=True),
-                get_state),
-        'set': ('change the state of a node', _set_arguments, set_state)})
+        'get': ('print the state of a node, or of all', '/lqr_node',
+                partial(add_node, optional=True), get_state),
+        'set': ('change the state of a node', '/lqr_node deactivate', _set_arguments, set_state)})
 
 
 def _set_arguments(parser: Parser) -> None:

@@ -14,7 +14,7 @@ run = run_verb
 
 def add_arguments(parser: Parser) -> None:
     """Declare the verbs."""
-    add_verbs(parser, {'list': ('list the running nodes', _arguments, list_nodes)})
+    add_verbs(parser, {'list': ('list the running nodes', '', _arguments, list_nodes)})
 
 
 def _arguments(parser: Parser) -> None:

@@ -53,13 +53,18 @@ _Dumper.add_implicit_resolver(*EXPONENTS)
 def add_arguments(parser: Parser) -> None:
     """Declare the verbs."""
     add_verbs(parser, {
-        'list': ('list the parameters of a node, or of all', _list_arguments, list_parameters),
-        'get': ('get a parameter', _get_arguments, get),
+        'list': ('list the parameters of a node, or of all', '/lqr_node --param-type',
+                 _list_arguments, list_parameters),
+        'get': ('get a parameter', '/lqr_node Qx', _get_arguments, get),
         'set': ('set a parameter; the node checks it before applying it',
+                '/lqr_node Qu "[2.0, 0.5]"',
                 _set_arguments, set_value),
-        'describe': ('show type, unit and range of parameters', _describe_arguments, describe),
-        'dump': ('print all parameters of a node as a parameter file', add_node, dump),
-        'load': ('set the parameters of a file', _load_arguments, load)})
+        'describe': ('show type, unit and range of parameters', '/lqr_node Qx',
+                     _describe_arguments, describe),
+        'dump': ('print all parameters of a node as a parameter file', '/lqr_node', add_node,
+                 dump),
+        'load': ('set the parameters of a file', '/lqr_node lqr_node.yaml',
+                 _load_arguments, load)})
 
 
 def _list_arguments(parser: Parser) -> None:

@@ -18,8 +18,9 @@ run = run_verb
 def add_arguments(parser: Parser) -> None:
     """Declare the verbs."""
     add_verbs(parser, {
-        'call': ('call a service and print the response', _call_arguments, call),
-        'list': ('list the services', partial(add_list, what='services'),
+        'call': ('call a service and print the response',
+                 '/lqr_node/stop std_srvs/srv/Trigger', _call_arguments, call),
+        'list': ('list the services', '--show-types', partial(add_list, what='services'),
                  partial(list_names, look=lambda node: node.get_service_names_and_types()))})
 
 

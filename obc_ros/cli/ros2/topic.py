@@ -46,12 +46,15 @@ run = run_verb
 def add_arguments(parser: Parser) -> None:
     """Declare the verbs."""
     add_verbs(parser, {
-        'list': ('list the topics', partial(add_list, what='topics'),
+        'list': ('list the topics', '--show-types', partial(add_list, what='topics'),
                  partial(list_names, look=lambda node: node.get_topic_names_and_types())),
-        'info': ('show publishers and subscribers', _info_arguments, print_info),
-        'echo': ('print messages', _echo_arguments, echo),
-        'hz': ('print the rate of messages', _hz_arguments, print_rate),
-        'pub': ('publish a message', _pub_arguments, publish_message)})
+        'info': ('show publishers and subscribers', '/command --verbose',
+                 _info_arguments, print_info),
+        'echo': ('print messages', '/state --once', _echo_arguments, echo),
+        'hz': ('print the rate of messages', '/command', _hz_arguments, print_rate),
+        'pub': ('publish a message',
+                '--once /reference obc_ros/msg/Trajectory "$(cat reference.yaml)"',
+                _pub_arguments, publish_message)})
 
 
 def _info_arguments(parser: Parser) -> None:

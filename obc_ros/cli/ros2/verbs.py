@@ -11,14 +11,16 @@ from rclpy.node import Node
 from rclpy.topic_or_service_is_hidden import topic_or_service_is_hidden
 
 COMPATIBLE = 'accepted as by `ros2`'   # in the help of what has no effect here
-Verb = tuple[str, Callable[[Parser], None], Callable[[argparse.Namespace], int]]
+# A line of help, an example of the arguments, `add_arguments(parser)` and `run(args)`.
+Verb = tuple[str, str, Callable[[Parser], None], Callable[[argparse.Namespace], int]]
 
 
 def add_verbs(parser: Parser, verbs: Mapping[str, Verb]) -> None:
-    """Declare verbs, each with a line of help, `add_arguments(parser)` and `run(args)`."""
+    """Declare verbs."""
     found = parser.add_subparsers(title='verbs', metavar='VERB', required=True)
-    for name, (text, add_arguments, run) in verbs.items():
+    for name, (text, example, add_arguments, run) in verbs.items():
         verb = found.add_parser(name, help=text, description=f'{text[:1].upper()}{text[1:]}.')
+        verb.example = f'{verb.prog} {example}'.rstrip()
         add_arguments(verb)
         verb.set_defaults(verb=run)
 
