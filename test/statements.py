@@ -132,7 +132,7 @@ FAULTS = [
     # Final time
     ('final_time', ..., '^final_time: missing'),
     ('final_time', 3, '^final_time: wanted {free: false, value: 5} or'),
-    ('final_time.free', ..., r'^final_time\.free: wanted true or false, found nothing; wanted {f'),
+    ('final_time.free', ..., '^final_time.free: wanted true or false, found nothing; write {f'),
     ('final_time', {'value': 'pi/2'}, r'^final_time\.free: wanted true or false, found nothing; '
                                       r'write {free: false, value: pi/2}$'),
     ('final_time.free', 'yes', r'^final_time\.free: wanted true or false'),

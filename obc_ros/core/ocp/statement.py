@@ -14,6 +14,7 @@ from dataclasses import dataclass, field, replace
 import hashlib
 import math
 from pathlib import Path
+import re
 from typing import Any
 
 import casadi as ca
@@ -51,6 +52,7 @@ from obc_ros.core.text.fields import (
     read_mapping,
     read_names,
     read_section,
+    suggest_line,
     UnknownValues,
 )
 from obc_ros.core.text.stated_functions import (
@@ -335,7 +337,7 @@ def _equations(given: Given, x: dict[str, ca.SX], u: dict[str, ca.SX], p: dict[s
     if given.get('dynamics') is None:
         raise StatementError('dynamics: missing; wanted an equation for each state')
     return read_mapping(call_functions(given, ('dynamics',), x, u, p, time)['dynamics'],
-                        'dynamics')
+                        'dynamics', names=tuple(x))
 
 
 def _parameter(name: object, states: tuple[str, ...], inputs: tuple[str, ...]) -> str:
@@ -459,6 +461,11 @@ def _end_constraints(given: Given, plant: _Plant, key: str,
 
     def read(index: int, text: object) -> tuple[ca.SX, list[tuple[ca.SX, float]]]:
         where = f'{key}[{index}]'
+        early = {name + FIRST: name for name in plant.states} if not firsts else {}
+        for name in re.findall(r'\w+', text) if isinstance(text, str) else ():
+            if name in early and name not in names:
+                raise StatementError(f"{where}: '{name}' is the initial value of '{early[name]}'; "
+                                     f'write this constraint under boundary_constraints')
         row = expressions.parse_expression(text, names, where)
         _states_only(row, plant, where)
         if not ca.depends_on(row, _column((plant.x | plant.free | firsts).values())):
@@ -486,7 +493,7 @@ def _bounds(given: Given, key: str, names: tuple[str, ...],
             low[index], high[index] = read_bounds(value, values, where)
 
     with Faults() as faults:
-        for each in read_section(given, key).items():
+        for each in read_section(given, key, names=names).items():
             faults.attempt(read, *each)
     return low, high
 
@@ -631,7 +638,7 @@ def _initial_state(given: Given, plant: _Plant) -> list[tuple[float, float]]:
     wanted, given = _example(plant.states), name_initial_state(given, plant.states)
     if given['initial_state'] is None:
         raise StatementError(f'initial_state: missing; wanted {wanted}')
-    start = read_mapping(given['initial_state'], 'initial_state', wanted)
+    start = read_mapping(given['initial_state'], 'initial_state', wanted, names=plant.states)
     with Faults() as faults:
         faults.attempt(_check_states, start, plant.states, 'initial_state', 'value')
         return [faults.attempt(_initial_value, start[name], plant.values, f'initial_state.{name}')
@@ -655,7 +662,9 @@ def _final_time(given: Given, values: Mapping[str, float]) -> FinalTime:
     free = entry.get('free')
     if not isinstance(free, bool):
         value = entry.get('value')
-        hint = '' if free is not None else f'; wanted {forms}' if value is None else (
+        hint = suggest_line(entry, 'final_time') if entry.keys() & {'lower', 'upper'} else ''
+        hint = hint if free is None and hint else '' if free is not None else (
+            f'; wanted {forms}' if value is None else
             f'; write {{free: false, value: {quote(str(value), 40)}}}')
         raise StatementError('final_time.free: wanted true or false, found '
                              f'{describe_type(free)}{hint}')
@@ -663,7 +672,7 @@ def _final_time(given: Given, values: Mapping[str, float]) -> FinalTime:
         ('value',), ('lower', 'upper', 'guess'))
     for key in wanted:
         if entry.get(key) is None:
-            raise StatementError(f'final_time.{key}: missing')
+            raise StatementError(f'final_time.{key}: missing{suggest_line(entry, "final_time")}')
     for key in unwanted:
         if entry.get(key) is not None:
             raise StatementError(f'final_time.{key}: the final time is '

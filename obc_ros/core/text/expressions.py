@@ -264,9 +264,11 @@ def _scan(text: str, where: str) -> None:
         if token is None:
             raise StatementError(f'{where}: {_foreign(text, position)}')
         if token['tail']:
-            raise StatementError(
-                f"{where}: '{_short(token.group())}' is not a number; write decimal digits, "
-                'and * for a product')
+            number = token.group().removesuffix(token['tail'])
+            instead = f'{number}*{token["tail"]}' if token['tail'][0].isalpha() and float(
+                number) else 'decimal digits, and * for a product'
+            raise StatementError(f"{where}: '{_short(token.group())}' is not a number; write "
+                                 f'{_short(instead)}')
         symbol, position, count = token.group(), token.end(), count + 1
         if symbol == '(':
             waiting.append(0)

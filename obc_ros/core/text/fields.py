@@ -6,7 +6,7 @@ Fields of user input: lists, mappings, names and bounds, checked and of limited 
 Every function raises StatementError for an invalid field; the message begins with its key.
 """
 
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 import math
 from typing import Any
 
@@ -19,6 +19,7 @@ from obc_ros.core.text.errors import (
     suggest_name,
 )
 from obc_ros.core.text.expressions import check_name, parse_number
+import yaml
 
 MAX_COUNT = 1_000  # entries of a list or mapping
 # Words of other tools and books, by the key that they mean here.
@@ -34,6 +35,17 @@ _OTHER_KEYS = {other: key for key, others in {
     'state_bounds': ('x_bounds', 'state_limits'),
     'path_constraints': ('constraints', 'obstacles'),
     'final_time': ('T', 'tf', 'horizon', 'duration')}.items() for other in others}
+
+# What a key wants: names, equations, values of names, bounds of names, or rows.
+_FORMS = {
+    **dict.fromkeys(('states', 'inputs', 'periodic', 'variables', 'angles'), 'names'),
+    'dynamics': 'equations', 'initial_state': 'values', 'parameters': 'constants',
+    **dict.fromkeys(('input_bounds', 'state_bounds', 'parameter_bounds', 'bounds'), 'bounds'),
+    **dict.fromkeys(('terminal_constraints', 'initial_constraints', 'boundary_constraints'),
+                    'rows'), 'final_time': 'final time'}
+_SIDES = ('lower', 'upper'), ('min', 'max')
+_NO_BOUND = 'inf', 'infinity', '.inf', 'oo', 'none', '~'
+LONGEST_LINE = 100   # characters of a suggestion
 
 Given = Mapping[Any, Any]
 
@@ -87,11 +99,113 @@ class UnknownValues(NamedValues):
         raise DependentError(f"'{name}' is not known")
 
 
+def suggest_line(value: object, where: str, names: Sequence[str] = ()) -> str:
+    """
+    Return ``; write LINE`` with the form that a key has in place of another one.
+
+    :param where: the key, with the name of an entry or without.
+    :param names: of the states or inputs, where they are known.
+    :return: empty if it is not clear what is meant.
+    """
+    parts = [part for part in where.split('.') if not part.startswith('phases[')]
+    form = _FORMS.get(parts[0], '')
+    try:
+        made = (_REFORM[f'{form} of one' if len(parts) > 1 else form])(value, names)
+    except (KeyError, TypeError, ValueError):   # it has a form of its own
+        return ''
+    line = yaml.safe_dump(made, default_flow_style=True, sort_keys=False, width=1000).strip()
+    return f'; write {line}' if made and len(line) <= LONGEST_LINE else ''
+
+
+def _list_names(value: Any, names: Sequence[str]) -> list[str]:
+    found = value.replace(',', ' ').split() if isinstance(value, str) else list(
+        value if isinstance(value, Mapping) else ())
+    return [check_name(name, '') for name in found]
+
+
+def _assign(value: Any, names: Sequence[str]) -> dict[str, Any]:
+    """Return a list as a mapping of names to its entries."""
+    if not isinstance(value, (list, tuple)):
+        return {}
+    entries = [_unwrap_entry(entry) for entry in value]
+    return dict(zip(names, entries, strict=True))
+
+
+def _unwrap_entry(entry: Any) -> Any:
+    if not isinstance(entry, (int, float, str)):
+        raise TypeError
+    return entry
+
+
+def _give_values(value: Any, names: Sequence[str]) -> dict[str, int]:
+    return {check_name(name, ''): 1 for name in value} if isinstance(value, list) else {}
+
+
+def _bound_each(value: Any, names: Sequence[str]) -> dict[str, Any]:
+    """Return bounds that stand without a name as those of the only name, or of each."""
+    if not isinstance(value, (list, tuple)) or not names:
+        return {}
+    if len(value) == 2 and not any(isinstance(each, (list, tuple)) for each in value):
+        value = [value] * len(names)
+    return {name: [_unwrap_bound(each) for each in pair]
+            for name, pair in zip(names, value, strict=True)}
+
+
+def _bound_one(value: Any, names: Sequence[str]) -> list[Any]:
+    """Return the bounds of [-inf, 3], {lower: 0, upper: 3}, or of a largest absolute value."""
+    if isinstance(value, Mapping):
+        pair = next([value.get(low), value.get(high)] for low, high in _SIDES
+                    if value and set(value) <= {low, high})
+    elif isinstance(value, (int, float)) and not isinstance(value, bool):
+        pair = [-value, value] if value > 0 else []
+    else:
+        pair = list(value) if isinstance(value, (list, tuple)) and len(value) == 2 else []
+    return [_unwrap_bound(bound) for bound in pair]
+
+
+def _unwrap_bound(bound: Any) -> Any:
+    return None if bound is None or _is_no_bound(bound) else _unwrap_entry(bound)
+
+
+def _is_no_bound(bound: object) -> bool:
+    """Return whether a bound is infinite, as a number or in words."""
+    return isinstance(bound, float) and math.isinf(bound) or (
+        isinstance(bound, str) and bound.strip(' +-').lower() in _NO_BOUND)
+
+
+def _state_rows(value: Any, names: Sequence[str]) -> list[str]:
+    """Return the rows of one expression, or of values of states at the end."""
+    if isinstance(value, str):
+        return [value]
+    return [str(name) if _unwrap_entry(goal) == 0 else f'{name} - {goal}' if str(goal)[0] != '-'
+            else f'{name} + {str(goal)[1:]}' for name, goal in (
+                value.items() if isinstance(value, Mapping) else ())]
+
+
+def _state_final_time(value: Any, names: Sequence[str]) -> dict[str, Any]:
+    """Return a final time that is a number, the word free, or bounds, one of them or none."""
+    if isinstance(value, Mapping):
+        if not set(value) <= {'free', 'lower', 'upper', 'guess'} or value.get('free') is False:
+            return {}
+        return {'free': True, 'lower': 0, 'upper': 20} | {
+            key: bound for key, bound in value.items() if bound is not None}
+    if isinstance(value, str) and value.strip() == 'free':
+        return {'free': True, 'lower': 0, 'upper': 20}
+    return {'free': False, 'value': _unwrap_entry(value)} if not isinstance(value, bool) else {}
+
+
+_REFORM: dict[str, Callable[[Any, Sequence[str]], Any]] = {
+    'names': _list_names, 'equations': _assign, 'values': _assign, 'constants': _give_values,
+    'bounds': _bound_each, 'bounds of one': _bound_one, 'rows': _state_rows,
+    'final time': _state_final_time}
+
+
 def read_mapping(value: object, where: str, wanted: str = 'a mapping of keys to values',
-                 most: int = MAX_COUNT) -> Given:
-    """Return a value that is a mapping of limited size."""
+                 most: int = MAX_COUNT, names: Sequence[str] = ()) -> Given:
+    """Return a mapping of limited size; `names`: of its keys, where they are known."""
     if not isinstance(value, Mapping):
-        raise StatementError(f'{where}: wanted {wanted}, found {describe_type(value)}')
+        raise StatementError(f'{where}: wanted {wanted}, found {describe_type(value)}'
+                             f'{suggest_line(value, where, names)}')
     if len(value) > most:
         raise StatementError(f'{where}: {len(value)} entries; at most {most} are accepted')
     return value
@@ -101,16 +215,18 @@ def list_of(value: object, where: str, wanted: str = 'a list', most: int = MAX_C
             ) -> list[Any]:
     """Return a list or tuple of limited size as a list."""
     if not isinstance(value, (list, tuple)):
-        raise StatementError(f'{where}: wanted {wanted}, found {describe_type(value)}')
+        raise StatementError(f'{where}: wanted {wanted}, found {describe_type(value)}'
+                             f'{suggest_line(value, where)}')
     if len(value) > most:
         raise StatementError(f'{where}: {len(value)} entries; at most {most} are accepted')
     return list(value)
 
 
-def read_section(given: Given, key: str, most: int = MAX_COUNT, where: str = '') -> Given:
+def read_section(given: Given, key: str, most: int = MAX_COUNT, where: str = '',
+                 names: Sequence[str] = ()) -> Given:
     """Return the mapping at a key; empty if the key is absent or its value is None."""
     value = given.get(key)
-    return {} if value is None else read_mapping(value, where or key, most=most)
+    return {} if value is None else read_mapping(value, where or key, most=most, names=names)
 
 
 def read_list(given: Given, key: str, most: int = MAX_COUNT, where: str = '') -> list[Any]:
@@ -129,6 +245,9 @@ def check_keys(given: Given, known: Sequence[str], others: Sequence[str] = (), w
                 place = f'{where}.{quote(str(key))}' if where else quote(str(key))
                 meant = _OTHER_KEYS.get(str(key), '')
                 hint = suggest_name(meant if meant in known else str(key), known)
+                sign = {'minimize': '{}', 'maximize': '-({})'}.get(str(key), '')
+                if sign and 'running_cost' in known and isinstance(given[key], (str, int, float)):
+                    hint = f'; write running_cost: {quote(sign.format(given[key]))}'
                 faults.note(StatementError(f'{place}: unknown key{hint or listed}'))
                 listed = listed if hint else ''   # once is enough
 
@@ -137,7 +256,11 @@ def read_names(given: Given, key: str, most: int = MAX_COUNT) -> tuple[str, ...]
     """Return the list of names at a key: one or more, all different."""
     if given.get(key) is None:
         raise StatementError(f'{key}: missing; wanted a list of names')
-    names = tuple(check_name(name, key) for name in list_of(given[key], key, most=most))
+    found = list_of(given[key], key, most=most)
+    if any(isinstance(name, bool) for name in found):
+        raise StatementError(f'{key}: a name is text, not a YAML truth value (on, off, yes, no): '
+                             'write it in quotes')
+    names = tuple(check_name(name, key) for name in found)
     if not names:
         raise StatementError(f'{key}: the list is empty; wanted at least one name')
     check_unique(names, key)
@@ -163,8 +286,9 @@ def evaluate_limits(lower: object, upper: object, values: Mapping[str, float], w
                     ) -> tuple[float, float]:
     """Return the values of two bounds, expressions of `values`; -inf and inf for None."""
     for bound, side in ((lower, 'lower'), (upper, 'upper')):
-        if isinstance(bound, float) and math.isinf(bound):
-            raise StatementError(f'{where}: {side} bound {bound}: write null for no bound')
+        if _is_no_bound(bound) and bound not in values:
+            raise StatementError(f'{where}: {side} bound {bound}: write null for no bound'
+                                 f'{suggest_line([lower, upper], where)}')
     low = -math.inf if lower is None else parse_number(lower, values, f'{where} (lower)')
     high = math.inf if upper is None else parse_number(upper, values, f'{where} (upper)')
     if low > high:

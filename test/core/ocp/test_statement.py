@@ -16,6 +16,7 @@ from obc_ros.core.text.errors import StatementError
 import problems
 import pytest
 from statements import changed, FAULTS, GOOD
+import yaml
 
 
 def test_a_statement_is_converted_to_a_problem():
@@ -300,3 +301,71 @@ def test_errors_name_a_file_that_cannot_be_read(tmp_path):
     (tmp_path / 'bytes.yaml').write_bytes(b'\xff\xfe\x00\x81')
     with pytest.raises(StatementError, match=r'bytes\.yaml'):
         load_file(tmp_path / 'bytes.yaml')
+
+
+@pytest.mark.parametrize('path, value, line', [
+    ('inputs', 'u', '[u]'),
+    ('states', 'h, v', '[h, v]'),
+    ('dynamics', ['v', 'u - g'], '{h: v, v: u - g}'),
+    ('initial_state', [10, -2], '{h: 10, v: -2}'),
+    ('terminal_constraints', 'h - 1', '[h - 1]'),
+    ('terminal_constraints', {'h': 1, 'v': 0}, '[h - 1, v]'),
+    ('terminal_constraints', {'v': -1}, '[v + 1]'),
+    ('input_bounds.u', 4, '[-4, 4]'),
+    ('input_bounds.u', {'lower': 0, 'upper': '2*g'}, '[0, 2*g]'),
+    ('input_bounds.u', {'max': 3}, '[null, 3]'),
+    ('input_bounds.u', [0, 'inf'], '[0, null]'),
+    ('state_bounds.v', [-math.inf, math.inf], '[null, null]'),
+    ('input_bounds', [0, 3], '{u: [0, 3]}'),
+    ('state_bounds', [[0, math.inf], [-9, 9]], '{h: [0, null], v: [-9, 9]}'),
+    ('final_time', 3, '{free: false, value: 3}'),
+    ('final_time', 'free', '{free: true, lower: 0, upper: 20}'),
+    ('final_time', {'free': True}, '{free: true, lower: 0, upper: 20}'),
+    ('final_time', {'free': True, 'upper': 5}, '{free: true, lower: 0, upper: 5}'),
+    ('final_time', {'lower': 1, 'upper': '2*g'}, '{free: true, lower: 1, upper: 2*g}'),
+    ('final_time', {'value': 2}, '{free: false, value: 2}')])
+def test_an_error_says_what_to_write_and_it_is_valid(path, value, line):
+    [told] = collect_lines((path, value, ''))
+    assert told.endswith(f'; write {line}')
+    build_problem(changed(path, yaml.safe_load(line)))
+
+
+@pytest.mark.parametrize('path, value, words', [
+    ('parameters', ['g', 'top'], 'write {g: 1, top: 1}'),
+    ('maximize', 'h', r'^maximize: unknown key; write running_cost: -\(h\)$'),
+    ('minimize', 'u**2', r'^minimize: unknown key; write running_cost: u\*\*2$'),
+    ('dynamics.v', '2u - g', r"'2u' is not a number; write 2\*u$"),
+    ('dynamics.v', '0x10 + u', 'write decimal digits'),
+    ('states', ['h', True], 'a name is text, not a YAML truth value .* write it in quotes$'),
+    ('terminal_constraints.0', 'h - h_0', "'h_0' is the initial value of 'h'; write this "
+                                          'constraint under boundary_constraints$'),
+    # Nothing is guessed where it is not clear what is meant.
+    ('dynamics', ['v'], 'found a list of 1$'), ('inputs', {'u u': 1}, 'found a mapping$'),
+    ('inputs', [], 'at least one name$'), ('input_bounds.u', -1, "found int '-1'$"),
+    ('terminal_constraints', {'h': [0, 1]}, 'found a mapping$'),
+    ('final_time', True, "found bool 'True'$")])
+def test_an_error_says_what_to_write_in_words(path, value, words):
+    lines = collect_lines((path, value, ''))
+    assert re.search(words, lines[0] if path != 'maximize' else '\n'.join(lines), re.M), lines
+
+
+junk = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=5)
+    | st.sampled_from(['h', 'u', 'inf', 'free', 'lower', 'upper']),
+    lambda inside: st.lists(inside, max_size=3) | st.dictionaries(
+        st.sampled_from(['h', 'u', 'lower', 'upper', 'free', 'value']) | st.text(max_size=3),
+        inside, max_size=3))
+
+
+@given(st.sampled_from([
+    'states', 'inputs', 'parameters', 'dynamics', 'initial_state', 'terminal_constraints',
+    'boundary_constraints', 'input_bounds', 'input_bounds.u', 'final_time', 'path_constraints',
+    'free_parameters', 'initial_guess', 'units', 'phases', 'maximize']), junk)
+@settings(max_examples=60)
+def test_any_value_gives_a_sentence_or_a_problem(path, value):
+    statement = changed(path, value)
+    try:
+        build_problem(statement)
+    except StatementError as error:
+        assert all(line.isprintable() and ': ' in line for line in str(error).split('\n'))
+    assert repr(statement) == repr(changed(path, value))
