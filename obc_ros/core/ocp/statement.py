@@ -9,7 +9,7 @@ others are raised together. A valid statement of a problem without a solution is
 The module is long because each key of a statement has its own check and message.
 """
 
-from collections.abc import Callable, Collection, Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 import hashlib
 import math
@@ -158,15 +158,17 @@ def replace_functions(mapping: Mapping[str, Any]) -> dict[str, Any]:
 
 def _check_each_phase(given: Given) -> None:
     """Raise the errors of the phases, and links, that are invalid by themselves."""
-    def check(part: Given, rename: Callable[[str], str]) -> None:
-        try:
-            _build_problem(part)
-        except StatementError as error:
-            raise restate(error, rename) from None
-
+    failed: list[Given] = []
     with Faults() as faults:
         for part, rename in state_each_phase(given):
-            faults.attempt(check, part, rename)
+            if any(all(part.get(key) is value for key, value in each.items()
+                       if not key.startswith('terminal')) for each in failed):
+                continue   # it has the same errors
+            try:
+                _build_problem(part)
+            except StatementError as error:
+                failed.append(part)
+                faults.note(restate(error, rename))
 
 
 def _read_units(given: Given) -> dict[str, str]:
@@ -304,18 +306,20 @@ def _own_plant(given: Given, faults: Faults) -> _Plant:
         states = names.attempt(read_names, given, 'states')
         inputs = names.attempt(read_names, given, 'inputs')
         parameters = names.attempt(read_section, given, 'parameters')
-        names.attempt(read_section, given, 'free_parameters')
+        signals = (*(states or ()), *(inputs or ()))
+        free_names = names.attempt(_free_names, given, signals, parameters or ())
         for name in inputs or ():
             if name in (states or ()):
                 names.note(StatementError(f"inputs: '{name}' is both a state and an input"))
+        for name in parameters or ():
+            names.attempt(_parameter, name, states or (), inputs or ())
     x = {name: ca.SX.sym(name) for name in states}
     u = {name: ca.SX.sym(name) for name in inputs}
     values = NamedValues()
     for name, value in parameters.items():
-        if known_name := faults.attempt(_parameter, name, states, inputs):
-            values.read(known_name, value, faults)
+        values.read(name, value, faults)
     p = {name: ca.SX.sym(name) for name in values}
-    free = {name: ca.SX.sym(name) for name in _free_names(given, (*states, *inputs), p, faults)}
+    free = {name: ca.SX.sym(name) for name in free_names}
     time = _time((*states, *inputs, *p))
     known = x | u | p | free | ({} if time is None else {TIME: time})
     equations = faults.attempt(_equations, given, x, u, p | free, time)
@@ -354,7 +358,7 @@ def _time(names: Collection[str]) -> ca.SX | None:
 
 
 def _free_names(given: Given, signals: Collection[str],
-                parameters: Collection[str], faults: Faults) -> list[str]:
+                parameters: Collection[str]) -> list[str]:
     def check(name: object) -> str:
         name = check_name(name, 'free_parameters')
         if name == TIME:
@@ -368,8 +372,8 @@ def _free_names(given: Given, signals: Collection[str],
                                  'of the two')
         return name
 
-    return [name for each in read_section(given, 'free_parameters')
-            if (name := faults.attempt(check, each))]
+    with Faults() as faults:
+        return [faults.attempt(check, name) for name in read_section(given, 'free_parameters')]
 
 
 def _registered_plant(given: Given, faults: Faults) -> _Plant:
@@ -413,7 +417,7 @@ def _registered_plant(given: Given, faults: Faults) -> _Plant:
     values = values.select(p)
     signals = (*system.state_names, *system.input_names)
     found = {key: replaced[key] if key in replaced else ca.SX.sym(key)
-             for key in _free_names(given, signals, p, faults)}
+             for key in _free_names(given, signals, p)}
     return _Plant(
         states=system.state_names, inputs=system.input_names, angles=system.angles,
         x=dict(zip(system.state_names, ca.vertsplit(system.x), strict=True)),

@@ -108,7 +108,7 @@ def suggest_line(value: object, where: str, names: Sequence[str] = ()) -> str:
     :return: empty if it is not clear what is meant.
     """
     parts = [part for part in where.split('.') if not part.startswith('phases[')]
-    form = _FORMS.get(parts[0], '')
+    form = _FORMS.get(parts[0] if parts else '', '')
     try:
         made = (_REFORM[f'{form} of one' if len(parts) > 1 else form])(value, names)
     except (KeyError, TypeError, ValueError):   # it has a form of its own
