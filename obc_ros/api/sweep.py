@@ -23,9 +23,11 @@ from typing import Any
 import numpy as np
 from obc_ros.api.given import convert_numbers
 from obc_ros.api.problem import as_statement, ProblemLike
+from obc_ros.core.lqr.case_plants import take_plant
 from obc_ros.core.ocp.method_names import get_method
 from obc_ros.core.solver.options import read_options
 from obc_ros.core.text.errors import StatementError
+from obc_ros.core.text.file_kinds import FileKind, recognise, refuse_others
 from obc_ros.core.text.recorded_functions import RecordedFunction
 from obc_ros.sweep.axes import check_count, make_axes, make_draws, RandomNumber, SweepAxis
 from obc_ros.sweep.chunk_solver import Chunk, Row, solve_locally
@@ -43,7 +45,6 @@ CHUNK = 64           # points
 MOST_IN_CHUNK = 10_000
 MOST_WORKERS = 1024
 WITHOUT_DASK = 'none'
-REGULATOR_KEYS = {'Qx', 'Qu', 'weights', 'A', 'B'}   # no problem has them
 
 
 @dataclass(frozen=True)
@@ -343,7 +344,12 @@ def sweep(problem: ProblemLike,
 def load_numbers(problem: ProblemLike) -> ProblemNumbers | RegulatorNumbers:
     """Return the numbers, that can be varied, of a problem or case, its statement, or its file."""
     statement = convert_numbers(as_statement(problem, {}))
-    return (RegulatorNumbers if REGULATOR_KEYS & set(statement) else ProblemNumbers)(statement)
+    path = Path(problem) if isinstance(problem, str | Path) and '\n' not in str(problem) else Path()
+    refuse_others(statement, (FileKind.PROBLEM, FileKind.CASE, FileKind.PLANT), path)
+    if recognise(statement) in (FileKind.CASE, FileKind.PLANT):
+        plant, case = take_plant(statement, path.parent)
+        return RegulatorNumbers(case, plant)
+    return ProblemNumbers(statement)
 
 
 def choose_workers(scheduler: str, workers: int) -> Workers:

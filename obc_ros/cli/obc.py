@@ -37,7 +37,7 @@ SUBCOMMANDS = {
 EXAMPLES = {
     'demo': 'obc demo aircraft',
     'solve': 'obc solve dido --plot figures',
-    'lqr': 'obc lqr cases.yaml --json designs',
+    'lqr': 'obc lqr cart.yaml --json designs',
     'sweep': "obc sweep di_mintime_rest --over 'x0.x=-2:2:41' --out out --plot",
     'gallery': 'obc gallery --sheet exercises.yaml',
     'examples': 'obc examples --match obstacle',

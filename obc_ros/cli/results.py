@@ -33,19 +33,21 @@ class Asked(ABC):
     """
     An entry of a file, and its result.
 
-    `where` is the file, and the position in a list; `file_name` is that of the result, without
-    extension; `label` is the name, with `where` if the name is not unique; `renamed` is set if
-    the file name was taken. `took` is the time [s] from the request to the result. `kind` is that
-    of the request.
+    `where` is the file, and the position in a list, `file` the file alone; `file_name` is that of
+    the result, without extension; `label` is the name, with `where` if the name is not unique;
+    `renamed` is set if the file name was taken. `took` is the time [s] from the request to the
+    result. `kind` is that of the request.
     """
 
     kind: ClassVar[str]
+    examples: ClassVar[bool]   # whether the names of examples are accepted
 
     name: str
     where: str
     file_name: str
     label: str = ''
     renamed: bool = False
+    file: Path = Path()
     status: str = ''
     message: str = ''
     took: float = math.nan
@@ -78,7 +80,7 @@ def read_questions(kind: type[Kind], files: Iterable[Path]) -> list[Kind]:
     """Return the entries of all files, in order; what is malformed has this status."""
     asked: list[Kind] = []
     for file in files:
-        for where, entry in _entries(file):
+        for where, entry in _entries(file, kind.examples):
             alone = where == str(file)
             name = file.stem
             if not isinstance(entry, StatementError):
@@ -87,7 +89,8 @@ def read_questions(kind: type[Kind], files: Iterable[Path]) -> list[Kind]:
                 name = f"{file.stem}_{where.rpartition(' ')[2]}"
             wanted = file.stem if alone else name
             unique = choose_file_name(wanted, (each.file_name for each in asked))
-            asked.append(kind(name, where, unique, renamed=unique != choose_file_name(wanted, ())))
+            asked.append(kind(name, where, unique, file=file,
+                              renamed=unique != choose_file_name(wanted, ())))
             try:
                 if isinstance(entry, StatementError):
                     raise entry
@@ -162,12 +165,12 @@ def save_answers(asked: Sequence[Kind], args: argparse.Namespace,
             draw(args.plot / each.file_name, each, args.format)
 
 
-def _entries(file: Path) -> list[tuple[str, FileEntry]]:
+def _entries(file: Path, examples: bool) -> list[tuple[str, FileEntry]]:
     """Return the entries of a file and their places; for an unreadable file, its error."""
     try:
         return read_entries(file)
     except StatementError as error:
-        hint = '' if file.exists() else suggest_file(file)
+        hint = '' if file.exists() else suggest_file(file, examples)
         return [(str(file), StatementError(f'{error}{hint}'))]
 
 

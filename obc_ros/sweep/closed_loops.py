@@ -16,6 +16,7 @@ import numpy as np
 from obc_ros.core.lqr.design.design import Design, design, linearize_plant, LinearizedPlant
 from obc_ros.core.numerics.arrays import Array, integrate
 from obc_ros.core.systems.equilibrium import Equilibrium
+from obc_ros.core.systems.file import build_plant
 from obc_ros.core.systems.registry import find_registered
 from obc_ros.core.systems.system import Signal, System
 from obc_ros.core.text.errors import DynamicsError, RefusedDesignError, StatementError
@@ -59,7 +60,7 @@ def simulate_regulator(request: Mapping[str, Any]) -> dict[str, Any]:
 
 def linearize_plant_of(case: Mapping[str, Any], system: System) -> LinearizedPlant:
     """Return the plant of a case at its set point; ObcError: it is no equilibrium."""
-    if case.get('system') is None:   # the set point of given matrices is the origin
+    if all(case.get(key) is None for key in ('system', 'plant')):   # matrices: x = 0
         n, m = system.n, system.m
         A, B = system.jacobians(np.zeros(n), np.zeros(m))
         rest = Equilibrium(np.zeros(n), np.zeros(m), np.zeros(n))
@@ -70,6 +71,8 @@ def linearize_plant_of(case: Mapping[str, Any], system: System) -> LinearizedPla
 
 
 def _system(case: Mapping[str, Any], numbers: Mapping[str, Any]) -> System:
+    if case.get('plant') is not None:
+        return build_plant(case['plant'], numbers.get('parameters') or {})
     if case.get('system') is not None:
         return find_registered(case['system'], numbers.get('parameters') or {})
     A, B = (np.array(read_numbers(numbers[key], key)) for key in ('A', 'B'))

@@ -19,12 +19,12 @@ from collections.abc import Iterator, Mapping
 from functools import cached_property
 from typing import Any
 
-from obc_ros.core.systems.file import FOR_PEOPLE
+from obc_ros.core.systems.file import build_plant, FOR_PEOPLE
 from obc_ros.core.systems.registry import find_registered
 from obc_ros.core.systems.system import Signal, System
 from obc_ros.core.text.errors import describe_type, StatementError
 from obc_ros.core.text.expressions import parse_number
-from obc_ros.core.text.fields import check_keys
+from obc_ros.core.text.fields import check_keys, read_section
 from obc_ros.sweep.dataset import REGULATOR_QUANTITIES
 from obc_ros.sweep.problem_numbers import check_number_key, Place, replace_number
 
@@ -39,6 +39,7 @@ class RegulatorNumbers:
     A case of `obc lqr` whose numbers vary, and whose closed loop is simulated.
 
     :param case: as in a file of `obc lqr`, without sampling and delay.
+    :param plant: of a file, as `take_plant` returns it; None: that of the case.
     :ivar dimensions: names of the states and of the inputs.
     :raises ObcError: if the case is malformed.
     """
@@ -46,7 +47,7 @@ class RegulatorNumbers:
     kind = 'regulator'
     quantities = REGULATOR_QUANTITIES
 
-    def __init__(self, case: Mapping[str, Any]) -> None:
+    def __init__(self, case: Mapping[str, Any], plant: Mapping[str, Any] | None = None) -> None:
         for key in ('sample_time', 'delay'):
             if case.get(key):
                 raise StatementError(f'{key}: a sweep simulates regulators in continuous time')
@@ -56,6 +57,8 @@ class RegulatorNumbers:
         for key in (*LISTS, *NUMBERS):
             if self.statement.get(key) not in (None, []):
                 read_numbers(self.statement[key], key)
+        if plant is not None:
+            self.statement['plant'] = dict(plant)
         self._system = self._find_system()
         states, inputs = self._signals()
         self.dimensions = {'state': tuple(signal.name for signal in states),
@@ -120,6 +123,8 @@ class RegulatorNumbers:
 
     def _find_system(self) -> System | None:
         case = self.statement
+        if case.get('plant') is not None:
+            return build_plant(case['plant'], read_section(case, 'parameters'))
         if case.get('system') is None:
             return None
         for key in ('A', 'B'):

@@ -20,6 +20,7 @@ from obc_ros.cli.results import Asked, Kind
 from obc_ros.cli.terminal import EndSignals, InterruptedByUserError, Lines, show_progress
 from obc_ros.core.ocp.solution import Solution, Status
 from obc_ros.core.text.errors import ObcError
+from obc_ros.core.text.file_kinds import FileKind, refuse_others
 from obc_ros.ros.installation import require_ros
 from obc_ros.workers.pool import Job, Pool, RequestAnswer, SHORTEST, TIME_LIMIT
 from obc_ros.workers.responses import compute_affinity, respond, unpack_solution
@@ -41,6 +42,7 @@ class Question(Asked):
     """
 
     kind: ClassVar[str] = 'solve'
+    examples: ClassVar[bool] = True
 
     mapping: dict[str, Any] = field(default_factory=dict)
     method: str = ''
@@ -51,6 +53,7 @@ class Question(Asked):
     def take(self, entry: dict[str, Any]) -> None:
         """Keep the statement. Who solves the problem checks it, unless it cannot be sent."""
         self.mapping = entry
+        refuse_others(entry, (FileKind.PROBLEM,), self.file)
         if not is_plain(entry):
             from obc_ros.core.ocp.statement import FOR_THE_SOLVER
             self.build_problem()

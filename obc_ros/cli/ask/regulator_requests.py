@@ -4,7 +4,8 @@
 The cases of linear quadratic regulators in files.
 
 The plant is either ``A`` and ``B`` (lists of rows), or ``system`` with ``parameters``,
-``setpoint`` and ``setpoint_input``. The weights are ``Qx`` and ``Qu`` (lists of rows, or a
+``setpoint`` and ``setpoint_input``, or a file with the keys of a system, see `take_plant`.
+The weights are ``Qx`` and ``Qu`` (lists of rows, or a
 diagonal), or ``weights: bryson`` with ``x_max`` and ``u_max``, or ``weights: output`` with ``H``
 and ``rho``. Optional are ``cross``, ``stability``, ``sample_time`` and ``delay``. Every number may
 be an expression.
@@ -17,14 +18,23 @@ from typing import Any, ClassVar
 
 import numpy as np
 from obc_ros.cli.results import Asked
+from obc_ros.core.lqr.case_plants import format_weights, take_plant, WEIGHTS
+from obc_ros.core.lqr.design.design import linearize_plant
 from obc_ros.core.lqr.design.report import read_matrices
 from obc_ros.core.lqr.weights import WEIGHT_KINDS
 from obc_ros.core.numerics.arrays import Array
-from obc_ros.core.systems.file import FOR_PEOPLE
+from obc_ros.core.systems.file import build_plant, FOR_PEOPLE
 from obc_ros.core.systems.registry import find_registered
-from obc_ros.core.text.errors import describe_type, Faults, StatementError, suggest_name
+from obc_ros.core.text.errors import (
+    DependentError,
+    describe_type,
+    Faults,
+    StatementError,
+    suggest_name,
+)
 from obc_ros.core.text.expressions import parse_number
-from obc_ros.core.text.fields import check_keys
+from obc_ros.core.text.fields import check_keys, read_section
+from obc_ros.core.text.file_kinds import FileKind, refuse_others
 from obc_ros.workers.wire import Packet
 
 PLANT = ('A', 'B')
@@ -40,17 +50,23 @@ class Case(Asked):
     A regulator to be designed.
 
     `given` holds the entries of the file by key; None if it is malformed. `design` has the fields
-    of the message LqrDesign; None if there is none.
+    of the message LqrDesign; None if there is none. `note` is added to the message of a design.
     """
 
     kind: ClassVar[str] = 'design_lqr'
+    examples: ClassVar[bool] = False
 
     given: dict[str, Any] | None = None
+    note: str = ''
     design: Any = field(default=None, repr=False)
 
     def take(self, entry: dict[str, Any]) -> None:
         """Check the entries of the case, and keep them."""
-        self.given = check_case(entry)
+        refuse_others(entry, (FileKind.CASE, FileKind.PLANT), self.file)
+        plant, case = take_plant(entry, self.file.parent)
+        if plant and not set(WEIGHTS) & set(entry):
+            self.note = f"weights by Bryson's rule: {format_weights(case)}"
+        self.given = check_case(case, plant)
 
     def make_request(self) -> Packet:
         """Return the request to a worker."""
@@ -68,6 +84,11 @@ class Case(Asked):
             self.design = SimpleNamespace(**response.plain['design'], **response.arrays)
         self.end(status if status in ('solved', 'malformed') else 'refused', message)
 
+    def end(self, status: str, message: str) -> None:
+        """Set status and message of the result."""
+        super().end(status, '; '.join(filter(None, (
+            message, self.note if status == 'solved' else ''))))
+
     def as_json(self) -> dict[str, Any]:
         """Return the contents of ``NAME.json``; without a design, the matrices are empty."""
         found: dict[str, Any] = {'name': self.name, 'status': self.status,
@@ -79,12 +100,23 @@ class Case(Asked):
         return found
 
 
-def check_case(mapping: Mapping[Any, Any]) -> dict[str, Any]:
-    """Return the checked entries of a case by key: flat arrays, numbers and names."""
+def check_case(mapping: Mapping[Any, Any], plant: Mapping[str, Any] | None = None
+               ) -> dict[str, Any]:
+    """
+    Return the checked entries of a case by key: flat arrays, numbers and names.
+
+    :param plant: as `take_plant` returns it; its linearization takes its place.
+    """
     given = {key: value for key, value in mapping.items() if key in KEYS and value is not None}
     found = {key: given[key] for key in ('system', 'parameters') if key in given}
     with Faults(mapping) as faults:
         faults.attempt(check_keys, mapping, KEYS, FOR_PEOPLE)
+        if plant is not None:
+            linear = faults.attempt(_linearize, plant, given)
+            if linear is None:
+                raise DependentError('the plant is malformed')
+            given |= linear
+            found = {}
         sizes = faults.attempt(_system if 'system' in given else _plant, given)
         for key, size in zip(('Qx', 'Qu'), sizes or (), strict=False):
             if key in given:
@@ -108,6 +140,16 @@ def _kind_of_weights(value: object) -> str:
         raise StatementError(f'weights: wanted one of {", ".join(WEIGHT_KINDS)}, found '
                              f'{describe_type(value)}{suggest_name(str(value), WEIGHT_KINDS)}')
     return str(value)
+
+
+def _linearize(plant: Mapping[str, Any], given: dict[str, Any]) -> dict[str, Any]:
+    """Return A and B of a plant at its set point, which are taken out of a case."""
+    at = [_flat(key, given.pop(key)).tolist() if key in given else []
+          for key in ('setpoint', 'setpoint_input')]
+    system = build_plant(plant, read_section(given, 'parameters'))
+    given.pop('parameters', None)
+    linear = linearize_plant(system, *at)
+    return {'A': linear.A.tolist(), 'B': linear.B.tolist()}
 
 
 def _system(given: Mapping[str, Any]) -> tuple[int, int]:

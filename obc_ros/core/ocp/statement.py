@@ -55,6 +55,7 @@ from obc_ros.core.text.fields import (
     suggest_line,
     UnknownValues,
 )
+from obc_ros.core.text.file_kinds import FileKind, refuse_others
 from obc_ros.core.text.stated_functions import (
     call_functions,
     record_functions,
@@ -247,6 +248,7 @@ def load_file(path: str | Path) -> list[dict[str, Any]]:
     for _, entry in read_entries(path):
         if isinstance(entry, StatementError):
             raise entry
+        refuse_others(entry, (FileKind.PROBLEM,), path)
         mappings.append(entry)
     return mappings
 

@@ -40,6 +40,7 @@ from obc_ros.core.text.fields import (
     read_names,
     read_section,
 )
+from obc_ros.core.text.file_kinds import FileKind, refuse_others
 from obc_ros.core.text.recorded_functions import record_function
 from obc_ros.core.text.stated_functions import call_functions
 from obc_ros.core.text.yaml_files import read_yaml
@@ -85,6 +86,7 @@ def _load(path: str | Path) -> tuple[System, Given]:
     try:
         if not isinstance(given, Mapping):
             raise StatementError(f'wanted one mapping of keys, found {describe_type(given)}')
+        refuse_others(given, (FileKind.PROBLEM, FileKind.PLANT), path)
         return _system(given, Path(path).stem, {}), given
     except ObcError as error:
         raise restate(error, lambda line: f'{path}: {line}') from None

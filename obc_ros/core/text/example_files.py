@@ -47,10 +47,17 @@ def choose_file(given: Path) -> Path:
     return given
 
 
-def suggest_file(given: Path) -> str:
-    """Return a suggestion for a file that does not exist; empty if nothing is similar."""
+def suggest_file(given: Path, examples: bool = True) -> str:
+    """
+    Return a suggestion for a file that does not exist; empty if nothing is similar.
+
+    :param examples: whether the names of examples, which are problems, are accepted in its place.
+    """
+    if not examples and given.name == str(given) and find_example(given.name).is_file():
+        return f'; the example of this name is a problem: obc solve {given}'
     beside = given.parent if given.parent.is_dir() else Path()
     # Equal suffixes alone do not make two names similar.
     names = [path.name for path in beside.glob('*.y*ml')
              if suggest_name(given.stem, [path.stem])] if given.name else []
-    return suggest_name(given.name, names if given.suffix else [*names, *list_examples()])
+    return suggest_name(given.name, [
+        *names, *(list_examples() if examples and not given.suffix else ())])
