@@ -34,7 +34,7 @@ SUBCOMMANDS = {
     'bench': 'run the benchmarks',
     'completion': 'print what completes commands, options and names in a shell',
 }
-EXAMPLES = {
+COMMAND_EXAMPLES = {
     'demo': 'obc demo aircraft',
     'solve': 'obc solve dido --plot figures',
     'lqr': 'obc lqr cart.yaml --json designs',
@@ -128,7 +128,7 @@ def build_parser(used: Collection[str], unlisted: Collection[str] = (), epilog: 
         listed: dict[str, Any] = {} if name in unlisted else {'help': text}
         command = commands.add_parser(
             name, description=f'{text[:1].upper()}{text[1:]}.', **listed)
-        command.example = EXAMPLES[name]
+        command.example = COMMAND_EXAMPLES[name]
         if name in used:
             module = import_subcommand(name)
             module.add_arguments(command)
@@ -144,7 +144,7 @@ def tell_more(pure: bool) -> str:
         rows = ''.join(f'    {name:20}{text}\n' for name, text in ROS2.items())
         more = ('the commands of ros2, with the same arguments, if ros2 is not installed:\n'
                 f'{rows}')
-    return (f'{more}\nexample: {EXAMPLES["solve"]}\n'
+    return (f'{more}\nexample: {COMMAND_EXAMPLES["solve"]}\n'
             'exit status: 0 success, 1 failure or no certified solution (the reason is printed), '
             '2 invalid input')
 

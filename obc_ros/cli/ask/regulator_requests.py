@@ -18,7 +18,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 from obc_ros.cli.results import Asked
-from obc_ros.core.lqr.case_plants import format_weights, take_plant, WEIGHTS
+from obc_ros.core.lqr.case_plants import CASE_WEIGHTS, format_weights, take_plant
 from obc_ros.core.lqr.design.design import linearize_plant
 from obc_ros.core.lqr.design.report import read_matrices
 from obc_ros.core.lqr.weights import WEIGHT_KINDS
@@ -64,7 +64,7 @@ class Case(Asked):
         """Check the entries of the case, and keep them."""
         refuse_others(entry, (FileKind.CASE, FileKind.PLANT), self.file)
         plant, case = take_plant(entry, self.file.parent)
-        if plant and not set(WEIGHTS) & set(entry):
+        if plant and not set(CASE_WEIGHTS) & set(entry):
             self.note = f"weights by Bryson's rule: {format_weights(case)}"
         self.given = check_case(case, plant)
 

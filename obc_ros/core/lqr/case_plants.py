@@ -11,13 +11,13 @@ import math
 from pathlib import Path
 from typing import Any
 
-from obc_ros.core.systems.file import build_plant, build_system, load_plant, PLANT
+from obc_ros.core.systems.file import build_plant, build_system, load_plant, PLANT_KEYS
 from obc_ros.core.systems.registry import is_file
 from obc_ros.core.systems.system import Signal, System
 from obc_ros.core.text.errors import StatementError
 from obc_ros.core.text.fields import read_section
 
-WEIGHTS = ('weights', 'Qx', 'Qu', 'x_max', 'u_max', 'H')
+CASE_WEIGHTS = ('weights', 'Qx', 'Qu', 'x_max', 'u_max', 'H')
 MATRICES = ('A', 'B', 'system')
 
 
@@ -39,13 +39,13 @@ def take_plant(case: Mapping[Any, Any], folder: Path
         for key in MATRICES:
             if key in given:
                 raise StatementError(f"{key}: the file has 'dynamics'; give one of the two")
-        plant = {key: value for key, value in given.items() if key in PLANT and not (
+        plant = {key: value for key, value in given.items() if key in PLANT_KEYS and not (
             key.startswith('setpoint') and isinstance(value, list))}
         rest = {key: value for key, value in given.items() if key not in plant or key == 'name'}
         system = build_system(plant)
     else:
         return None, dict(case)
-    if not set(WEIGHTS) & set(rest):
+    if not set(CASE_WEIGHTS) & set(rest):
         rest |= _weigh_by_bounds(system)
     return plant, rest
 

@@ -56,6 +56,7 @@ from obc_ros.core.text.fields import (
     UnknownValues,
 )
 from obc_ros.core.text.file_kinds import FileKind, refuse_others
+from obc_ros.core.text.recorded_functions import RecordedFunction
 from obc_ros.core.text.stated_functions import (
     call_functions,
     record_functions,
@@ -152,7 +153,9 @@ def replace_functions(mapping: Mapping[str, Any]) -> dict[str, Any]:
     """Return a valid statement in which what its functions return is recorded as plain data."""
     given = dict(mapping)
     if any(callable(value) for value in given.values()):
-        plant = _registered_plant(given) if given.get('system') is not None else _own_plant(given)
+        with Faults(given) as faults:
+            plant = (_own_plant if given.get('system') is None else _registered_plant)(
+                given, faults)
         given = record_functions(given, ('dynamics', *STATED_FUNCTIONS), *plant.arguments)
     return given
 
@@ -236,7 +239,7 @@ def _build_problem(given: Given) -> Problem:
 def _call_each(given: Given, plant: _Plant, faults: Faults) -> Given:
     """Return a statement without functions; one that fails counts as absent."""
     for key in STATED_FUNCTIONS:
-        if callable(given.get(key)):
+        if callable(given.get(key)) or isinstance(given.get(key), RecordedFunction):
             given = faults.attempt(call_functions, given, (key,), *plant.arguments) or {
                 **given, key: None}
     return given

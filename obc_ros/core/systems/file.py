@@ -47,7 +47,7 @@ from obc_ros.core.text.yaml_files import read_yaml
 
 OF_A_PLANT = ('units', 'angles', 'setpoint', 'setpoint_input', 'parameter_bounds', 'plane',
               'description', 'outputs', 'ros')
-PLANT = ('name', 'states', 'inputs', 'parameters', 'dynamics', 'input_bounds', 'state_bounds',
+PLANT_KEYS = ('name', 'states', 'inputs', 'parameters', 'dynamics', 'input_bounds', 'state_bounds',
          *OF_A_PLANT)
 TASK = (
     'running_cost', 'terminal_cost', 'initial_cost', 'initial_state', 'initial_constraints',
@@ -76,7 +76,7 @@ def load_system(path: str | Path) -> System:
 def load_plant(path: str | Path) -> dict[str, Any]:
     """Read the keys of a system, without those of a task, for `build_system` elsewhere."""
     system, given = _load(path)
-    return {key: given[key] for key in PLANT if key in given} | {'name': system.name}
+    return {key: given[key] for key in PLANT_KEYS if key in given} | {'name': system.name}
 
 
 def _load(path: str | Path) -> tuple[System, Given]:
@@ -116,7 +116,7 @@ def evaluate_parameters(parameters: Mapping[str, Any]) -> dict[str, Any]:
 
 def _system(given: Given, stem: str, chosen: Values) -> System:
     with Faults(given) as faults:
-        faults.attempt(check_keys, given, PLANT, TASK + FOR_PEOPLE)
+        faults.attempt(check_keys, given, PLANT_KEYS, TASK + FOR_PEOPLE)
         with Faults() as names:
             states = names.attempt(read_names, given, 'states')
             inputs = names.attempt(read_names, given, 'inputs')
