@@ -9,7 +9,7 @@ import math
 from typing import Any
 
 from hypothesis import given, settings, strategies
-from obc_ros.core.text.errors import ObcError, StatementError
+from obc_ros.core.text.errors import JoinedStatementError, ObcError, StatementError
 from obc_ros.ros.parameters.node_parameters import (
     declare_field,
     group,
@@ -51,6 +51,8 @@ def give(text: str) -> StartValues:
     """Return the start values of a text such as ``rate=2.0 Qx=(3.0,)``."""
     if text == 'nothing':
         raise StatementError('nothing: it gives no value')
+    if text == 'faults':
+        raise JoinedStatementError('faults: one', 'two')
     return StartValues({name: ast.literal_eval(value) for name, value in (
         each.split('=') for each in text.split())}, 'values for a test')
 
@@ -357,6 +359,7 @@ def test_a_default_may_depend_on_what_is_given(probe: Any) -> None:
 
 @pytest.mark.parametrize(('text', 'words'), [
     ('nothing', "^start = 'nothing': it gives no value"),
+    ('faults', "^start = 'faults': one\nstart = 'faults': two$"),
     ('delay=5.0', 'delay = 5: wanted between 0 and 1'), ('rate=1e999', 'rate = inf'),
     ('system_parameters.l=3.0', '^start = .* gives system_parameters.l, but there is no such'),
     ("system='no_such'", 'no_such')])

@@ -41,7 +41,7 @@ from dataclasses import fields, MISSING, replace
 import sys
 from typing import Any, cast, Generic, TypeVar
 
-from obc_ros.core.text.errors import ObcError, quote, StatementError
+from obc_ros.core.text.errors import ObcError, quote, restate, StatementError
 from obc_ros.ros.execution.callback_guards import guard
 from obc_ros.ros.execution.worker_thread import WorkerThread
 from obc_ros.ros.parameters.files import check_files
@@ -162,7 +162,8 @@ class Parameters(Generic[Settings, Judged]):
             try:
                 found = entry.gives(str(value))
             except ObcError as error:   # of a file: it may begin with its path
-                raise StatementError(f'{giver}: {str(error).removeprefix(f"{value}: ")}') from None
+                raise restate(error, lambda line: (
+                    f'{giver}: {line.removeprefix(f"{value}: ")}')) from None
             self._start |= {each: (given, giver) for each, given in found.values.items()}
             self._node.get_logger().info(f'{giver}: {found.note}')
 
