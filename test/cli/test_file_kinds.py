@@ -77,7 +77,8 @@ def test_a_file_of_another_kind_is_named_with_its_command(write, capsys, command
     assert not Path('out').exists()
 
 
-@pytest.mark.parametrize('kind', set(FileKind) - {FileKind.PROBLEM, FileKind.PLANT})
+@pytest.mark.parametrize('kind', [
+    kind for kind in FileKind if kind not in (FileKind.PROBLEM, FileKind.PLANT)])
 def test_no_other_file_is_a_system(write, kind):
     with pytest.raises(StatementError, match=f'^file.yaml: this is {kind.value[0]}'):
         registry.load_system(write('file.yaml', KINDS[kind]))

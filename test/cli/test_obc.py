@@ -133,10 +133,12 @@ def test_the_help_without_ros_lists_apart_what_does_not_work(pure, capsys):
         assert re.search(rf'[:,] {name}\b', apart)
 
 
-@pytest.mark.parametrize('command', ['solve', 'lqr'])
-def test_a_server_without_ros_is_an_error_in_words(pure, tmp_path, capsys, command):
-    (tmp_path / 'asked.yaml').write_text('{A: [[0]], B: [[1]], Qx: [1], Qu: [1]}')
-    assert obc.main([command, str(tmp_path / 'asked.yaml'), '--server']) == 1
+@pytest.mark.parametrize('command, file', [('solve', 'dido'), ('lqr', 'case.yaml')])
+def test_a_server_without_ros_is_an_error_in_words(pure, tmp_path, monkeypatch, capsys, command,
+                                                   file):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / 'case.yaml').write_text('{A: [[0]], B: [[1]], Qx: [1], Qu: [1]}')
+    assert obc.main([command, file, '--server']) == 1
     assert '--server needs ROS 2, and obc_ros is installed without it' in capsys.readouterr().out
 
 
