@@ -344,7 +344,8 @@ def sweep(problem: ProblemLike,
 def load_numbers(problem: ProblemLike) -> ProblemNumbers | RegulatorNumbers:
     """Return the numbers, that can be varied, of a problem or case, its statement, or its file."""
     statement = convert_numbers(as_statement(problem, {}))
-    path = Path(problem) if isinstance(problem, str | Path) and '\n' not in str(problem) else Path()
+    named = isinstance(problem, str | Path) and '\n' not in str(problem)
+    path = Path(str(problem) if named else '.')
     refuse_others(statement, (FileKind.PROBLEM, FileKind.CASE, FileKind.PLANT), path)
     if recognise(statement) in (FileKind.CASE, FileKind.PLANT):
         plant, case = take_plant(statement, path.parent)

@@ -647,7 +647,7 @@ def _initial_state(given: Given, plant: _Plant) -> list[tuple[float, float]]:
     wanted, given = _example(plant.states), name_initial_state(given, plant.states)
     if given['initial_state'] is None:
         raise StatementError(f'initial_state: missing; wanted {wanted}')
-    start = read_mapping(given['initial_state'], 'initial_state', wanted, names=plant.states)
+    start = read_mapping(given['initial_state'], 'initial_state', wanted)
     with Faults() as faults:
         faults.attempt(_check_states, start, plant.states, 'initial_state', 'value')
         return [faults.attempt(_initial_value, start[name], plant.values, f'initial_state.{name}')

@@ -36,10 +36,10 @@ _OTHER_KEYS = {other: key for key, others in {
     'path_constraints': ('constraints', 'obstacles'),
     'final_time': ('T', 'tf', 'horizon', 'duration')}.items() for other in others}
 
-# What a key wants: names, equations, values of names, bounds of names, or rows.
+# What a key wants: names, equations, constants, bounds of names, or rows.
 _FORMS = {
     **dict.fromkeys(('states', 'inputs', 'periodic', 'variables', 'angles'), 'names'),
-    'dynamics': 'equations', 'initial_state': 'values', 'parameters': 'constants',
+    'dynamics': 'equations', 'parameters': 'constants',
     **dict.fromkeys(('input_bounds', 'state_bounds', 'parameter_bounds', 'bounds'), 'bounds'),
     **dict.fromkeys(('terminal_constraints', 'initial_constraints', 'boundary_constraints'),
                     'rows'), 'final_time': 'final time'}
@@ -195,7 +195,7 @@ def _state_final_time(value: Any, names: Sequence[str]) -> dict[str, Any]:
 
 
 _REFORM: dict[str, Callable[[Any, Sequence[str]], Any]] = {
-    'names': _list_names, 'equations': _assign, 'values': _assign, 'constants': _give_values,
+    'names': _list_names, 'equations': _assign, 'constants': _give_values,
     'bounds': _bound_each, 'bounds of one': _bound_one, 'rows': _state_rows,
     'final time': _state_final_time}
 

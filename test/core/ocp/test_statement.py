@@ -307,7 +307,6 @@ def test_errors_name_a_file_that_cannot_be_read(tmp_path):
     ('inputs', 'u', '[u]'),
     ('states', 'h, v', '[h, v]'),
     ('dynamics', ['v', 'u - g'], '{h: v, v: u - g}'),
-    ('initial_state', [10, -2], '{h: 10, v: -2}'),
     ('terminal_constraints', 'h - 1', '[h - 1]'),
     ('terminal_constraints', {'h': 1, 'v': 0}, '[h - 1, v]'),
     ('terminal_constraints', {'v': -1}, '[v + 1]'),
