@@ -26,8 +26,8 @@ from obc_ros.api.problem import as_statement, ProblemLike
 from obc_ros.core.lqr.case_plants import take_plant
 from obc_ros.core.ocp.method_names import get_method
 from obc_ros.core.solver.options import read_options
+from obc_ros.core.systems.file_kinds import FileKind, recognise, refuse_others
 from obc_ros.core.text.errors import StatementError
-from obc_ros.core.text.file_kinds import FileKind, recognise, refuse_others
 from obc_ros.core.text.recorded_functions import RecordedFunction
 from obc_ros.sweep.axes import check_count, make_axes, make_draws, RandomNumber, SweepAxis
 from obc_ros.sweep.chunk_solver import Chunk, Row, solve_locally

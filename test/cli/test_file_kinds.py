@@ -8,8 +8,8 @@ from pathlib import Path
 from asking import read_json, SCALAR
 from obc_ros.cli.obc import main
 from obc_ros.core.systems import registry
+from obc_ros.core.systems.file_kinds import FileKind, recognise
 from obc_ros.core.text.errors import StatementError
-from obc_ros.core.text.file_kinds import FileKind, recognise
 import problems
 import pytest
 import yaml

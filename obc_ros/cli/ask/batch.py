@@ -19,8 +19,8 @@ from typing import Any, ClassVar
 from obc_ros.cli.results import Asked, Kind
 from obc_ros.cli.terminal import EndSignals, InterruptedByUserError, Lines, show_progress
 from obc_ros.core.ocp.solution import Solution, Status
+from obc_ros.core.systems.file_kinds import FileKind, refuse_others
 from obc_ros.core.text.errors import ObcError
-from obc_ros.core.text.file_kinds import FileKind, refuse_others
 from obc_ros.ros.installation import require_ros
 from obc_ros.workers.pool import Job, Pool, RequestAnswer, SHORTEST, TIME_LIMIT
 from obc_ros.workers.responses import compute_affinity, respond, unpack_solution

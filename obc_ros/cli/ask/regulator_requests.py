@@ -24,6 +24,7 @@ from obc_ros.core.lqr.design.report import read_matrices
 from obc_ros.core.lqr.weights import WEIGHT_KINDS
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.systems.file import build_plant, FOR_PEOPLE
+from obc_ros.core.systems.file_kinds import FileKind, refuse_others
 from obc_ros.core.systems.registry import find_registered
 from obc_ros.core.text.errors import (
     DependentError,
@@ -34,7 +35,6 @@ from obc_ros.core.text.errors import (
 )
 from obc_ros.core.text.expressions import parse_number
 from obc_ros.core.text.fields import check_keys, read_section
-from obc_ros.core.text.file_kinds import FileKind, refuse_others
 from obc_ros.workers.wire import Packet
 
 PLANT = ('A', 'B')

@@ -27,6 +27,7 @@ from obc_ros.core.ocp.phases import state_as_one_phase, state_each_phase
 from obc_ros.core.ocp.problem import FinalTime, FreeStart, Problem
 from obc_ros.core.systems import registry
 from obc_ros.core.systems.file import FOR_PEOPLE, OF_A_PLANT
+from obc_ros.core.systems.file_kinds import FileKind, refuse_others
 from obc_ros.core.systems.system import System
 from obc_ros.core.text import expressions
 from obc_ros.core.text.comparisons import state_comparisons
@@ -55,7 +56,6 @@ from obc_ros.core.text.fields import (
     suggest_line,
     UnknownValues,
 )
-from obc_ros.core.text.file_kinds import FileKind, refuse_others
 from obc_ros.core.text.recorded_functions import RecordedFunction
 from obc_ros.core.text.stated_functions import (
     call_functions,

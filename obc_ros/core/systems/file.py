@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Any
 
 import casadi as ca
+from obc_ros.core.systems.file_kinds import FileKind, refuse_others
 from obc_ros.core.systems.system import define, Parameter, Signal, System
 from obc_ros.core.text import expressions
 from obc_ros.core.text.errors import (
@@ -40,7 +41,6 @@ from obc_ros.core.text.fields import (
     read_names,
     read_section,
 )
-from obc_ros.core.text.file_kinds import FileKind, refuse_others
 from obc_ros.core.text.recorded_functions import record_function
 from obc_ros.core.text.stated_functions import call_functions
 from obc_ros.core.text.yaml_files import read_yaml
