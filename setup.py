@@ -5,7 +5,7 @@ Build a wheel of obc_ros: with ROS 2, by the CMakeLists.txt that colcon uses, or
 
 With ROS 2, the CMake project is built and installed into a staging folder. Its Python part becomes
 the package; ``lib``, ``share`` and ``include`` go to the prefix as data files. An editable wheel
-leaves the modules out: its package looks for them in the source tree. Without ROS 2, setuptools
+leaves the modules out: a path leads to those in the source tree. Without ROS 2, setuptools
 packs the modules; requirements/build_backend.py chooses.
 """
 
@@ -26,6 +26,7 @@ from setuptools.command.build_py import build_py
 
 ROOT = Path(__file__).resolve().parent
 SITE_PACKAGES = f'lib/python{sys.version_info.major}.{sys.version_info.minor}/site-packages'
+SOURCES = 'obc_ros_sources.pth'   # of an editable wheel: the path of the source tree
 OPTIMIZATION = '-O1 -DNDEBUG'
 # `ros2 run` starts these; unlike those of colcon they must find their own interpreter.
 ENTRY = '#!/bin/sh\nexec "$(dirname "$0")/../../bin/{name}" "$@"\n'
@@ -90,12 +91,10 @@ class BuildInterfaces(build_py):
         data = Path(self.build_lib).parent / 'data'
         for stale in (package, data):
             shutil.rmtree(stale, ignore_errors=True)
+        (package.parent / SOURCES).unlink(missing_ok=True)
         shutil.copytree(stage / SITE_PACKAGES / 'obc_ros', package)
         if self.editable:
-            for folder in (path.name for path in (ROOT / 'obc_ros').iterdir() if path.is_dir()):
-                shutil.rmtree(package / folder, ignore_errors=True)   # no __pycache__ there
-            with open(package / '__init__.py', 'a', encoding='utf-8') as file:
-                file.write(f'__path__.append({str(ROOT / "obc_ros")!r})\n')
+            self.leave_sources_out(package)
         shutil.copytree(stage, data, ignore=shutil.ignore_patterns(
             'python*', 'parent_prefix_path'))
         for entry in (data / 'lib' / 'obc_ros').iterdir():
@@ -103,6 +102,20 @@ class BuildInterfaces(build_py):
         self.distribution.data_files = [
             (str(path.parent.relative_to(data)), [os.path.relpath(path)])
             for path in sorted(data.rglob('*')) if path.is_file()]
+
+    def leave_sources_out(self, package: Path) -> None:
+        """
+        Remove from a package what the source tree has, and have Python look there.
+
+        Type checkers, which run nothing, find the sources only if this package has no
+        `__init__.py`; that of the sources finds the generated modules.
+        """
+        for path in (ROOT / 'obc_ros').iterdir():
+            if (package / path.name).is_dir():
+                shutil.rmtree(package / path.name)
+            else:
+                (package / path.name).unlink(missing_ok=True)
+        (package.parent / SOURCES).write_text(f'{ROOT}\n', encoding='utf-8')
 
 
 class EditableWheel(Command):
