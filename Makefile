@@ -12,7 +12,7 @@ SOLVER := $(addsuffix .py,$(addprefix test/,book/test_closed_forms \
 	$(addprefix core/,riccati/test_fixed_horizon \
 	solver/proofs/test_singular_expressions solver/test_rounding solver/improve/test_kink_mesh \
 	riccati/test_care lqr/test_dlqr lqr/test_margins lqr/test_sampled solver/improve/test_arc_iteration \
-	solver/test_linear_quadratic tasks/test_minimize \
+	solver/starts/test_final_time_windows solver/test_linear_quadratic tasks/test_minimize \
 	solver/exact/test_time_optimal solver/nlp/test_interior_point)))
 
 # What depends on the ROS 2 distribution: the three nodes, parameter files, the profile of Fast DDS.

@@ -20,7 +20,7 @@ from obc_ros.core.text.errors import quote, StatementError, suggest_name
 
 # Ranges of values by unit: sizes divide, and parts are parts. Others are not negative.
 _RANGES = {**dict.fromkeys(('intervals', 'each', 'pieces', 'samples', 'steps per piece'),
-                           (1, math.inf)), 'final time': (0, 1)}
+                           (1, math.inf)), 'shorter window': (1.01, 100), 'final time': (0, 1)}
 
 
 def steer(default: float | tuple[float, ...], meaning: str, unit: str = '',
@@ -194,6 +194,23 @@ class RolloutOptions:
 
 
 @dataclass(frozen=True)
+class WindowOptions:
+    """Final-time windows: other minima with longer and shorter final times."""
+
+    ratio: float = steer(
+        2**0.5, 'Ratio of the final times of adjacent windows.', 'shorter window',
+        'test_final_time_windows.py')
+    most: int = steer(
+        6, 'Maximum number of windows with longer times, and of those with shorter ones.',
+        'windows', 'test_final_time_windows.py')
+
+    @property
+    def reach(self) -> float:
+        """Return the largest ratio of two final times, and of distances from rest."""
+        return self.ratio**self.most
+
+
+@dataclass(frozen=True)
 class HorizonOptions:
     """Horizon continuation: from a short final time to the given one."""
 
@@ -264,6 +281,7 @@ class Options:
     guesses: GuessOptions = GuessOptions()
     obstacles: ObstacleOptions = ObstacleOptions()
     rollouts: RolloutOptions = RolloutOptions()
+    windows: WindowOptions = WindowOptions()
     horizon: HorizonOptions = HorizonOptions()
     bangs: BangOptions = BangOptions()
     boundary: BoundaryOptions = BoundaryOptions()

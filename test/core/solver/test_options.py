@@ -64,6 +64,7 @@ def test_one_option_changes(given, group, field, value):
     ('coarse.rough=nan', 'not negative'),
     ('coarse.intervals=0', 'wanted a whole number of at least 1'),
     ('rollouts.pieces=0', 'wanted a whole number of at least 1'),
+    ('windows.ratio=0.5', 'wanted a number from 1.01 to 100'),
     ('bangs.vanishing=2', 'wanted a number from 0 to 1'),
     ('boundary.gaps=0.1,2', 'wanted a number from 0 to 1'),
     ('coarse.rough=inf', 'not negative'),

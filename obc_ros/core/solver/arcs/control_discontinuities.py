@@ -14,15 +14,14 @@ from dataclasses import replace
 import numpy as np
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.solver.arcs.input_arcs import Arc
-from obc_ros.core.solver.options import DEFAULTS
 from obc_ros.core.solver.transcription.mesh import build_path, LINEAR, Path
 from obc_ros.core.solver.transcription.program import TranscriptionOutcome
 
 SLIGHT_JUMP = 0.05   # change of an input, as part of its size, up to which it does not jump
-APART = 1.5        # distance in intervals up to which a jump and an end of an arc are the same
+_APART = 1.5        # distance in intervals up to which a jump and an end of an arc are the same
 
 
-def find_jumps(path: Path, of: Sequence[bool], jump: float = DEFAULTS.bangs.jump) -> Array:
+def _find_jumps(path: Path, of: Sequence[bool], jump: float) -> Array:
     """
     Find the times at which inputs jump, or change so steeply that the mesh hides a jump.
 
@@ -45,32 +44,32 @@ def find_jumps(path: Path, of: Sequence[bool], jump: float = DEFAULTS.bangs.jump
         steep = (moved > jump) & (beside < 0.25 * moved)   # else a slope of several intervals
         for k in np.flatnonzero(steep.any(axis=1)):
             middle = 0.5 * (t[k + 1] + t[k + 1 + count])
-            near = APART * (t[k + 1 + count] - t[k + 1])
+            near = _APART * (t[k + 1 + count] - t[k + 1])
             if all(abs(middle - other) > near for other in found):
                 found.append(middle)
     return np.sort(np.array(found))
 
 
 def cut_at_jumps(arcs: Sequence[Arc], path: Path, of: Sequence[bool],
-                 mixed: Sequence[bool] = (), jump: float = DEFAULTS.bangs.jump) -> list[Arc]:
+                 mixed: Sequence[bool], jump: float) -> list[Arc]:
     """
     Cut arcs at the jumps of inputs that are free there.
 
     :param arcs: without gaps. Those on state bounds are not cut: there inputs follow the bound.
     :param of: length m, inputs to consider.
     :param mixed: length n + l, rows of (x, c) that depend on inputs; arcs on these alone are cut.
-    :param jump: as for `find_jumps`.
+    :param jump: as for `_find_jumps`.
     :return: with `jump` where they begin at a jump.
     """
     kept = list[Arc]()
-    T, times = path.t[-1], find_jumps(path, of, jump)
+    T, times = path.t[-1], _find_jumps(path, of, jump)
     widths = np.diff(path.t)
     for arc in arcs:
         start = arc.start
         follows = any(on and not (mixed and mixed[row]) for row, on in enumerate(arc.on))
         free = np.isnan(arc.levels) & np.array(of) & (not follows)
         for time in times if free.any() else ():
-            width = APART * widths[min(int(np.searchsorted(path.t, time, 'right')) - 1,
+            width = _APART * widths[min(int(np.searchsorted(path.t, time, 'right')) - 1,
                                         len(widths) - 1)]
             if start + min(width, 0.02 * T) < time < arc.end - min(width, 0.02 * T):
                 kept.append(replace(arc, start=start, end=float(time), jump=start > arc.start))
@@ -93,7 +92,7 @@ def sharpen_steps(path: Path, arcs: Sequence[Arc]) -> Path:
     if not times.size:
         return path
     h = np.diff(path.t)
-    width = APART * h[np.clip(np.searchsorted(path.t, times) - 1, 0, len(h) - 1)]
+    width = _APART * h[np.clip(np.searchsorted(path.t, times) - 1, 0, len(h) - 1)]
     t = np.unique(np.concatenate([path.t, times, times - width, times + width]))
     t = t[(t >= 0) & (t <= path.t[-1])]
     t = t[np.append(True, np.diff(t) > 1e-9 * t[-1])]

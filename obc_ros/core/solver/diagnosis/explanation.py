@@ -376,5 +376,3 @@ def judge_reason(reason: Reason | None) -> tuple[Verdict, str]:
     """Return the verdict on the search for a reason, and the reason in words."""
     proved = reason is not None and reason.infeasible
     return Verdict.PROVED if proved else Verdict.NOT_PROVED, reason.sentence if reason else ''
-
-

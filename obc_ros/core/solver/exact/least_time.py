@@ -311,4 +311,3 @@ def split_directions(A: Array, B: Array, C: Array) -> tuple[Array, Array]:
     fixed = np.linalg.qr(U[:, rank:])[0]
     moved = np.linalg.svd(fixed.T)[2][fixed.shape[1]:].T if fixed.shape[1] else np.eye(len(C))
     return moved, fixed
-

@@ -148,7 +148,7 @@ class ArcIteration:
         loose = ~(np.isfinite(self.problem.u_lower) | np.isfinite(self.problem.u_upper))
         of = (loose | find_shared_inputs(self.problem)) & np.array(self.switching)
         return cut_at_jumps(
-            arcs, outcome.path, of, jump=self.bench.options.bangs.jump) if of.any() else arcs
+            arcs, outcome.path, of, (), self.bench.options.bangs.jump) if of.any() else arcs
 
     def touching(self, arcs: list[Arc], outcome: TranscriptionOutcome) -> list[Arc]:
         """Return arcs with boundary arcs inserted, for state bounds that switching inputs hold."""

@@ -23,7 +23,7 @@ def solve_from_neighbour(bench: Bench, last: Answered) -> Candidate | None:
     Solve from the solution of a problem of the same structure with nearly the same numbers.
 
     :return: certified, and of lower cost than its rivals; or infeasible, with a proof. None
-        without convergence, or if a rival has become better.
+        without convergence, if its mesh is too fine, or if a rival has become better.
     """
     if last.outcome.mesh.layout.intervals > bench.meter.max_intervals:
         return None

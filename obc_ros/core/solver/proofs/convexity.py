@@ -341,5 +341,3 @@ def has_one_mean_input(problem: Problem) -> bool:
             return True
         reached = A @ reached
     return False
-
-

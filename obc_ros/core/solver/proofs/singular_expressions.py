@@ -269,5 +269,3 @@ def _follow(problem: Problem, found: list[tuple[_Place, ca.SX]], x: Array, u: Ar
     rows = look.map(len(x))(x.T, u.T, problem.p_value).full()
     for (where, value), row in zip(found, np.asarray(rows), strict=True):
         yield where, value, row
-
-

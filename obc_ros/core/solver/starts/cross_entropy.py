@@ -34,8 +34,6 @@ from obc_ros.core.solver.transcription.mesh import (
 )
 from obc_ros.core.solver.transcription.program import SolveEffort, TranscriptionOutcome
 
-_REACH = 8.0   # largest ratio of two final times, and of distances from rest
-
 
 class _Look(NamedTuple):
     """Effort of a search: samples, parents, generations, Runge-Kutta steps of a rollout."""
@@ -294,7 +292,7 @@ def search_rollouts(problem: Problem, integrator: CostateIntegrator, T: float,
     :param settings: of the search.
     :return: the nearest to psi = 0 first.
     """
-    options, far = settings.rollouts, _REACH
+    options, far = settings.rollouts, settings.windows.reach
     look = _choose_effort(options, short=short)
     final, count = problem.final_time, look.drawn
     chance = np.random.default_rng(4)

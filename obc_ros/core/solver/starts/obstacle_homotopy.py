@@ -29,7 +29,8 @@ def has_obstacles(bench: Bench, known: Known) -> bool:
     """Return whether path constraints are obstacles."""
     outcome = known.outcome
     return not bench.programs.twin and outcome is not None and bool(
-        np.isfinite(outcome.path.t[-1]) and _curved(bench.problem).size)
+        bench.problem.path.numel() and np.isfinite(outcome.path.t[-1])
+        and _curved(bench.problem).size)
 
 
 def start_around(bench: Bench, _: StartPool, known: Known) -> Proposal:

@@ -16,6 +16,7 @@ from obc_ros.core.solver.starts.cross_entropy import (
     may_interleave,
     start_from_rollouts,
 )
+from obc_ros.core.solver.starts.final_time_windows import find_other_lengths, has_other_lengths
 from obc_ros.core.solver.starts.horizon_continuation import continue_horizon, has_open_end
 from obc_ros.core.solver.starts.obstacle_homotopy import has_obstacles, start_around
 from obc_ros.core.solver.starts.start import Known, Proposal, Start, StartPool, StartStage
@@ -30,8 +31,7 @@ def _scatter_lines(bench: Bench, pool: StartPool, known: Known) -> Proposal:
 STARTS = (
     Start('path around obstacles', StartStage.FIRST_OUTCOME,
           'there are path constraints that are nonlinear in x and free of u',
-          lambda bench, known: bool(bench.problem.path.numel()) and has_obstacles(bench, known),
-          start_around),
+          has_obstacles, start_around),
     Start('horizon continuation', StartStage.SECOND_MESH,
           'the final time is fixed, the end is free and the problem is not convex',
           has_open_end, continue_horizon),
@@ -41,6 +41,9 @@ STARTS = (
     Start('line to another final state', StartStage.MULTISTART,
           'the cost may have several local minima in the states',
           lambda _, known: known.uneven, _scatter_lines),
+    Start('another final time', StartStage.MULTISTART,
+          'the final time is free, and the cost depends on more than it',
+          has_other_lengths, find_other_lengths),
     Start('cross-entropy rollout', StartStage.MULTISTART,
           'the cost has one local minimum in the states, or the end is free',
           may_interleave, interleave_rollouts))
