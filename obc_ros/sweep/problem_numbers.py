@@ -16,6 +16,7 @@ The numbers of a problem that a sweep can vary.
 from collections.abc import Mapping
 from dataclasses import replace
 from functools import cached_property
+import json
 import math
 from typing import Any
 
@@ -47,6 +48,11 @@ class ProblemNumbers:
         self.problem = build_problem(statement)
         # Which other processes can read, and in which each bound has its place.
         self.statement = state_comparisons(replace_functions(self.problem.statement))
+        try:
+            json.dumps(pack_statement(self.statement))
+        except (TypeError, ValueError):
+            raise StatementError('problem: other processes get the statement; wanted texts, numbers '
+                                 'and functions, and a system by its name') from None
         self.dimensions = {'state': self.problem.states, 'input': self.problem.inputs}
 
     @cached_property

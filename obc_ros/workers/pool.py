@@ -396,6 +396,9 @@ class _Worker(Thread):
             return self._attend(job)
         except (EOFError, OSError):
             return RequestAnswer(RequestOutcome.DIED, self._obituary(self._cause()), self._kept)
+        except (TypeError, ValueError) as error:   # of json: else the caller would wait for ever
+            return RequestAnswer(RequestOutcome.DIED, f'the request cannot be sent: {error}',
+                                 self._kept)
 
     def _attend(self, job: Job) -> RequestAnswer:
         """Pass on progress until the answer, the time limit or the cancellation."""

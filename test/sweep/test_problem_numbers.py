@@ -6,8 +6,9 @@ import json
 
 import casadi as ca
 import numpy as np
+from obc_ros.api.plants import System
 from obc_ros.api.problem import Problem
-from obc_ros.api.sweep import load_numbers
+from obc_ros.api.sweep import load_numbers, sweep
 from obc_ros.core.ocp.statement import build_problem
 from obc_ros.core.solver.program_cache import collect_numbers
 from obc_ros.core.text.errors import StatementError
@@ -101,3 +102,13 @@ def test_a_problem_of_the_library_is_swept_by_its_statement():
     problem = build_problem(unpack_statement(request))
     assert dict(zip(problem.parameters, problem.p_value, strict=True))['m'] == 3.0
     assert ca.is_equal(problem.L, problem.u[0]**2, 2)
+
+
+def test_what_other_processes_cannot_read_is_refused():
+    """A System is an object of this process: a worker that is sent it would never answer."""
+    di = System(states=['p', 'v'], inputs=['u'], dynamics={'p': 'v', 'v': 'u'})
+    problem = Problem(system=di, running_cost='u**2', initial_state={'p': 1, 'v': 0},
+                          terminal_constraints=['p', 'v'],
+                          final_time={'free': False, 'value': 1})
+    with pytest.raises(StatementError, match='a system by its name'):
+        sweep(problem, {'x0.p': [0, 0.5]})
