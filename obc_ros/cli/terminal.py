@@ -11,7 +11,7 @@ import shutil
 import signal
 import sys
 from types import FrameType, TracebackType
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar
 
 from obc_ros.core.text.errors import ObcError, quote, suggest_name
 from obc_ros.core.text.tables import format_table
@@ -21,24 +21,18 @@ WRAPPED, LEAST = 20, 12   # characters: cells that are longer take several lines
 GAP = 2                   # between two columns
 
 
-class ArgumentEffect(NamedTuple):
-    """When an argument has an effect: with one of `needs`, if any, and none of `without`."""
-
-    needs: tuple[str, ...] = ()
-    without: tuple[str, ...] = ()
-
-
 class Parser(argparse.ArgumentParser):
     """
     An argument parser whose errors suggest commands, verbs and options.
 
-    It refuses arguments that would have no effect, see `limit`. `effects`: when an argument has
-    one, by its name; those that are missing always have one. `example`: a line that ends the help.
+    It refuses arguments that would have no effect, see `limit`. `effects`: by the name of an
+    argument, those of which it needs one, and those that it must be without. `example`: a line
+    that ends the help.
     """
 
     def __init__(self, *words: Any, **settings: Any) -> None:
         super().__init__(*words, **settings)
-        self.effects: dict[str, ArgumentEffect] = {}
+        self.effects: dict[str, tuple[Sequence[str], Sequence[str]]] = {}
         self.example = ''
         self._given: list[str] = []
 
@@ -56,7 +50,7 @@ class Parser(argparse.ArgumentParser):
         """
         known = set(map(name_argument, self._actions))
         assert known.issuperset((*names, *needs, *without)), (names, needs, without)
-        self.effects |= dict.fromkeys(names, ArgumentEffect(tuple(needs), tuple(without)))
+        self.effects |= dict.fromkeys(names, (needs, without))
 
     def parse_known_args(self, args: Sequence[str] | None = None,  # type: ignore[override]
                          namespace: Any = None) -> tuple[argparse.Namespace, list[str]]:
@@ -74,7 +68,7 @@ class Parser(argparse.ArgumentParser):
 
     def _check_effects(self) -> None:
         for name in self._given:
-            needs, without = self.effects.get(name, ArgumentEffect())
+            needs, without = self.effects.get(name, ((), ()))
             if needs and not set(needs) & set(self._given):
                 self.error(f'{name} has no effect without {" or ".join(needs)}')
             for other in without:
