@@ -51,8 +51,8 @@ class ProblemNumbers:
         try:
             json.dumps(pack_statement(self.statement))
         except (TypeError, ValueError):
-            raise StatementError('problem: other processes get the statement; wanted texts, numbers '
-                                 'and functions, and a system by its name') from None
+            raise StatementError('problem: other processes get the statement; wanted texts, '
+                                 'numbers and functions, and a system by its name') from None
         self.dimensions = {'state': self.problem.states, 'input': self.problem.inputs}
 
     @cached_property
