@@ -24,10 +24,11 @@ from obc_ros.api.given import (
 )
 from obc_ros.api.plants import as_system, SystemLike
 from obc_ros.core.ocp import problem as ocp
-from obc_ros.core.ocp.statement import build_problem, FOR_THE_SOLVER, replace_functions
+from obc_ros.core.ocp.statement import build_problem, FOR_THE_SOLVER
 from obc_ros.core.systems.registry import is_file
 from obc_ros.core.systems.system import System
 from obc_ros.core.text.errors import describe_type, quote, StatementError, suggest_name
+from obc_ros.core.text.recorded_functions import RecordedFunction
 from obc_ros.core.text.tables import format_entry, Tabulated
 from obc_ros.core.text.yaml_files import FileEntry, read_entries, read_text_entries
 
@@ -67,7 +68,7 @@ class Problem(Tabulated):
     Attributes
     ----------
     statement : dict
-        What was given, with numbers of Python.
+        What was given, with numbers of Python, and what functions returned in their place.
     built : obc_ros.core.ocp.problem.Problem
         The checked problem with symbols, expressions and numbers.
 
@@ -105,6 +106,8 @@ class Problem(Tabulated):
             if not isinstance(system, str | None):
                 self.statement['system'] = as_system(system)
         self.built: ocp.Problem = build_problem(self.statement)
+        self.statement |= {key: value for key, value in self.built.statement.items()
+                           if isinstance(value, RecordedFunction)}
 
     @classmethod
     def from_dict(cls, statement: Mapping[str, Any]) -> Problem:
@@ -179,12 +182,12 @@ class Problem(Tabulated):
 
     def _rows(self) -> list[tuple[str, ...]]:
         """Return what the statement says of each key."""
-        return [(key, 'a function' if callable(value) else format_entry(value))
+        return [(key, 'a function' if isinstance(value, RecordedFunction) else format_entry(value))
                 for key, value in self.statement.items() if key != 'name' and value is not None]
 
     def __reduce__(self) -> tuple[Callable[..., Problem], tuple[dict[str, Any]]]:
         """Return how another process makes the problem: from its statement."""
-        return Problem.from_dict, (replace_functions(self.statement),)
+        return Problem.from_dict, (self.statement,)
 
 
 ProblemLike = Problem | ocp.Problem | Answer | Mapping[str, Any] | str | Path

@@ -21,7 +21,7 @@ import math
 from typing import Any
 
 import numpy as np
-from obc_ros.core.ocp.statement import build_problem, replace_functions
+from obc_ros.core.ocp.statement import build_problem
 from obc_ros.core.text.comparisons import state_comparisons
 from obc_ros.core.text.errors import quote, StatementError, suggest_name
 from obc_ros.core.text.recorded_functions import pack_statement, RecordedFunction
@@ -47,7 +47,7 @@ class ProblemNumbers:
     def __init__(self, statement: Mapping[str, Any]) -> None:
         self.problem = build_problem(statement)
         # Which other processes can read, and in which each bound has its place.
-        self.statement = state_comparisons(replace_functions(self.problem.statement))
+        self.statement = state_comparisons(self.problem.statement)
         try:
             json.dumps(pack_statement(self.statement))
         except (TypeError, ValueError):

@@ -8,6 +8,7 @@ import pickle
 import casadi as ca
 import numpy as np
 import obc_ros as obc
+from obc_ros.api.sweep import load_numbers
 from obc_ros.core.ocp.statement import build_problem, replace_functions
 from obc_ros.core.solver.solve import solve
 from obc_ros.core.systems import registry
@@ -98,6 +99,35 @@ def test_a_recorded_statement_is_plain_data_and_the_same_problem():
     assert set(packed['functions']) == {
         'dynamics', 'running_cost', 'path_constraints', 'terminal_cost'}
     assert stated.structure == build_problem(PENDULUM).structure
+
+
+def test_functions_are_called_once(give_back):
+    calls, problems = [], []
+    for k in (1, 2, 3):
+        problems.append(obc.Problem(   # a later call would take the last k
+            STEADY, running_cost=lambda x, u: calls.append(1) or k * u.u))   # noqa: B023
+    later = [*map(give_back, problems), *(each.replace(name='b') for each in problems)]
+    numbers = [load_numbers(each).problem for each in problems]
+    built = [each.built for each in (*problems, *later)] + numbers + [*map(give_back, numbers)]
+    assert len(calls) == 3
+    assert [float(ca.evalf(ca.jacobian(each.L, each.u))) for each in built] == 5 * [1, 2, 3]
+
+
+@pytest.mark.parametrize('key', ['dynamics', 'running_cost'])
+def test_a_function_is_called_once_for_another_process(key):
+    calls = []
+    replace_functions({**STEADY, key: lambda x, u: calls.append(1) or STEADY[key](x, u)})
+    assert len(calls) == 1
+
+
+@pytest.mark.parametrize(('key', 'value'), [
+    ('running_cost', 1), ('initial_cost', 0), ('path_constraints', []),
+    ('path_constraints', ['v <= 2']), ('terminal_constraints', ['p == 1', 'v'])])
+def test_a_function_may_return_no_symbol(key, value, give_back):
+    problem = obc.Problem(STEADY, **{
+        key: (lambda x: value) if key[0] in 'ti' else lambda x, u: value})
+    assert give_back(problem).built.structure == problem.built.structure
+    assert load_numbers(problem).problem.structure == problem.built.structure
 
 
 def test_a_recorded_function_needs_its_names():

@@ -21,7 +21,6 @@ from obc_ros.core.numerics.arrays import Array, Mask
 from obc_ros.core.ocp.guess import Guess
 from obc_ros.core.ocp.phases import PhaseLayout
 from obc_ros.core.text.packed_expressions import pack_expressions, PackedExpressions
-from obc_ros.core.text.stated_functions import record_functions, STATED_FUNCTIONS
 from obc_ros.core.text.tables import Tabulated
 
 Kept = TypeVar('Kept')
@@ -97,7 +96,8 @@ class Problem(Tabulated):
     :ivar phases: what the states and the inputs are if the statement has phases; T is 1 then.
     :ivar ends: the keys of the statement that the rows of psi are from.
     :ivar units: units by name, of states, inputs and parameters; for figures only.
-    :ivar statement: the keys that it was built from, with the initial state by name.
+    :ivar statement: the keys that it was built from, with the initial state by name and
+        records of what functions returned.
     """
 
     name: str
@@ -143,19 +143,7 @@ class Problem(Tabulated):
             SYMBOLIC[:3], SYMBOLIC[3:])))
         return _unpack_problem, (packed, {
             each.name: getattr(self, each.name) for each in fields(self)
-            if each.name not in SYMBOLIC} | {'statement': self._record_statement()})
-
-    def _record_statement(self) -> Mapping[Any, Any]:
-        """Return the statement, in which what its functions return is recorded."""
-        if not any(map(callable, self.statement.values())):
-            return self.statement
-        x, u, p = (dict(zip(names, ca.vertsplit(symbols), strict=True)) for names, symbols in (
-            (self.states, self.x), (self.inputs, self.u), (self.parameters, self.p)))
-        stated = {name: x[name] for name in self.states[:self.stated]}
-        free = {name: x[name] for name in self.free_parameters}
-        time = x.get('t', ca.SX.sym('t')) if 't' not in {*stated, *u, *p} else None
-        return record_functions(self.statement, ('dynamics', *STATED_FUNCTIONS), stated, u,
-                                p | free, time)
+            if each.name not in SYMBOLIC})
 
     @property
     def n(self) -> int:

@@ -56,10 +56,9 @@ from obc_ros.core.text.fields import (
     suggest_line,
     UnknownValues,
 )
-from obc_ros.core.text.recorded_functions import RecordedFunction
+from obc_ros.core.text.recorded_functions import record_function, RecordedFunction
 from obc_ros.core.text.stated_functions import (
     call_functions,
-    record_functions,
     STATED_FUNCTIONS,
 )
 from obc_ros.core.text.yaml_files import read_entries
@@ -132,6 +131,7 @@ def _build_stated(given: Given) -> Problem:
     given = state_comparisons(given)
     if given.get('phases') is None:
         problem = _build_problem(given)
+        given = problem.statement
     else:
         given = name_initial_state(given, read_names(given, 'states'))
         problem = _build_with_phases(given)
@@ -156,7 +156,8 @@ def replace_functions(mapping: Mapping[str, Any]) -> dict[str, Any]:
         with Faults(given) as faults:
             plant = (_own_plant if given.get('system') is None else _registered_plant)(
                 given, faults)
-        given = record_functions(given, ('dynamics', *STATED_FUNCTIONS), *plant.arguments)
+            called = _call_each(given, plant, faults)
+        given = _record_functions(given, called, plant)
     return given
 
 
@@ -196,7 +197,7 @@ def _build_problem(given: Given) -> Problem:
         if not plant:
             faults.attempt(_final_time, given, UnknownValues())
             raise DependentError('the plant is malformed')
-        given = _call_each(given, plant, faults)
+        stated, given = given, _call_each(given, plant, faults)
         L = faults.attempt(_cost, given, plant, 'running_cost')
         V = faults.attempt(_terminal_cost, given, plant)
         end = faults.attempt(_end_constraints, given, plant, 'terminal_constraints')
@@ -231,6 +232,7 @@ def _build_problem(given: Given) -> Problem:
         free_parameters=tuple(plant.free), has_clock=time is not None, final_time=final_time,
         guess=guess, angles=plant.angles + (False,) * added.count,
         method=method, units=plant.units, ends=ends,
+        statement=_record_functions(stated, given, plant),
         structure=_structure(functions, bounds, final_time, added.start))
     _defined_at_start(problem, functions)
     return problem
@@ -243,6 +245,13 @@ def _call_each(given: Given, plant: _Plant, faults: Faults) -> Given:
             given = faults.attempt(call_functions, given, (key,), *plant.arguments) or {
                 **given, key: None}
     return given
+
+
+def _record_functions(given: Given, called: Given, plant: _Plant) -> dict[str, Any]:
+    """Return a statement with records of what its functions returned."""
+    values = {**called, 'dynamics': dict(zip(plant.states, ca.vertsplit(plant.f), strict=True))}
+    return {**given, **{key: record_function(key, values[key], plant.known)
+                        for key in ('dynamics', *STATED_FUNCTIONS) if callable(given.get(key))}}
 
 
 def load_file(path: str | Path) -> list[dict[str, Any]]:

@@ -58,10 +58,11 @@ def record_function(key: str, value: Any, symbols: Mapping[str, ca.SX]) -> Recor
     """Return what a function has returned for symbols, without the symbols."""
     rows: list[ca.SX] = []
     form = _take_out(value, rows)
-    used = {symbol.element_hash() for symbol in ca.symvar(ca.vertcat(*rows))}
+    column = ca.vertcat(ca.SX(0, 1), *rows)   # it has symbols even if there are no rows
+    used = {symbol.element_hash() for symbol in ca.symvar(column)}
     symbols = {name: each for name, each in symbols.items() if each.element_hash() in used}
     program = ca.Function('stated', [ca.vertcat(ca.SX(0, 1), *symbols.values())], [
-        ca.densify(ca.vertcat(*rows))])
+        ca.densify(column)])
     steps: list[tuple[Any, ...]] = []
     for k in range(program.n_instructions()):
         operation, read, written = (program.instruction_id(k), program.instruction_input(k),

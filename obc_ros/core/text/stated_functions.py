@@ -16,7 +16,7 @@ import casadi as ca
 import numpy as np
 from obc_ros.core.text.comparisons import state_row
 from obc_ros.core.text.errors import describe_type, quote, StatementError, suggest_name
-from obc_ros.core.text.recorded_functions import record_function, RecordedFunction
+from obc_ros.core.text.recorded_functions import RecordedFunction
 from obc_ros.core.text.symbol_guards import refuse_values
 
 # What the functions take. The first arguments are required, the others follow in this order.
@@ -98,14 +98,6 @@ def call_functions(given: Mapping[Any, Any], keys: Collection[str], x: _Symbols,
         elif callable(value):
             found[key] = _arrange(key, _call(key, value, symbols), tuple(x))
     return found
-
-
-def record_functions(given: Mapping[Any, Any], keys: Collection[str], x: _Symbols, u: _Symbols,
-                     p: _Symbols, t: ca.SX | None) -> dict[Any, Any]:
-    """Return a statement in which what functions returned is recorded; see `call_functions`."""
-    called, known = call_functions(given, keys, x, u, p, t), {**x, **u, **p}
-    return {key: record_function(key, called[key], known | ({} if t is None else {'t': t}))
-            if key in keys and callable(value) else value for key, value in given.items()}
 
 
 def call_with_symbols(function: Callable[..., Any], *symbols: Any) -> Any:
