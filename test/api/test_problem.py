@@ -2,8 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """A problem by keywords, a mapping, YAML or functions: the same problem, the same errors."""
 
+from concurrent.futures import ThreadPoolExecutor
 import copy
 import math
+import warnings
 
 import casadi as ca
 from hypothesis import given, settings
@@ -232,6 +234,21 @@ def test_symbols_have_values_again_after_a_statement():
     with pytest.raises(StatementError):
         Problem(**GOOD | {'running_cost': lambda x, u: math.sin(x.h)})
     assert math.isnan(float(symbol))
+
+
+def test_other_threads_are_free_while_a_function_runs():
+    filters, symbol = list(warnings.filters), ca.SX.sym('x')
+
+    def cost(x, u):
+        assert warnings.filters == filters
+        with ThreadPoolExecutor(1) as other:
+            assert math.isnan(other.submit(float, symbol).result(9))
+            assert other.submit(Problem, GOOD).result(9).states == ('h', 'v')
+            with pytest.raises(RuntimeError):   # of CasADi itself
+                other.submit(bool, symbol > 0).result(9)
+        return math.sin(x.h)
+    with pytest.raises(StatementError, match='math.sin'):
+        Problem(**GOOD | {'running_cost': cost})
 
 
 def test_functions_may_take_free_parameters_and_the_time():

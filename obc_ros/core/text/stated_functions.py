@@ -10,7 +10,6 @@ takes its place in the statement: CasADi expressions where a file has texts.
 from collections.abc import Callable, Collection, Iterator, Mapping
 import inspect
 from typing import Any
-import warnings
 
 import casadi as ca
 import numpy as np
@@ -104,13 +103,9 @@ def call_with_symbols(function: Callable[..., Any], *symbols: Any) -> Any:
     """
     Return what a function of the user returns for CasADi symbols.
 
-    CasADi warns if the function calls one of NumPy, such as numpy.sin. The expression is the same
-    as with the function of CasADi.
-
     :raises StatementError: if the function needs the value of a symbol, as one of math does.
     """
-    with warnings.catch_warnings(), refuse_values():
-        warnings.filterwarnings('ignore', r'\s*casadi: a numpy function', FutureWarning)
+    with refuse_values():
         return function(*symbols)
 
 

@@ -9,11 +9,11 @@ an `if` without a word.
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from contextvars import ContextVar
 from functools import partial
 import linecache
 import math
 import sys
-from threading import RLock
 from types import FrameType
 from typing import Any
 
@@ -24,21 +24,23 @@ LARGER, SMALLER = '(a + b + fabs(a - b))/2', '(a + b - fabs(a - b))/2'
 
 _LONG_NAMES = {'asin': 'arcsin', 'acos': 'arccos', 'atan': 'arctan', 'atan2': 'arctan2',
                'pow': 'power'}   # of functions of math in NumPy
-_lock = RLock()
+_refused = ContextVar('_refused', default=False)   # in this thread
 _to_float, _to_bool = ca.SX.__float__, ca.SX.__bool__
+_warn = getattr(ca.casadi, '_warn_preserve_type', None)   # not in older versions
 
 
 @contextmanager
 def refuse_values() -> Iterator[None]:
-    """Raise StatementError where a symbol is used as a number or as a condition."""
-    kind: Any = ca.SX
-    with _lock:
-        kept = kind.__float__, kind.__bool__
-        kind.__float__, kind.__bool__ = _convert, _decide
-        try:
-            yield
-        finally:
-            kind.__float__, kind.__bool__ = kept
+    """
+    Raise StatementError where this thread uses a symbol as a number or as a condition.
+
+    CasADi does not warn of functions of NumPy then: the expression is the same as with its own.
+    """
+    token = _refused.set(True)
+    try:
+        yield
+    finally:
+        _refused.reset(token)
 
 
 def rewrite_operations(program: ca.Function, symbols: Sequence[ca.SX],
@@ -63,7 +65,7 @@ def rewrite_operations(program: ca.Function, symbols: Sequence[ca.SX],
 
 
 def _convert(value: ca.SX) -> float:
-    if value.is_scalar() and not value.is_constant():
+    if _refused.get() and value.is_scalar() and not value.is_constant():
         call = _read_call(sys._getframe(1))
         name = call.partition('(')[0].rpartition('.')[2]
         if hasattr(math, name):
@@ -77,6 +79,8 @@ def _decide(value: ca.SX) -> bool:
     try:
         return bool(_to_bool(value))
     except RuntimeError:
+        if not _refused.get():
+            raise
         call = _read_call(sys._getframe(1))
         told = f"'{quote(call, 40)}': " if call else ''
         raise StatementError(
@@ -93,3 +97,15 @@ def _read_call(frame: FrameType) -> str:
         return ''
     text = linecache.getline(frame.f_code.co_filename, line).encode()   # columns count bytes
     return text[begin:end].decode(errors='replace').strip()
+
+
+def _warn_of_numpy() -> None:
+    if _warn and not _refused.get():
+        _warn()
+
+
+def _guard(kind: Any, module: Any) -> None:
+    kind.__float__, kind.__bool__, module._warn_preserve_type = _convert, _decide, _warn_of_numpy
+
+
+_guard(ca.SX, ca.casadi)
