@@ -4,8 +4,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, wraps
+import inspect
 from typing import Any, overload
 
 import numpy as np
@@ -287,6 +289,47 @@ class FiniteHorizonDesign(Tabulated):
                 for x, value in zip(self.states, row, strict=True)]
 
 
+def _name_arguments(function: Callable[..., Any]) -> Callable[..., Any]:
+    """
+    Return a design that is called with A, B, ... or with a plant, ..., by position or by name.
+
+    The second argument by position is B after A, but the first weight after a plant. The function
+    receives each argument by its own name.
+    """
+    names = [each.name for each in inspect.signature(function).parameters.values()
+             if each.kind is each.POSITIONAL_OR_KEYWORD]
+
+    @wraps(function)
+    def design(*given: Any, **named: Any) -> Any:
+        return function(**named, **_name_given(function.__name__, names, given, named))
+    return design
+
+
+def _name_given(name: str, names: list[str], given: tuple[Any, ...], named: Mapping[str, Any]
+                ) -> dict[str, Any]:
+    """
+    Return the arguments that are given by position by their names.
+
+    :param names: those of the arguments that have a position, in order: the first, B, others.
+    """
+    wanted = _say_wanted(names[2:])
+    first = given[0] if given else named.get(names[0])
+    _, has_matrices = _read_first(name, (first, named.get('A'), named.get('system')), wanted)
+    if not has_matrices:
+        if named.get('B') is not None:
+            raise StatementError(f'{name}: B is given beside a plant; {wanted}')
+        names = names[:1] + names[2:]
+    more = len(given) - len(names)
+    if more > 0:
+        said = 'one more argument' if more == 1 else f'{more} more arguments'
+        raise StatementError(f'{name}: found {said} than {wanted}')
+    at = dict(zip(names, given, strict=False))
+    for key in at:
+        if key in named:
+            raise StatementError(f'{name}: {key} is given twice, by position and by name')
+    return at
+
+
 @overload
 def lqr(A: MatrixLike, B: MatrixLike, Qx: WeightLike, Qu: WeightLike, *,
         cross: MatrixLike | None = None, stability: float = 0.0) -> RegulatorDesign: ...
@@ -297,7 +340,8 @@ def lqr(system: SystemLike, Qx: WeightLike, Qu: WeightLike, *, at: StateLike | N
         cross: MatrixLike | None = None, stability: float = 0.0) -> RegulatorDesign: ...
 
 
-def lqr(  # type: ignore[misc]  # `A` by position is `plant_or_A`
+@_name_arguments
+def lqr(
         plant_or_A: Any = None, B: Any = None, Qx: Any = None, Qu: Any = None, *,
         A: MatrixLike | None = None, system: SystemLike | None = None,
         at: StateLike | None = None, cross: MatrixLike | None = None, stability: float = 0.0
@@ -355,7 +399,8 @@ def dlqr(system: SystemLike, Qx: WeightLike, Qu: WeightLike, *, at: StateLike | 
          ) -> RegulatorDesign: ...
 
 
-def dlqr(  # type: ignore[misc]  # as `lqr`
+@_name_arguments
+def dlqr(
         plant_or_A: Any = None, B: Any = None, Qx: Any = None, Qu: Any = None, *,
         A: MatrixLike | None = None, system: SystemLike | None = None,
         at: StateLike | None = None, cross: MatrixLike | None = None, stability: float = 0.0,
@@ -410,7 +455,8 @@ def finite_horizon(
         ) -> FiniteHorizonDesign: ...
 
 
-def finite_horizon(  # type: ignore[misc]  # as `lqr`
+@_name_arguments
+def finite_horizon(
         plant_or_A: Any = None, B: Any = None, Qx: Any = None, Qu: Any = None, P1: Any = None,
         T: Any = None, *, A: MatrixLike | None = None, system: SystemLike | None = None,
         t: VectorLike | None = None, at: StateLike | None = None, cross: MatrixLike | None = None
@@ -471,29 +517,32 @@ def _read_call(name: str, first: tuple[Any, Any, Any], B: Any, others: dict[str,
     Return the plant and the others of a call with A, B, ... or with a plant, ...
 
     :param first: the first argument by position, `A` and `system`; one of them is given.
-    :param B: with a plant, the first of the others if these are given by position.
     :param others: weights and numbers by name, in order, all of which are wanted.
     """
-    wanted = f'wanted A, B, {", ".join(others)} or a plant, {", ".join(others)}'
-    given = [each for each in first if each is not None]
-    if len(given) != 1:
-        raise StatementError(f'{name}: {wanted}')
-    has_matrices = first[1] is not None or first[2] is None and is_matrix(first[0])
-    if not has_matrices and B is not None:
-        moved = [B, *others.values()]
-        if all(each is not None for each in moved):
-            raise StatementError(f'{name}: found one more argument than {wanted}')
-        moved.pop([each is None for each in moved].index(True))
-        others = dict(zip(others, moved, strict=True))
+    wanted = _say_wanted(others)
+    given, has_matrices = _read_first(name, first, wanted)
     for key, value in {**({'B': B} if has_matrices else {}), **others}.items():
         if value is None:
             raise StatementError(f'{name}: {key} is missing; {wanted}')
     if has_matrices and at is not None:
         raise StatementError(f'{name}: at is the set point of a plant, not of A and B')
-    plant = _name_matrices(given[0], B) if has_matrices else linearize_given(given[0], at)
+    plant = _name_matrices(given, B) if has_matrices else linearize_given(given, at)
     names = {'Qx': plant.states, 'Qu': plant.inputs, 'P1': plant.states}
     return [plant, *(as_weight(value, names[key], key) if key in names else value
                      for key, value in others.items())]
+
+
+def _say_wanted(others: Iterable[str]) -> str:
+    listed = ', '.join(others)
+    return f'wanted A, B, {listed} or a plant, {listed}'
+
+
+def _read_first(name: str, first: tuple[Any, Any, Any], wanted: str) -> tuple[Any, bool]:
+    """Return the one given of a first argument by position, `A` and `system`; and if it is A."""
+    given = [each for each in first if each is not None]
+    if len(given) != 1:
+        raise StatementError(f'{name}: {wanted}')
+    return given[0], first[1] is not None or first[2] is None and is_matrix(first[0])
 
 
 def is_matrix(value: Any) -> bool:

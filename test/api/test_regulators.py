@@ -3,12 +3,14 @@
 """Regulators of the public interface against closed forms and python-control."""
 
 import inspect
+from typing import get_overloads
 
 import control
 from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
 import obc_ros as obc
+from obc_ros.core.lqr.lqr import lqr
 from obc_ros.core.text.errors import DynamicsError, RefusedDesignError, StatementError
 import pytest
 
@@ -137,9 +139,53 @@ def test_every_way_to_call_a_design_gives_the_same_gain():
                                       ways[0](obc.finite_horizon, P1=[4, 5], T=1.0).K)
 
 
+@pytest.mark.parametrize('call', [
+    lambda: obc.lqr(SPACE, 2, Qu=5), lambda: obc.lqr(SPACE, Qu=5, Qx=2),
+    lambda: obc.lqr(system=SPACE, Qu=5, Qx=2, B=None), lambda: obc.lqr(A, B, 2, Qu=5),
+    lambda: obc.lqr(A, Qu=5, Qx=2, B=B), lambda: obc.lqr(plant_or_A=A, B=B, Qx=2, Qu=5)])
+def test_a_named_weight_stays_with_its_name(call):
+    np.testing.assert_array_equal(call().K, lqr(A, B, 2*np.eye(2), 5*np.eye(1)).K)
+
+
+def test_named_arguments_of_a_finite_horizon_stay_with_their_names():
+    """dx/dt = u: P = sqrt(Qx Qu) tanh((T - t) sqrt(Qx/Qu)) from P1 = 0, K = P/Qu."""
+    line = control.ss(0, 1, 1, 0)
+    for found in (obc.finite_horizon(line, 4, T=2, Qu=9, P1=0),
+                  obc.finite_horizon(line, 4, 9, P1=0, T=2),
+                  obc.finite_horizon([[0]], [[1]], 4, 9, T=2, P1=0)):
+        np.testing.assert_allclose(found.P[:, 0, 0], 6 * np.tanh((2 - found.t) * 2/3), atol=1e-12)
+        np.testing.assert_allclose(found.K, found.P / 9, atol=1e-12)
+
+
+@pytest.mark.parametrize(('call', 'said'), [
+    (lambda: obc.lqr(SPACE, 1, Qx=100), '^lqr: Qx is given twice, by position and by name'),
+    (lambda: obc.lqr(SPACE, 1, 1, Qu=100), '^lqr: Qu is given twice'),
+    (lambda: obc.lqr(A, B, 1, 1, Qx=100), '^lqr: Qx is given twice'),
+    (lambda: obc.lqr(A, B, 1, 1, B=B), '^lqr: B is given twice'),
+    (lambda: obc.lqr(A, B, 1, 1, plant_or_A=A), '^lqr: plant_or_A is given twice'),
+    (lambda: obc.lqr(system=SPACE, B=1, Qx=100), '^lqr: B is given beside a plant; wanted A, B'),
+    (lambda: obc.dlqr(SPACE, B=1, Qx=100, Qu=1, period=1), '^dlqr: B is given beside a plant'),
+    (lambda: obc.lqr(SPACE, 1, 2, 3, 4), '^lqr: found 2 more arguments than wanted A, B'),
+    (lambda: obc.finite_horizon(SPACE, 1, Qx=4, P1=3, T=2), '^finite_horizon: Qx is given twice'),
+    (lambda: obc.finite_horizon(SPACE, 1, 1, 3, P1=2), '^finite_horizon: P1 is given twice'),
+    (lambda: obc.finite_horizon(SPACE, 1, Qu=1, T=2), '^finite_horizon: P1 is missing'),
+])
+def test_an_argument_is_not_taken_for_another(call, said):
+    with pytest.raises(StatementError, match=said):
+        call()
+
+
+def test_an_unknown_name_is_an_error_of_python():
+    with pytest.raises(TypeError, match=r'lqr\(\).* unexpected keyword argument .Q.'):
+        obc.lqr(SPACE, 1, Q=1)
+
+
 def test_the_signature_of_a_design_fits_on_a_screen():
     for function in (obc.lqr, obc.dlqr, obc.finite_horizon, obc.simulate, obc.equilibrium):
         assert len(str(inspect.signature(function))) < 400, function
+    for function in (obc.lqr, obc.dlqr, obc.finite_horizon):
+        assert list(inspect.signature(function).parameters)[:4] == ['plant_or_A', 'B', 'Qx', 'Qu']
+        assert len(get_overloads(function)) == 2
 
 
 def test_a_finite_horizon_is_a_law():
