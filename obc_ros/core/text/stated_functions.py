@@ -76,7 +76,7 @@ class NamedSymbols:
 
     __add__ = __radd__ = __sub__ = __rsub__ = __mul__ = __rmul__ = __truediv__ = _refuse
     __rtruediv__ = __pow__ = __rpow__ = __neg__ = __abs__ = __call__ = __float__ = _refuse
-    __lt__ = __le__ = __gt__ = __ge__ = _refuse
+    __lt__ = __le__ = __gt__ = __ge__ = __eq__ = __ne__ = __bool__ = __matmul__ = _refuse
 
 
 def call_functions(given: Mapping[Any, Any], keys: Collection[str], x: _Symbols, u: _Symbols,
