@@ -150,7 +150,12 @@ def _choose_arguments(key: str, function: Callable[..., Any]) -> tuple[str, ...]
     if not len(required) <= len(names) <= len(required + more):
         raise StatementError(
             f'{wanted}, found one of {len(names)} argument{"s" * (len(names) != 1)}')
-    return (required + more)[:len(names)]
+    letters = (required + more)[:len(names)]
+    for name, letter in zip(names, letters, strict=True):
+        if name in set('xupt') - {letter}:
+            raise StatementError(f"{wanted}, found '{name}' in the place of {letter}, beside "
+                                 'other names: name all arguments x, u, p, t, or none')
+    return letters
 
 
 def _arrange(key: str, value: object, states: tuple[str, ...]) -> object:
