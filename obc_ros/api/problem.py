@@ -98,12 +98,8 @@ class Problem(Tabulated):
     def _set(self, statement: object) -> None:
         self.statement: dict[str, Any] = convert_numbers(statement)
         if isinstance(statement, Mapping):
-            start, system = statement.get('initial_state'), statement.get('system')
-            if isinstance(start, PathPoint):
-                self.statement['initial_state'] = convert_numbers(start.x)
-            if isinstance(guess := statement.get('initial_guess'), Answer):
-                self.statement['initial_guess'] = _make_guess(guess)
-            if not isinstance(system, str | None):
+            self.statement = convert_numbers(_read_answers(statement))
+            if not isinstance(system := statement.get('system'), str | None):
                 self.statement['system'] = as_system(system)
         self.built: ocp.Problem = build_problem(self.statement)
         self.statement |= {key: value for key, value in self.built.statement.items()
@@ -215,9 +211,23 @@ def as_statement(value: object, keys: Mapping[str, Any]) -> dict[str, Any]:
     elif isinstance(value, str):
         value = choose_entry(read_text_entries(value), 'problem', None)
     if value is None or isinstance(value, Mapping):
-        return {**(value or {}), **_read_keys(keys)}
+        return _read_answers({**(value or {}), **_read_keys(keys)})
     raise StatementError('problem: wanted a Problem, an answer, a mapping, a file, YAML or the '
                          f'keys of a statement, found {describe_type(value)}')
+
+
+def _read_answers(statement: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a statement with numbers in place of an answer and of a point of one."""
+    found = dict(statement)
+    start, guess = found.get('initial_state'), found.get('initial_guess')
+    if isinstance(start, PathPoint):
+        if np.ndim(start.t):
+            raise StatementError('initial_state: wanted a point at one time, found one at '
+                                 f'{np.size(start.t)} times')
+        found['initial_state'] = start.x
+    if isinstance(guess, Answer):
+        found['initial_guess'] = _make_guess(guess)
+    return found
 
 
 def _make_guess(answer: Answer) -> dict[str, Any]:

@@ -144,6 +144,13 @@ def test_functions_are_solved_in_another_process():
 
 
 @pytest.mark.slow
+def test_another_process_starts_at_a_point_of_an_answer():
+    begun = obc.solve(STEADY)   # p = 3 t**2 - 2 t**3
+    answer = obc.solve(begun, initial_state=begun.at(0.5), initial_guess=begun, isolated=True)
+    assert answer.at(0).x == pytest.approx({'p': 0.5, 'v': 1.5}, abs=1e-8)
+
+
+@pytest.mark.slow
 def test_a_sweep_takes_functions():
     bounded = STEADY | {'path_constraints': lambda x, u: [{'expr': x.v, 'upper': 9}]}
     found = obc.sweep(bounded, {'T': [1, 2], 'path_constraints.0.upper': [8, 9]}, workers=1,

@@ -4,6 +4,7 @@
 
 from concurrent.futures import ThreadPoolExecutor
 import copy
+from functools import partial
 import math
 import warnings
 
@@ -11,7 +12,9 @@ import casadi as ca
 from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
-from obc_ros.api.problem import Problem
+import obc_ros as obc
+from obc_ros.api.answer import PathPoint
+from obc_ros.api.problem import as_statement, Problem
 from obc_ros.core.ocp.statement import build_problem
 from obc_ros.core.text.errors import StatementError
 import problems
@@ -295,6 +298,15 @@ def test_symbols_are_iterated_in_their_order():
         assert (len(x), x['h'].name(), h.name()) == (2, 'h', 'h')
         return {'h': v, 'v': force}
     assert Problem(**GOOD | {'dynamics': dynamics}).states == ('h', 'v')
+
+
+def test_a_problem_starts_at_a_point_at_one_time():
+    at = [PathPoint(t, {'h': 7 + 0 * t, 'v': 0 * t}, {}, {}) for t in (0.5, np.array([0, 0.5]))]
+    assert as_statement(GOOD, {'initial_state': at[0]})['initial_state'] == {'h': 7, 'v': 0}
+    assert Problem(GOOD).replace(initial_state=at[0]).built.x0.tolist() == [7, 0]
+    for refuse in (Problem(GOOD).replace, partial(Problem, GOOD), partial(obc.solve, GOOD)):
+        with pytest.raises(StatementError, match='^initial_state: .* at one time, found one at 2'):
+            refuse(initial_state=at[1])
 
 
 def test_numbers_of_numpy_are_numbers():
