@@ -6,6 +6,7 @@ from concurrent.futures import ThreadPoolExecutor
 import copy
 from functools import partial
 import math
+import re
 import warnings
 
 import casadi as ca
@@ -162,6 +163,8 @@ RATES = {'h': 'v', 'v': '-g + u'}
     ('running_cost', lambda x, u: u.u**2 + max(0, math.sin(x.h)), '^running_cost: math.sin takes'),
     ('running_cost', lambda x, u: 1 if math.sin(x.h) > 0 else 0, '^running_cost: math.sin takes'),
     ('running_cost', lambda x, u: math.pow(u.u + 0, 2), 'write numpy.power$'),
+    ('running_cost', lambda x, u: math.fsum([x.h, u.u]), 'math.fsum takes numbers, not symbols$'),
+    ('running_cost', lambda x, u: math.isclose(x.h, 1), 'math.isclose takes numbers, not symb'),
     ('running_cost', lambda x, u: u.u * np.asarray(x.h, dtype=float), 'takes numbers'),
     ('running_cost', lambda x, u: max(0, x.h),
      r"^running_cost: 'max\(0, x.h\)': if, and, or, max, min and a < b < c need numbers, not sym"),
@@ -238,6 +241,24 @@ def test_what_means_the_same_is_the_same_problem(one, other):
     along = [ca.Function('L', [each.x, each.u, each.p], [each.L])(
         np.arange(1, each.n + 1) / 3, [2], each.p_value) for each in (found, wanted)]
     assert along[0] == along[1]
+
+
+@pytest.mark.parametrize('name', [name for name in dir(math) if name[0] != '_'])
+def test_what_is_named_in_place_of_a_function_of_math_is_the_same(name):
+    if not callable(function := getattr(math, name)):
+        return
+    for count in (1, 2):
+        try:
+            Problem(**GOOD | {'running_cost': lambda x, u, n=count: function(*[x.h / 9, u.u][:n])})
+        except StatementError as error:
+            if found := re.search(r'write numpy\.(\w+)', str(error)):
+                instead = getattr(np, found[1])
+                built = Problem(**GOOD | {
+                    'running_cost': lambda x, u, n=count, instead=instead: instead(
+                        *[x.h / 9, u.u][:n])}).built
+                value = ca.Function('L', [built.x, built.u, built.p], [built.L])(
+                    [4, 5], 2, built.p_value)
+                assert float(value) == pytest.approx(function(*[4 / 9, 2][:count]), rel=1e-12)
 
 
 def test_symbols_have_values_again_after_a_statement():

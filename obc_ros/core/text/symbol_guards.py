@@ -24,6 +24,8 @@ LARGER, SMALLER = '(a + b + fabs(a - b))/2', '(a + b - fabs(a - b))/2'
 
 _LONG_NAMES = {'asin': 'arcsin', 'acos': 'arccos', 'atan': 'arctan', 'atan2': 'arctan2',
                'pow': 'power'}   # of functions of math in NumPy
+_SHARED = {*_LONG_NAMES, 'cos', 'cosh', 'degrees', 'exp', 'exp2', 'expm1', 'fabs', 'hypot', 'log',
+           'log10', 'log1p', 'log2', 'radians', 'sin', 'sinh', 'sqrt', 'tan', 'tanh'}
 _refused = ContextVar('_refused', default=False)   # in this thread
 _to_float, _to_bool = ca.SX.__float__, ca.SX.__bool__
 _warn = getattr(ca.casadi, '_warn_preserve_type', None)   # not in older versions
@@ -69,8 +71,8 @@ def _convert(value: ca.SX) -> float:
         call = _read_call(sys._getframe(1))
         name = call.partition('(')[0].rpartition('.')[2]
         if hasattr(math, name):
-            raise StatementError(f'math.{name} takes numbers: write '
-                                 f'numpy.{_LONG_NAMES.get(name, name)}')
+            remedy = f': write numpy.{_LONG_NAMES.get(name, name)}' if name in _SHARED else ''
+            raise StatementError(f'math.{name} takes numbers{remedy or ", not symbols"}')
         raise StatementError(f"'{quote(call or str(value), 40)}' takes numbers, not symbols")
     return float(_to_float(value))
 
