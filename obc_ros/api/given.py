@@ -3,6 +3,8 @@
 """Values as users give them: states, inputs, weights and numbers, by name or in order."""
 
 from collections.abc import Callable, Collection, Mapping, Sequence
+import math
+from numbers import Real
 from typing import Any, TypedDict
 
 import casadi as ca
@@ -149,6 +151,40 @@ def as_weight(value: Any, names: Sequence[str], where: str) -> Any:
     if found.ndim == 0:
         return found * np.eye(max(len(names), 1))
     return np.diag(found) if found.ndim == 1 else found
+
+
+def as_number(value: Any, where: str, wanted: str = 'a number') -> float:
+    """Return a real number of Python or NumPy; an error begins with `where`."""
+    if isinstance(value, np.ndarray) and value.ndim == 0:
+        value = value[()]
+    if isinstance(value, bool) or not isinstance(value, Real):
+        raise StatementError(f'{where}: wanted {wanted}, found {describe_type(value)}')
+    try:
+        return float(value)
+    except OverflowError:   # an integer of hundreds of digits
+        return math.inf
+
+
+def as_duration(value: Any, where: str) -> float:
+    """Return a positive and finite number [s]."""
+    wanted = 'a positive number of seconds'
+    seconds = as_number(value, where, wanted)
+    if not 0.0 < seconds < math.inf:
+        raise StatementError(f'{where}: wanted {wanted}, found {describe_type(value)}')
+    return seconds
+
+
+def as_times(value: Any, wanted: str) -> Array:
+    """Return finite, increasing times (N,); an error says what is `wanted`."""
+    try:
+        given = np.asarray(value)
+        times = given.astype(np.float64) if given.dtype.kind in 'fiuO' else np.zeros(0)
+    except (TypeError, ValueError):
+        times = np.zeros(0)
+    if times.ndim != 1 or not times.size or not np.isfinite(times).all() or (
+            np.diff(times) <= 0.0).any():
+        raise StatementError(f't: wanted {wanted}')
+    return times
 
 
 def convert_numbers(value: Any) -> Any:

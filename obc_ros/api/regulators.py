@@ -13,7 +13,17 @@ from typing import Any, overload
 import numpy as np
 from obc_ros.api.figures.panels import draw_columns
 from obc_ros.api.figures.presentation import present
-from obc_ros.api.given import as_state, as_weight, MatrixLike, StateLike, VectorLike, WeightLike
+from obc_ros.api.given import (
+    as_duration,
+    as_number,
+    as_state,
+    as_times,
+    as_weight,
+    MatrixLike,
+    StateLike,
+    VectorLike,
+    WeightLike,
+)
 from obc_ros.api.plants import as_system, choose_names, equilibrium, is_of_control, SystemLike
 from obc_ros.core.lqr import lqr as regulator
 from obc_ros.core.lqr.held_loop import HeldLoop
@@ -23,6 +33,7 @@ from obc_ros.core.lqr.margins import compute_margins, Figures
 from obc_ros.core.lqr.sampled import sampled_lqr
 from obc_ros.core.lqr.weights import Weights
 from obc_ros.core.numerics.arrays import Array, Complex
+from obc_ros.core.riccati.checks import check_matrices
 from obc_ros.core.riccati.fixed_horizon import solve_finite_horizon
 from obc_ros.core.systems.equilibrium import linearize
 from obc_ros.core.text.errors import describe_type, quote, StatementError
@@ -239,6 +250,7 @@ class FiniteHorizonDesign(Tabulated):
         The Riccati equation is solved from the next of the times on. StatementError, a
         ValueError: t is not in [0, T].
         """
+        t = as_number(t, 't')
         if not 0.0 <= t <= self.T:
             raise StatementError(f't = {t:g} s: wanted a time from 0 to T = {self.T:g} s')
         k = int(np.searchsorted(self.t, t))
@@ -384,6 +396,7 @@ def lqr(
     plant, Qx, Qu = _read_call('lqr', (plant_or_A, A, system), B, {'Qx': Qx, 'Qu': Qu}, at)
     if plant.period:
         raise StatementError('lqr: the plant is in discrete time; use dlqr')
+    stability = as_number(stability, 'stability')
     return _dress(regulator.lqr(plant.A, plant.B, Qx, Qu, cross=cross, stability=stability), plant)
 
 
@@ -431,14 +444,15 @@ def dlqr(
 
     """
     plant, Qx, Qu = _read_call('dlqr', (plant_or_A, A, system), B, {'Qx': Qx, 'Qu': Qu}, at)
+    period, stability = as_number(period, 'period'), as_number(stability, 'stability')
     if plant.given or plant.period:
         if period and plant.period and period != plant.period:
             raise StatementError(f'dlqr: period {period:g} s, but that of the plant is '
                                  f'{plant.period:g} s')
         return _dress(regulator.dlqr(plant.A, plant.B, Qx, Qu, cross=cross, stability=stability,
                                      period=period or plant.period or 1.0), plant)
-    weights = Weights(Qx, Qu, None if cross is None else np.asarray(cross, float), stability)
-    found = sampled_lqr(np.asarray(plant.A, float), np.asarray(plant.B, float), weights, period)
+    A, B, Qx, Qu, cross = check_matrices(plant.A, plant.B, Qx, Qu, cross)
+    found = sampled_lqr(A, B, Weights(Qx, Qu, cross, stability), period)
     return replace(_dress(found, plant), plant=plant)
 
 
@@ -473,7 +487,7 @@ def finite_horizon(
     T : float
         Final time [s].
     t : array_like, shape (N,), optional
-        Increasing times [s], at most T; default: 201 times from 0 to T.
+        Increasing times [s] in [0, T]; default: 201 times from 0 to T.
     at, cross
         As for `lqr`.
 
@@ -492,12 +506,14 @@ def finite_horizon(
         'Qx': Qx, 'Qu': Qu, 'P1': P1, 'T': T}, at)
     if plant.period:
         raise StatementError('finite_horizon: the plant is in discrete time')
-    if not isinstance(T, (int, float)) or not 0.0 < T < np.inf:
-        raise StatementError(f'T: wanted a positive number of seconds, found {describe_type(T)}')
-    times = np.linspace(0.0, T, _POINTS) if t is None else np.asarray(t, dtype=np.float64)
-    P, K = solve_finite_horizon(plant.A, plant.B, Qx, Qu, P1, times, float(T), cross=cross)
+    T = as_duration(T, 'T')
+    wanted = f'increasing times from 0 s to T = {T:g} s'
+    times = np.linspace(0.0, T, _POINTS) if t is None else as_times(t, wanted)
+    if not 0.0 <= times[0] <= times[-1] <= T:
+        raise StatementError(f't: wanted {wanted}')
+    P, K = solve_finite_horizon(plant.A, plant.B, Qx, Qu, P1, times, T, cross=cross)
     weights = Weights(Qx, Qu, None if cross is None else np.asarray(cross, float))
-    return FiniteHorizonDesign(times, P, K, float(T), plant, weights, np.asarray(P1, float))
+    return FiniteHorizonDesign(times, P, K, T, plant, weights, np.asarray(P1, float))
 
 
 def _dress(design: LqrDesign, plant: LinearPlant) -> RegulatorDesign:

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Regulators of the public interface against closed forms and python-control."""
 
+from fractions import Fraction
 import inspect
 from typing import get_overloads
 
@@ -257,6 +258,51 @@ def test_long_horizons_reach_the_stationary_gain():
 def test_a_design_is_refused_in_words(call, error, said):
     with pytest.raises(error, match=said):
         call()
+
+
+@pytest.mark.parametrize(('call', 'said'), [
+    *[(lambda t=t: obc.finite_horizon(A, B, 1, 1, 1, 1, t=t),
+       '^t: wanted increasing times from 0 s to T = 1 s')
+      for t in ([-1, .5], [0.5, 1.5], 'abc', '1', ['0', '1'], 0.5, [], [[0, 1]], [0, [1]], [0, 0],
+                [0, np.nan], [True], {'t': 1})],
+    *[(lambda T=T: obc.finite_horizon(A, B, 1, 1, 1, T), '^T: wanted a positive number of seconds')
+      for T in (True, np.True_, '1', [1], 0, np.nan, np.inf, 10**400, 1j)],
+    *[(lambda f=f: f(A, B, 1, 1, stability='1'), "^stability: wanted a number, found str '1'")
+      for f in (obc.lqr, obc.dlqr)],
+    (lambda: obc.lqr(A, B, 1, 1, stability=None), '^stability: wanted a number, found nothing'),
+    (lambda: obc.dlqr(A, B, 1, 1, period='1'), "^period: wanted a number, found str '1'"),
+    (lambda: obc.dlqr(SPACE, 1, 1, period='1'), "^period: wanted a number, found str '1'"),
+    *[(lambda f=f, c=c, m=m: f(SPACE, 1, 1, **m, cross=c), '^cross: ')
+      for f, m in ((obc.lqr, {}), (obc.dlqr, {'period': 0.1}),
+                   (obc.finite_horizon, {'P1': 1, 'T': 1}))
+      for c in ('a', [[1], ['a']], [[1], [1, 2]], [1, 2])],
+])
+def test_a_number_of_a_design_is_refused_in_words(call, said):
+    with pytest.raises(StatementError, match=said):
+        call()
+
+
+@pytest.mark.parametrize('t', [None, '1', [1, 2], True])
+def test_the_time_of_a_law_is_refused_in_words(t):
+    """Also if a time and a state are exchanged."""
+    law = obc.finite_horizon(A, B, 1, 1, 1, 2)
+    for call in (law.gain, lambda t: law(t, 1.0)):
+        with pytest.raises(StatementError, match='^t: wanted a number, found'):
+            call(t)
+    with pytest.raises(StatementError, match='^x: wanted numbers for x1, x2'):
+        obc.lqr(A, B, 1, 1)([1, 2], 1.0)
+
+
+@pytest.mark.parametrize('number', [np.int64, np.float32, np.array, Fraction])
+def test_numbers_of_numpy_are_taken(number):
+    """dx/dt = u, Qx = Qu = 1, P1 = 0: K = tanh(T - t)."""
+    law = obc.finite_horizon([[0]], [[1]], 1, 1, 0, number(3), t=[number(0), number(3)])
+    assert (type(law.T), law.T) == (float, 3.0)
+    np.testing.assert_allclose(law.K[:, 0, 0], [np.tanh(3), 0], atol=1e-12)
+    assert law.gain(number(2)) == pytest.approx(np.tanh(1), abs=1e-12)
+    design = obc.dlqr(SPACE, 1, 1, period=number(1), stability=number(0))
+    np.testing.assert_array_equal(design.K, obc.dlqr(SPACE, 1, 1, period=1.0).K)
+    assert type(design.period) is float
 
 
 def test_the_html_of_a_design_is_escaped():
