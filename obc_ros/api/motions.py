@@ -9,6 +9,7 @@ from typing import Any
 
 from obc_ros.api.answer import Answer
 from obc_ros.api.given import (
+    as_number,
     as_state,
     choose_given,
     convert_numbers,
@@ -77,7 +78,7 @@ def plan(system: SystemLike, start: StateLike, goal: StateLike,
         plant, as_state(start, plant.state_names, 'start'),
         as_state(goal, plant.state_names, 'goal'), objective=objective, Qx=Qx, Qu=Qu,
         final_time=final_time, input_bounds=convert_numbers(input_bounds or {}))
-    problem, solution = solve_motion(motion, time_limit)
+    problem, solution = solve_motion(motion, as_number(time_limit, 'time_limit'))
     return Answer(problem.name, problem.states[:problem.stated], problem.inputs,
                   hide_added_states(problem, solution), problem)
 
@@ -124,7 +125,8 @@ def minimize(statement: Mapping[str, Any] | None = None, *, variables: Sequence[
     keys = choose_given(locals(), _KEYS)
     if statement is not None and not isinstance(statement, Mapping):
         raise StatementError(f'statement: wanted a mapping, found {describe_type(statement)}')
-    return static.minimize(convert_numbers({**(statement or {}), **keys}), time_limit=time_limit)
+    return static.minimize(convert_numbers({**(statement or {}), **keys}),
+                           time_limit=as_number(time_limit, 'time_limit'))
 
 
 reeds_shepp = find_shortest_path   # the name of the library

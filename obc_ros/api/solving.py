@@ -7,7 +7,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 import json
-import math
 from typing import Any, Unpack
 
 import casadi as ca
@@ -15,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from obc_ros.api.answer import Answer
 from obc_ros.api.given import (
+    as_duration,
     choose_given,
     convert_numbers,
     Expression,
@@ -116,9 +116,7 @@ def solve(problem: ProblemLike | None = None, *, name: str = UNSET,
 
     """
     keys = {**choose_given(locals(), _KEYS), **others}
-    if not (isinstance(time_limit, (int, float)) and 0.0 < time_limit < math.inf):
-        raise StatementError('time_limit: wanted a positive number of seconds, found '
-                             f'{describe_type(time_limit)}')
+    time_limit = as_duration(time_limit, 'time_limit')
     written = [f'{name}={_write(value)}' for name, value in options.items()
                ] if isinstance(options, Mapping) else list(options)
     chosen = read_options(written)
@@ -128,10 +126,10 @@ def solve(problem: ProblemLike | None = None, *, name: str = UNSET,
     if isolated and cache is not None:
         raise StatementError('isolated: another process keeps nothing in a cache')
     if isolated:
-        return _solve_isolated(problem, keys, report, float(time_limit),
+        return _solve_isolated(problem, keys, report, time_limit,
                                {'method': method, 'options': written})
     stated = as_problem(problem, keys)
-    solution = solver.solve(stated.built, method=method, time_limit=float(time_limit),
+    solution = solver.solve(stated.built, method=method, time_limit=time_limit,
                             report=report, cache=cache, options=chosen)
     return Answer(stated.name, stated.states, stated.inputs,
                   hide_added_states(stated.built, solution), stated.built,

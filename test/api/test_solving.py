@@ -152,6 +152,7 @@ def test_options_may_be_a_mapping_or_texts():
     ({}, '^states: missing'),
     ({'problem': LEAST_TIME, 'time_limit': 0}, '^time_limit: wanted a positive number'),
     ({'problem': LEAST_TIME, 'time_limit': math.nan}, '^time_limit: wanted'),
+    ({'problem': LEAST_TIME, 'time_limit': True}, "^time_limit: wanted .* found bool 'True'"),
     ({'problem': LEAST_TIME, 'time_limit': '3'}, "^time_limit: wanted .* found str '3'"),
     ({'problem': LEAST_TIME, 'method': 'magic'}, "^method: 'magic' is unknown"),
     ({'problem': LEAST_TIME, 'method': 3}, '^method: wanted a name'),
@@ -162,6 +163,11 @@ def test_a_malformed_call_is_an_error_in_words(arguments, said):
     problem = arguments.pop('problem', None)
     with pytest.raises(StatementError, match=said):
         obc.solve(problem, **arguments)
+
+
+@pytest.mark.parametrize('limit', [np.int64(5), np.float32(5), np.array(5)])
+def test_a_time_limit_may_be_a_number_of_numpy(limit):
+    assert obc.solve(EFFORT, time_limit=limit).objective == pytest.approx(12, abs=1e-8)
 
 
 def test_the_path_of_another_solver_is_certified():
