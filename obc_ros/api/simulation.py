@@ -7,6 +7,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
+import inspect
 import math
 from typing import Any
 
@@ -14,7 +15,7 @@ import numpy as np
 from obc_ros.api.answer import Answer
 from obc_ros.api.figures.panels import draw_columns
 from obc_ros.api.figures.presentation import present
-from obc_ros.api.given import as_state, StateLike, VectorLike
+from obc_ros.api.given import as_input, as_state, as_times, StateLike, VectorLike
 from obc_ros.api.plants import as_system, System, SystemLike
 from obc_ros.api.regulators import FiniteHorizonDesign, RegulatorDesign
 from obc_ros.core.numerics.arrays import Array, integrate
@@ -117,10 +118,11 @@ def simulate(system: SystemLike, law: Any, x0: StateLike, t: VectorLike) -> Simu
     system : System, str, Path, mapping, Problem, StateSpace or NonlinearIOSystem
         The plant, as for `equilibrium`. Inputs are held within its limits.
     law : callable, RegulatorDesign, FiniteHorizonDesign, Answer, array_like or mapping
-        A function of (t, x) that returns the input (m,); a design of `lqr`, `finite_horizon` or
-        `dlqr`, the input of which is held for its period; an answer, whose inputs are applied
-        without feedback; or inputs: (m,) constant, or (N, m) at the times `t`, linear in between;
-        these also by name. The states and inputs of a law must be those of the system.
+        A function of (t, x) that returns the input (m,), in order or by name; a design of `lqr`,
+        `finite_horizon` or `dlqr`, the input of which is held for its period; an answer, whose
+        inputs are applied without feedback; or inputs: (m,) constant, or (N, m) at the times `t`,
+        linear in between; these also by name. The states and inputs of a law must be those of the
+        system.
     x0 : array_like, shape (n,), or mapping
         State at the first time, in order or by name; or a point of `Answer.at`.
     t : array_like, shape (N,)
@@ -141,24 +143,35 @@ def simulate(system: SystemLike, law: Any, x0: StateLike, t: VectorLike) -> Simu
     """
     plant = as_system(system)
     start = as_state(x0, plant.states, 'x0')
-    times = np.asarray(t, dtype=np.float64) if np.ndim(t) == 1 else np.zeros(0)
-    if len(times) < 2 or not np.isfinite(times).all() or (np.diff(times) <= 0.0).any():
-        raise StatementError('t: wanted at least two increasing times')
+    wanted = 'at least two increasing times'
+    times = as_times(t, wanted)
+    if len(times) < 2:
+        raise StatementError(f't: wanted {wanted}')
     control, edges = _read_law(plant, law, times)
     if isinstance(law, RegulatorDesign) and law.period:
         return _simulate_held(plant, law, start, times)
     low, high = plant.limits
 
     def limited(s: float, x: Array) -> Array:
-        u = np.asarray(control(s, x), dtype=np.float64).reshape(-1)
-        if u.shape != (len(plant.inputs),) or np.isnan(u).any():
-            raise StatementError(f'law: wanted {len(plant.inputs)} numbers for the inputs at '
-                                 f't = {s:g} s')
-        return np.clip(u, low, high)
+        return np.clip(_read_input(control(s, x), plant.inputs, s), low, high)
 
     states = _integrate(plant, limited, start, times, edges)
     return Simulation(times, plant, states, np.array(
         [limited(s, x) for s, x in zip(times.tolist(), states, strict=True)]))
+
+
+def _read_input(given: Any, inputs: tuple[str, ...], t: float) -> Array:
+    """Return the input (m,) that a law returns at a time."""
+    if isinstance(given, Mapping):
+        return as_input(given, inputs, f'law at t = {t:g} s')
+    try:
+        u = np.asarray(given, dtype=np.float64).reshape(-1)
+    except (TypeError, ValueError):
+        u = np.full(1, np.nan)
+    if u.shape != (len(inputs),) or np.isnan(u).any():
+        raise StatementError(f'law: wanted {len(inputs)} numbers for the inputs at t = {t:g} s, '
+                             f'found {describe_type(given)}')
+    return u
 
 
 def _read_law(plant: System, law: Any, times: Array) -> tuple[ControlLaw, Array]:
@@ -200,6 +213,13 @@ def _check_law(law: Any, plant: System, times: Array) -> None:
         if isinstance(names, tuple) and set(names) == set(own) and names != own:
             raise StatementError(f'law: its {kind} are {", ".join(names)}, in another order than '
                                  f'{", ".join(own)} of the system')
+    try:
+        inspect.signature(law).bind(times[0], None)
+    except TypeError:
+        raise StatementError('law: wanted a function of (t, x), found one of other arguments'
+                             ) from None
+    except ValueError:   # it does not say what it takes
+        pass
     if isinstance(law, FiniteHorizonDesign) and not 0.0 <= times[0] < times[-1] <= law.T:
         raise StatementError(f't: wanted times of the law, from 0 s to {law.T:g} s')
 

@@ -21,8 +21,10 @@ LEAST_TIME = {
 
 
 @pytest.mark.parametrize('law', [[1.0], np.ones((31, 1)), lambda t, x: 1.0, lambda t, x: [1],
-                                 {'F': 1}, {'F': np.ones(31)}],
-                         ids=['constant', 'samples', 'number', 'list', 'name', 'named samples'])
+                                 lambda t, x: {'F': 1}, {'F': 1},
+                                 {'F': np.ones(31)}],
+                         ids=['constant', 'samples', 'number', 'list', 'mapping', 'name',
+                              'named samples'])
 def test_a_constant_force_gives_a_parabola(law):
     found = obc.simulate(MASS, law, [1, -1], T)
     np.testing.assert_allclose(found.x['p'], 1 - T + T**2/2, atol=1e-8)
@@ -86,6 +88,14 @@ def test_a_simulation_is_drawn():
 @pytest.mark.parametrize(('change', 'said'), [
     ({'law': 'full speed'}, '^law: wanted a function'), ({'law': [1, 2]}, '^law: wanted a func'),
     ({'law': [np.nan]}, '^law: wanted a func'), ({'law': lambda t, x: [1, 2]}, '^law: wanted 1 n'),
+    ({'law': lambda t, x: 'a'}, "^law: wanted 1 numbers .* at t = 0 s, found str 'a'"),
+    ({'law': lambda t, x: None}, '^law: wanted 1 numbers .* found nothing'),
+    ({'law': lambda t, x: {'u': 1}}, "^law at t = 0 s: wanted numbers for F, .* found 'u'"),
+    ({'law': lambda t, x: {'F': 'full'}}, '^law at t = 0 s: wanted numbers for F'),
+    ({'law': lambda x: 0.0}, r'^law: wanted a function of \(t, x\)'),
+    ({'law': lambda t, x, p: 0.0}, r'^law: wanted a function of \(t, x\)'),
+    ({'t': ['a', 'b']}, '^t: wanted at least two'), ({'t': 'ab'}, '^t: wanted at least two'),
+    ({'t': [[0], [1, 2]]}, '^t: wanted at least two'), ({'t': ['0', '1']}, '^t: wanted at least'),
     ({'law': lambda t, x: np.nan}, '^law: wanted 1 numbers for the inputs at t = 0 s'),
     ({'x0': [1]}, '^x0: wanted numbers for p, v'), ({'x0': [1, np.inf]}, '^x0: v = inf'),
     ({'t': [0]}, '^t: wanted at least two'), ({'t': [1, 0]}, '^t: wanted'),
@@ -103,6 +113,13 @@ def test_a_malformed_simulation_is_an_error_in_words(change, said):
         obc.simulate(**arguments)
 
 
+def test_an_error_of_a_law_is_raised_as_it_is():
+    def law(t, x):
+        return x + 'v'
+    with pytest.raises(TypeError, match=r'^(?!law)'):
+        obc.simulate(MASS, law, [0, 0], T)
+
+
 def test_a_state_that_grows_without_bound_is_an_error():
     blow = obc.System(states=['x'], inputs=['u'], dynamics={'x': 'x**2 + u'})
     with pytest.raises(ObcError, match='the simulation ends at t = .*without bound'):
@@ -114,6 +131,8 @@ def test_a_motion_is_planned_in_least_time():
     answer = obc.plan('double_integrator', [0, 0], [1, 0], input_bounds={
         obc.systems['double_integrator'].inputs[0]: [-1, 1]})
     assert (answer.status, answer.objective) == ('solved', pytest.approx(2, abs=1e-8))
+    with pytest.raises(StatementError, match="^time_limit: wanted a number, found str '1'"):
+        obc.plan('double_integrator', [0, 0], [1, 0], time_limit='1')
     with pytest.raises(StatementError, match='^start: wanted'):
         obc.plan('double_integrator', [0], [1, 0])
 
@@ -130,5 +149,7 @@ def test_a_constrained_minimum_has_its_multiplier():
     found = obc.minimize(variables=['x', 'y'], cost='x**2 + y**2', equalities=['x + y - 2'])
     assert found.x == pytest.approx([1, 1], abs=1e-9)
     assert found.lam == pytest.approx([-2], abs=1e-9)
+    with pytest.raises(StatementError, match="^time_limit: wanted a number, found str '1'"):
+        obc.minimize(variables=['x'], cost='x**2', time_limit='1')
     with pytest.raises(StatementError, match='^statement: wanted a mapping'):
         obc.minimize('x**2')
