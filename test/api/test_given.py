@@ -11,8 +11,7 @@ import numpy as np
 import obc_ros as obc
 from obc_ros.api import given
 from obc_ros.core.ocp.statement import FOR_THE_SOLVER
-from obc_ros.core.systems.file import FOR_PEOPLE, OF_A_PLANT
-from obc_ros.core.systems.file import PLANT as PLANT_KEYS
+from obc_ros.core.systems.file import FOR_PEOPLE, OF_A_PLANT, PLANT_KEYS
 from obc_ros.core.systems.file import TASK as TASK_KEYS
 from obc_ros.core.tasks.minimize import KEYS
 from obc_ros.core.text.errors import StatementError
