@@ -198,9 +198,10 @@ def list_figures(design: LqrDesign | None, candidate: LqrDesign | None) -> list[
             'slowest mode (time constant)': f'{-1.0 / slowest:.3g} s' if slowest < 0.0
             else 'not stable',
             'least damping of a mode (damping ratio)': f'{np.min(each.damping):.3g}',
-            'tolerated phase (phase margin)': f'{np.degrees(np.min(each.phase_margin)):.3g} deg',
-            'tolerated phase and gain (disk margin)': f'{np.min(each.disk_margin):.3g}',
-            'tolerated delay (delay margin)': f'{np.min(each.delay_margin):.3g} s',
+            'phase tolerated in one input (phase margin)': (
+                f'{np.degrees(np.min(each.phase_margin)):.3g} deg'),
+            'both tolerated in one input (disk margin)': f'{np.min(each.disk_margin):.3g}',
+            'delay tolerated in one input (delay margin)': f'{np.min(each.delay_margin):.3g} s',
             **{f'largest {name} in a unit step (peak input)': f'{peak:.4g}'
                for name, peak in zip(each.input_names, each.peak_input, strict=False)}}
 

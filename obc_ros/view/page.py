@@ -225,6 +225,7 @@ class LoopPage:
             events = source.events if isinstance(source, Playback) else ()
             self._canvas.change_scene(describe_scene(source.plant, events))
             if isinstance(source, LoopClient):
+                self._set_point.refresh()   # before what waits for nodes
                 await self._weights.load()
                 await self._plant_panel.load()
         if self._plant is not None and source.reference is not self._reference:
@@ -253,9 +254,9 @@ class LoopPage:
     def _show_design(self, design: LqrDesign | None, none: str) -> None:
         """Show the design in plain words, and in terms once these are opened."""
         if design is not self._described or design is None:
-            self._described = design
             self._plain.text = describe_design(design) if design else none
             self._terms.text = design.sentence if design else ''
+            self._described = design
 
     async def _click(self, x: float, y: float) -> None:
         if self._plan is None:

@@ -44,12 +44,8 @@ def test_the_error_along_the_course_of_a_moving_set_point_is_free():
         assert found.startswith('py would be 3 m ') == far == bool(found)
 
 
-@pytest.mark.parametrize(('given', 'controls', 'sent'), [
-    ([1.0, 0.0], True, True), ([math.nan, 0.0], True, False), ([None, 0.0], True, False),
-    ([math.inf, 0.0], True, False), ([1.0, 0.0], False, False)])
-def test_only_numbers_of_a_page_that_controls_are_sent(given, controls, sent):
-    changes: list[dict[str, Any]] = []
-
+def make_panel(changes: list[dict[str, Any]], **more: Any) -> SimpleNamespace:
+    """Return what `_set` reads of a panel; changes that are sent go to a list."""
     async def set_parameters(node, values):
         changes.append({node: values})
         return True, ''
@@ -57,10 +53,51 @@ def test_only_numbers_of_a_page_that_controls_are_sent(given, controls, sent):
     async def find_refusal(_):
         return ''
 
-    panel = SimpleNamespace(
-        _busy=False, _may_control=lambda: controls, _message=SimpleNamespace(text=''),
-        _shown=[0.5, 0.0], _before=[], _find_refusal=find_refusal,
-        _client=SimpleNamespace(controller='mpc_node', set_parameters=set_parameters))
+    panel = SimpleNamespace(**{
+        '_busy': False, '_may_control': lambda: True, '_message': SimpleNamespace(text=''),
+        '_shown': [0.5, 0.0], '_before': [], '_sent': [], '_old': None,
+        '_find_refusal': find_refusal, '_client': SimpleNamespace(
+            controller='mpc_node', plant='cart', design='first', reference=None,
+            mode=SimpleNamespace(name='CONTROLLING'), set_parameters=set_parameters)} | more)
+    panel._find_asked = lambda: SetPointPanel._find_asked(panel)
+    return panel
+
+
+@pytest.mark.parametrize(('given', 'controls', 'sent'), [
+    ([1.0, 0.0], True, True), ([math.nan, 0.0], True, False), ([None, 0.0], True, False),
+    ([math.inf, 0.0], True, False), ([1.0, 0.0], False, False)])
+def test_only_numbers_of_a_page_that_controls_are_sent(given, controls, sent):
+    changes: list[dict[str, Any]] = []
+    panel = make_panel(changes, _may_control=lambda: controls)
     asyncio.run(SetPointPanel._set(panel, given))
     assert changes == ([{'mpc_node': {'setpoint': [1.0, 0.0]}}] if sent else [])
     assert panel._before == ([0.5, 0.0] if sent else []) and not panel._busy
+    assert (panel._old == 'first') == sent   # the next step waits for the design that follows
+
+
+@pytest.mark.parametrize('change', [
+    {'controller': 'lqr_node'}, {'plant': 'ship'}, {'design': 'that of somebody else'},
+    {'mode': SimpleNamespace(name='STOPPED')}, {}])
+def test_nothing_is_sent_if_the_loop_changes_meanwhile(change):
+    """The limits are read first; a stop, another page or another controller may come before."""
+    changes: list[dict[str, Any]] = []
+    controls = [True, bool(change)]
+
+    async def find_refusal(_):
+        vars(panel._client).update(change)
+        return ''
+
+    panel = make_panel(changes, _find_refusal=find_refusal, _may_control=lambda: controls.pop(0))
+    asyncio.run(SetPointPanel._set(panel, [1.0, 0.0]))
+    assert not changes and panel._message.text.startswith('not sent')
+    assert not panel._busy and not panel._before
+
+
+def test_a_path_that_is_followed_is_not_left_by_the_same_set_point():
+    changes: list[dict[str, Any]] = []
+    panel = make_panel(changes)
+    panel._client.reference = 'a path'
+    asyncio.run(SetPointPanel._set(panel, [0.5, 0.0]))
+    assert not changes and 'a path is followed' in panel._message.text
+    asyncio.run(SetPointPanel._set(panel, [1.0, 0.0]))
+    assert changes

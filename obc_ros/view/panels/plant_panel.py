@@ -87,7 +87,9 @@ class PlantPanel:
             except ObcError as error:
                 self._message.text = str(error)
                 return
-            await self._change({f'disturbance.gust.{state}': float(peak),
+            others = {f'disturbance.gust.{each.name}': 0.0 for each in (
+                self._client.plant.states if self._client.plant else ())}
+            await self._change({**others, f'disturbance.gust.{state}': float(peak),
                                 'disturbance.gust_start': round(now + SOON * max(rate, 1.0), 3),
                                 'disturbance.gust_duration': float(span)})
 

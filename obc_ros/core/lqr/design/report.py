@@ -98,26 +98,30 @@ def describe_plainly(poles: NDArray[np.complex128], damping: Array, phase_margin
     The parameters are those of `Figures`; a phase is given only with a limit.
     """
     slowest = float(np.max(poles.real))
-    if not math.isfinite(slowest):
+    margins = np.append(phase_margin, delay_margin)
+    if not math.isfinite(slowest) or np.isnan(margins).any() or np.isnan(damping).any():
         return 'not known'
     if slowest >= 0.0:
-        return 'not stable: ' + (f'doubles in {_round(math.log(2.0) / slowest)} s' if slowest
-                                 else 'a deviation stays')
+        return 'not stable: ' + (f'doubles in {_round(math.log(2.0) / slowest)} s'
+                                 if slowest else 'a deviation does not decay')
     swinging = damping[poles.imag != 0.0]
     least = float(np.min(swinging)) if len(swinging) else math.inf
     words = next(words for bound, words in SWINGS if least >= bound)
+    # The margins of each input are those with the other ones as they are.
+    alone = ' in one input' if len(phase_margin) > 1 else ''
     phase, delay = float(np.min(phase_margin)), float(np.min(delay_margin))
-    tolerated = 'tolerates any delay'
-    if math.isfinite(phase):
-        tolerated = f'tolerates {math.degrees(phase):.0f} deg of phase'
-        if math.isfinite(delay):
-            tolerated += f' ({_round(delay)} s of delay)'
-    elif math.isfinite(delay):
-        tolerated = f'tolerates {_round(delay)} s of delay'
-    return f'slowest mode {_round(-1.0 / slowest)} s; {words}; {tolerated}'
+    tolerated = ' or '.join(filter(None, (
+        f'{math.floor(math.degrees(phase) + 1e-9)} deg of phase' if math.isfinite(phase) else '',
+        f'{_round(delay, down=True)} s of delay' if math.isfinite(delay) else '')))
+    return (f'slowest mode {_round(-1.0 / slowest)} s; {words}; tolerates '
+            + (tolerated + alone if tolerated else 'any delay'))
 
 
-def _round(value: float) -> str:
+def _round(value: float, *, down: bool = False) -> str:
+    """Return a number with two digits; `down`: not larger than it is, as a margin must be."""
+    if down and value > 0.0:
+        unit = 10.0**(math.floor(math.log10(value)) - 1)
+        value = math.floor(value / unit + 1e-9) * unit
     return f'{float(f"{value:.2g}"):g}'
 
 
