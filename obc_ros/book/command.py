@@ -47,7 +47,8 @@ def add_arguments(parser: Parser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run entries; return 0 if all numbers are in tolerance, 1 if not, 2 for an unknown name."""
-    if args.csv and args.csv in args.check:
+    if args.csv and args.csv.exists() and any(
+            each.exists() and args.csv.samefile(each) for each in args.check):
         print(f'obc gallery: --csv would overwrite {args.csv}, which is to be checked',
               file=sys.stderr)
         return 2

@@ -48,7 +48,7 @@ def add_arguments(parser: Parser) -> None:
     parser.add_argument('--copy', metavar='DIR', type=Path,
                         help='copy the files to DIR; existing files are kept')
     parser.limit('--list', without=['--copy'])
-    parser.limit('--long', without=['--copy'])
+    parser.limit('--long', without=['NAME', '--copy'])
 
 
 def run(args: argparse.Namespace) -> int:

@@ -334,7 +334,17 @@ def test_the_table_of_a_class_replaces_no_sheet(sheets, capsys):
     one = str(sheets[0])
     assert main(['gallery', '--check', one, '--csv', one]) == 2
     assert 'would overwrite' in capsys.readouterr().err
+    link = sheets[0].with_name('linked.yaml')
+    link.symlink_to(sheets[0])
+    assert main(['gallery', '--check', one, '--csv', str(link)]) == 2
     assert sheets[0].read_text() == '2.2-cost: 3*pi'
+
+
+@pytest.mark.parametrize(('name', 'answer'), [
+    ('2.10-B', '[[0], [5]]'), ('2.10-B', 'B = [[0], [5]]'),
+    ('2.7-gain', 'K = [[4, 2.8284271]]'), ('2.7-gain', '(4), (2.8284271)')])
+def test_rows_of_one_entry_and_single_rows_are_read(name, answer):
+    assert judge(name, answer).verdict == 'right'
 
 
 # The references, by other means.

@@ -9,6 +9,7 @@ import pytest
 
 COMPATIBLE = 'accepted as by `ros2`'   # begins the help of options that only `ros2` needs
 # Options that have an effect whatever else is given. A new one is put here, or gets a `limit`.
+# Verbs of `ros2` take what `ros2` takes, such as a rate of one message.
 ALWAYS = {
     'demo': '--out --format --real-time',
     'solve': '--json --plot --server --time-limit --method --option --list-options --trace',
@@ -20,22 +21,24 @@ ALWAYS = {
     'view': '--host --port --no-browser',
     'bench': '--list',
     'completion': '',
-    'param list': '--filter --param-prefixes --param-type --timeout',
+    'param list': '--filter --param-prefixes --param-type --timeout --include-hidden-nodes '
+                  '--spin-time',
     'param get': '--hide-type --timeout', 'param set': '--timeout',
     'param describe': '--timeout', 'param dump': '--timeout',
     'param load': '--no-use-wildcard --timeout',
     'service call': '--stdin --timeout',
-    'service list': '--count-services --include-hidden-services --spin-time',
-    'topic list': '--count-topics --include-hidden-topics --spin-time',
+    'service list': '--show-types --count-services --include-hidden-services --spin-time',
+    'topic list': '--show-types --count-topics --include-hidden-topics --spin-time',
     'topic info': '--verbose --spin-time',
-    'topic echo': '--once --timeout --field --full-length --no-arr --no-str --qos-depth '
-                  '--qos-reliability --qos-durability',
+    'topic echo': '--once --timeout --field --full-length --truncate-length --no-arr --no-str '
+                  '--qos-depth --qos-reliability --qos-durability',
     'topic hz': '--window',
-    'topic pub': '--stdin --once --times --wait-matching-subscriptions --qos-depth '
-                 '--qos-reliability --qos-durability',
+    'topic pub': '--stdin --once --times --rate --wait-matching-subscriptions '
+                 '--max-wait-time-secs --keep-alive --qos-depth --qos-reliability '
+                 '--qos-durability',
     'action send_goal': '--stdin --feedback --timeout',
     'interface show': '--all-comments --no-comments',
-    'lifecycle get': '--timeout', 'lifecycle set': '--timeout',
+    'lifecycle get': '--timeout --include-hidden-nodes --spin-time', 'lifecycle set': '--timeout',
     'node list': '--all --count-nodes --spin-time',
     'run': '', 'launch': '--show-args',
 }
@@ -75,7 +78,9 @@ LINES = [
     ('sweep a.yaml --out a --over p=1 --format pdf', '--format', 'without --plot'),
     ('sweep a.yaml --out a --over p=1 --seed 1', '--seed', 'without --sample'),
     ('sweep a.yaml --out a --over p=1 --count 3', '--count', 'without --sample'),
-    ('examples dido --copy a --long', '--long', 'with --copy'),
+    ('examples dido --copy a --long', '--long', 'with NAME'),
+    ('examples --copy a --long', '--long', 'with --copy'),
+    ('examples dido --long', '--long', 'with NAME'),
     ('examples --copy a --list', '--list', 'with --copy'),
     ('bench lqr --list', 'NAME', 'with --list'),
     ('bench --peers --list', '--peers', 'with --list'),
@@ -88,16 +93,6 @@ WITH_ROS = [
     ('view --control', '--control', 'without --namespace'),
     ('view --namespace / --scenario vehicle', '--scenario', 'with --namespace'),
     ('view --namespace / --priority 0', '--priority', 'with --namespace'),
-    ('topic pub /a b/msg/C --once -r 2', '--rate', 'with --once'),
-    ('topic pub /a b/msg/C --max-wait-time-secs 2', '--max-wait-time-secs',
-     'without --wait-matching-subscriptions or --once or --times'),
-    ('topic pub /a b/msg/C --keep-alive 2', '--keep-alive', 'without --once or --times'),
-    ('topic echo /a -f -l 3', '--truncate-length', 'with --full-length'),
-    ('topic list -c -t', '--show-types', 'with --count-topics'),
-    ('service list -c -t', '--show-types', 'with --count-services'),
-    ('param list /a --spin-time 1', '--spin-time', 'with node_name'),
-    ('param list /a --include-hidden-nodes', '--include-hidden-nodes', 'with node_name'),
-    ('lifecycle get /a --spin-time 1', '--spin-time', 'with node_name'),
 ]
 
 

@@ -16,7 +16,7 @@ from obc_ros.book.teaching.sheet import (
     VERDICTS,
 )
 from obc_ros.cli.terminal import print_table
-from obc_ros.core.text.errors import quote, StatementError
+from obc_ros.core.text.errors import ObcError, quote, StatementError
 
 
 @dataclass(frozen=True)
@@ -48,14 +48,14 @@ def report_class(files: Sequence[Path], table: Path | None = None) -> int:
     :raises StatementError: if there is one sheet only, and it cannot be read.
     """
     rows = [_check(file) for file in files]
-    if table:
-        _write_table(table, rows)
     if len(rows) > 1:
         _print_class(rows)
-    elif rows[0].error:
-        raise StatementError(rows[0].error)
-    else:
+    elif not rows[0].error:
         print_sheet(rows[0].answers)
+    if table:
+        _write_table(table, rows)
+    if len(rows) == 1 and rows[0].error:
+        raise StatementError(rows[0].error)
     return max(row.status for row in rows)
 
 
@@ -74,8 +74,12 @@ def _print_class(rows: Sequence[StudentRow]) -> None:
 
 
 def _write_table(path: Path, rows: Sequence[StudentRow]) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with path.open('w', encoding='utf-8', newline='') as file:
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        file = path.open('w', encoding='utf-8', newline='')
+    except OSError as error:
+        raise ObcError(f'{path} cannot be written: {error.strerror}') from None
+    with file:
         writer = csv.writer(file)
         writer.writerow(['file', *VERDICTS, 'error', *(each.name for each in QUESTIONS)])
         for row in rows:

@@ -128,10 +128,15 @@ def _split(text: str, where: str, level: int = 2) -> Any:
         raise StatementError(f"{where}: '{quote(text)}' can be read in two ways; write "
                              f'{found[1]}.{found[2]}, or [{found[1]}, {found[2]}] for two numbers')
     inner = text.strip(' \t\r\n')
+    is_row = False
     if level and inner and inner[0] in '([' and _close(inner) == len(inner) - 1:
+        # `[[0], [5]]` and `[[1, 2]]` have rows of one entry and one row; (a) is only a.
+        is_row = inner[0] == '[' and (level == 1 or inner[1:].lstrip().startswith('[')
+                                      and _close(inner[1:-1].strip()) == len(
+                                          inner[1:-1].strip()) - 1)
         inner = inner[1:-1]
     parts = _cut_at_commas(inner) if level else [text]
-    if len(parts) > 1:
+    if len(parts) > 1 or is_row:
         return [_split(part, where, level - 1) for part in parts]
     return [text.replace('±', sign) for sign in '+-'] if text.count('±') == 1 else text
 

@@ -58,8 +58,6 @@ def run(args: argparse.Namespace) -> int:
         raise ObcError('which launch file? obc launch loop, or obc launch PACKAGE FILE')
     file = LaunchFile(path)
     if args.show_args:
-        if words:
-            raise ObcError(f'{quote(words[0])} has no effect with --show-args')
         _show(file)
         return 0
     wanted = file.nodes(dict(map(_argument, words)))

@@ -77,7 +77,6 @@ def _echo_arguments(parser: Parser) -> None:
     parser.add_argument('--no-arr', action='store_true', help='omit sequences')
     parser.add_argument('--no-str', action='store_true', help='omit texts')
     add_direct(parser, lists=False)
-    parser.limit('--truncate-length', without=['--full-length'])
 
 
 def _hz_arguments(parser: Parser) -> None:
@@ -106,10 +105,6 @@ def _pub_arguments(parser: Parser) -> None:
                         help='wait at most N seconds for them')
     parser.add_argument('--keep-alive', type=parse_seconds, default=0.1, metavar='N',
                         help='stay for N seconds after the last message (default: %(default)g)')
-    parser.limit('--rate', without=['--once'])
-    parser.limit('--max-wait-time-secs',
-                 needs=['--wait-matching-subscriptions', '--once', '--times'])
-    parser.limit('--keep-alive', needs=['--once', '--times'])
     _add_qos(parser)
 
 

@@ -50,7 +50,6 @@ def add_list(parser: Parser, what: str) -> None:
     parser.add_argument(f'--include-hidden-{what}', dest='include_hidden', action='store_true',
                         help=f'include {what} with a part that begins with _')
     add_direct(parser)
-    parser.limit('--show-types', without=[f'--count-{what}'])
 
 
 def list_names(args: argparse.Namespace,
@@ -80,8 +79,6 @@ def add_node(parser: Parser, *, optional: bool = False) -> None:
                         help='include nodes whose names begin with _' if optional else
                         f'{COMPATIBLE}; such a node is found by its name')
     add_direct(parser, lists=optional)
-    if optional:
-        parser.limit('--include-hidden-nodes', '--spin-time', without=['node_name'])
 
 
 def parse_seconds(text: str) -> float:
