@@ -120,6 +120,14 @@ def test_a_function_is_called_once_for_another_process(key):
     assert len(calls) == 1
 
 
+@pytest.mark.parametrize(('cost', 'said'), [
+    (lambda x, u: ca.vertcat(u.u, u.u), 'found a matrix of 2 x 1'),
+    (lambda x, u: u.u * ca.SX.sym('y'), "the symbol 'y' is none of those")])
+def test_what_cannot_be_recorded_is_refused_in_words(cost, said):
+    with pytest.raises(obc.ObcError, match=f'^running_cost: .*{said}'):
+        obc.solve(STEADY, running_cost=cost, isolated=True)
+
+
 @pytest.mark.parametrize(('key', 'value'), [
     ('running_cost', 1), ('initial_cost', 0), ('path_constraints', []),
     ('path_constraints', ['v <= 2']), ('terminal_constraints', ['p == 1', 'v'])])

@@ -13,6 +13,7 @@ from typing import Any
 
 import casadi as ca
 from obc_ros.core.text.errors import StatementError
+from obc_ros.core.text.expressions import parse_expression
 
 _ROW = '\0'   # begins a text in place of an expression; no expression of a user contains it
 
@@ -55,9 +56,15 @@ class RecordedFunction:
 
 
 def record_function(key: str, value: Any, symbols: Mapping[str, ca.SX]) -> RecordedFunction:
-    """Return what a function has returned for symbols, without the symbols."""
+    """
+    Return what a function has returned for symbols, without the symbols.
+
+    :raises StatementError: if an expression is a matrix, or has other symbols.
+    """
     rows: list[ca.SX] = []
     form = _take_out(value, rows)
+    for row in rows:
+        parse_expression(row, symbols, key)   # refuses what cannot be recorded
     column = ca.vertcat(ca.SX(0, 1), *rows)   # it has symbols even if there are no rows
     used = {symbol.element_hash() for symbol in ca.symvar(column)}
     symbols = {name: each for name, each in symbols.items() if each.element_hash() in used}
