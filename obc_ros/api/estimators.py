@@ -4,13 +4,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import wraps
 from typing import Any, overload
 
 import numpy as np
-from obc_ros.api.given import as_weight, MatrixLike, StateLike, WeightLike
+from obc_ros.api.given import as_number, as_weight, MatrixLike, StateLike, WeightLike
 from obc_ros.api.plants import as_system, choose_names, is_of_control, SystemLike
-from obc_ros.api.regulators import is_matrix, linearize_given
+from obc_ros.api.regulators import linearize_given, name_positions, read_first
 from obc_ros.core.estimation import kalman_gain
 from obc_ros.core.estimation.kalman_gain import KalmanDesign
 from obc_ros.core.text.errors import StatementError
@@ -31,6 +33,28 @@ class _Measured:
     given: bool = False
 
 
+def _name_arguments(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Return a filter that is called in each form, by position or by name; see `_name_given`."""
+    @wraps(function)
+    def design(*given: Any, **named: Any) -> Any:
+        return function(**named, **_name_given(function.__name__, given, named))
+    return design
+
+
+def _name_given(name: str, given: tuple[Any, ...], named: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the arguments that are given by position by their names."""
+    first = given[0] if given else named.get('plant_or_A')
+    _, has_matrices = read_first(name, (first, named.get('A'), named.get('system')), _WANTED)
+    names = ['plant_or_A', 'Qw', 'Rv']
+    if has_matrices:
+        names.insert(1, 'C')
+        if len(given) == 5 or named.get('RN') is not None:
+            names.insert(1, 'G')
+    elif named.get('C') is not None:
+        raise StatementError(f'{name}: C is given beside a plant; {_WANTED}')
+    return name_positions(name, names, given, named, _WANTED)
+
+
 @overload
 def lqe(A: MatrixLike, C: MatrixLike, Qw: WeightLike, Rv: WeightLike, *,
         G: MatrixLike | None = None, outputs: tuple[str, ...] = ()) -> KalmanDesign: ...
@@ -46,7 +70,8 @@ def lqe(system: SystemLike, Qw: WeightLike, Rv: WeightLike, *, G: MatrixLike | N
         at: StateLike | None = None) -> KalmanDesign: ...
 
 
-def lqe(  # type: ignore[misc]  # `A` by position is `plant_or_A`
+@_name_arguments
+def lqe(
         plant_or_A: Any = None, C: Any = None, Qw: Any = None, Rv: Any = None, RN: Any = None, *,
         A: MatrixLike | None = None, system: SystemLike | None = None,
         G: MatrixLike | None = None, at: StateLike | None = None, outputs: tuple[str, ...] = ()
@@ -116,7 +141,8 @@ def dlqe(system: SystemLike, Qw: WeightLike, Rv: WeightLike, *, G: MatrixLike | 
          at: StateLike | None = None, period: float = 0.0) -> KalmanDesign: ...
 
 
-def dlqe(  # type: ignore[misc]  # as `lqe`
+@_name_arguments
+def dlqe(
         plant_or_A: Any = None, C: Any = None, Qw: Any = None, Rv: Any = None, RN: Any = None, *,
         A: MatrixLike | None = None, system: SystemLike | None = None,
         G: MatrixLike | None = None, at: StateLike | None = None, period: float = 0.0,
@@ -144,6 +170,7 @@ def dlqe(  # type: ignore[misc]  # as `lqe`
 
     """
     found = _read_call('dlqe', (plant_or_A, A, system), (C, Qw, Rv, RN), G, at, outputs)
+    period = as_number(period, 'period')
     matrices = found.A, found.C, found.Qw, found.Rv
     if not found.given and not found.period:
         return kalman_gain.sampled_lqe(*matrices, period, outputs=found.outputs)
@@ -156,25 +183,20 @@ def dlqe(  # type: ignore[misc]  # as `lqe`
 
 def _read_call(name: str, first: tuple[Any, Any, Any], others: tuple[Any, ...], G: Any, at: Any,
                outputs: tuple[str, ...]) -> _Measured:
-    """Return what `lqe` and `dlqe` are called with; `others` are the arguments after the first."""
-    given = [each for each in first if each is not None]
-    if len(given) != 1:
-        raise StatementError(f'{name}: {_WANTED}')
-    has_matrices = first[1] is not None or first[2] is None and is_matrix(first[0])
-    values = [each for each in others if each is not None]
-    if len(values) == 4 and has_matrices and G is None:
-        G, *values = values
-    if len(values) != 2 + has_matrices:
+    """Return what `lqe` and `dlqe` are called with; `others` are C, Qw, Rv and RN."""
+    given, has_matrices = read_first(name, first, _WANTED)
+    C, Qw, *last = others
+    Rv, *more = [each for each in last if each is not None] or [None]
+    if more or Qw is None or Rv is None or has_matrices and C is None:
         raise StatementError(f'{name}: {_WANTED}')
     if has_matrices:
         if at is not None:
             raise StatementError(f'{name}: at is the set point of a plant, not of A and C')
-        n, q = (len(each) if np.ndim(each) == 2 else 0 for each in (given[0], values[0]))
-        plant = _Measured(given[0], values[0], None, None, outputs, given=True)
+        n, q = (len(each) if np.ndim(each) == 2 else 0 for each in (given, C))
+        plant = _Measured(given, C, None, None, outputs, given=True)
         names = tuple(f'x{k + 1}' for k in range(n)), tuple(f'y{k}' for k in range(q))
     else:
-        plant, names = _measure(given[0], at)
-    *_, Qw, Rv = values
+        plant, names = _measure(given, at)
     if G is None:
         Qw = as_weight(Qw, names[0], 'Qw')
     else:

@@ -326,11 +326,17 @@ def _name_given(name: str, names: list[str], given: tuple[Any, ...], named: Mapp
     """
     wanted = _say_wanted(names[2:])
     first = given[0] if given else named.get(names[0])
-    _, has_matrices = _read_first(name, (first, named.get('A'), named.get('system')), wanted)
+    _, has_matrices = read_first(name, (first, named.get('A'), named.get('system')), wanted)
     if not has_matrices:
         if named.get('B') is not None:
             raise StatementError(f'{name}: B is given beside a plant; {wanted}')
         names = names[:1] + names[2:]
+    return name_positions(name, names, given, named, wanted)
+
+
+def name_positions(name: str, names: list[str], given: tuple[Any, ...], named: Mapping[str, Any],
+                   wanted: str) -> dict[str, Any]:
+    """Return arguments by position by their names; an error if there is one more, or one twice."""
     more = len(given) - len(names)
     if more > 0:
         said = 'one more argument' if more == 1 else f'{more} more arguments'
@@ -536,7 +542,7 @@ def _read_call(name: str, first: tuple[Any, Any, Any], B: Any, others: dict[str,
     :param others: weights and numbers by name, in order, all of which are wanted.
     """
     wanted = _say_wanted(others)
-    given, has_matrices = _read_first(name, first, wanted)
+    given, has_matrices = read_first(name, first, wanted)
     for key, value in {**({'B': B} if has_matrices else {}), **others}.items():
         if value is None:
             raise StatementError(f'{name}: {key} is missing; {wanted}')
@@ -553,7 +559,7 @@ def _say_wanted(others: Iterable[str]) -> str:
     return f'wanted A, B, {listed} or a plant, {listed}'
 
 
-def _read_first(name: str, first: tuple[Any, Any, Any], wanted: str) -> tuple[Any, bool]:
+def read_first(name: str, first: tuple[Any, Any, Any], wanted: str) -> tuple[Any, bool]:
     """Return the one given of a first argument by position, `A` and `system`; and if it is A."""
     given = [each for each in first if each is not None]
     if len(given) != 1:

@@ -25,7 +25,10 @@ def test_a_random_walk_has_the_gain_of_its_closed_form():
     lambda f, **more: f(A, C, [2, 3], [0.5], **more),
     lambda f, **more: f(A, C, Qw=[2, 3], Rv=0.5, **more),
     lambda f, **more: f(A=A, C=C, Qw=QW, Rv=RV, **more),
+    lambda f, **more: f(A, C, QW, Rv=RV, **more),
+    lambda f, **more: f(A, Rv=RV, Qw=QW, C=C, **more),
     lambda f, **more: f(A, np.eye(2), C, QW, RV, **more),
+    lambda f, **more: f(A, np.eye(2), C, QW, RN=RV, **more),
     lambda f, **more: f(A, C, QW, {'height': 0.5}, outputs=('height',), **more)])
 def test_every_way_to_state_matrices_gives_the_same_filter(call):
     for function, more in ((obc.lqe, {}), (obc.dlqe, {'period': 0.1})):
@@ -58,11 +61,18 @@ def test_five_arguments_are_those_of_python_control():
 
 @pytest.mark.parametrize(('call', 'said'), [
     (lambda: obc.lqe(A, C, QW), '^lqe: wanted A, C, Qw, Rv'),
-    (lambda: obc.lqe(MASS, C, QW, RV), '^lqe: wanted A, C, Qw, Rv'),
+    (lambda: obc.lqe(MASS, C, QW, RV), '^lqe: found one more argument than wanted A, C, Qw, Rv'),
+    (lambda: obc.lqe(MASS, 1, Qw=100), '^lqe: Qw is given twice, by position and by name'),
+    (lambda: obc.lqe(A, C, 1, 1, C=C), '^lqe: C is given twice'),
+    (lambda: obc.lqe(A, np.eye(2), C, 1, 1, G=np.eye(2)), '^lqe: G is given twice'),
+    (lambda: obc.lqe(system=MASS, C=1, Qw=100), '^lqe: C is given beside a plant; wanted A, C'),
+    (lambda: obc.dlqe(MASS, C=C, Qw=1, Rv=1, period=1), '^dlqe: C is given beside a plant'),
+    (lambda: obc.lqe(A, np.eye(2), C, 1, 1, RN=1), '^lqe: wanted A, C, Qw, Rv'),
     (lambda: obc.lqe(A, C, QW, RV, at=[0, 0]), '^lqe: at is the set point of a plant'),
     (lambda: obc.lqe(MASS, {'q': 1}, 1), "^Qw: wanted numbers for p, v.*found 'q'"),
     (lambda: obc.lqe(control.ss(A, [[0], [1]], C, 0, 0.1), 1, 1), 'discrete time; use dlqe'),
     (lambda: obc.dlqe(control.ss(A, [[0], [1]], C, 0, 0.1), 1, 1, period=0.2), '^dlqe: period'),
+    (lambda: obc.dlqe(MASS, 1, 1, period='1'), "^period: wanted a number, found str '1'"),
     (lambda: obc.dlqe(MASS, 1, 1), '^period = 0'),
 ])
 def test_a_filter_is_refused_in_words(call, said):
