@@ -265,6 +265,6 @@ def choose_entry(entries: list[tuple[str, FileEntry]], where: str, name: str | N
         return named[0]
     listed = quote(', '.join(names), 200)
     if name is None:
-        raise StatementError(f'{where}: {len(names)} entries; give the name of one: {listed}')
+        raise StatementError(f'{where}: {len(names)} entries, wanted one: {listed}')
     raise StatementError(f"{where}: {len(named) or 'no'} entries have the name '{quote(name)}'"
                          f'{suggest_name(name, names)}; there are {listed}')

@@ -363,7 +363,7 @@ def test_a_problem_is_read_from_a_file_by_name(tmp_path):
     file.write_text(yaml.safe_dump([GOOD, GOOD | {'name': 'other', 'running_cost': 'u**2'}]))
     assert Problem.from_file(file, 'other').statement['running_cost'] == 'u**2'
     assert Problem.from_text(file.read_text(), 'lander').name == 'lander'
-    for name, said in ((None, r': 2 entries; give the name of one: lander, other'),
+    for name, said in ((None, r': 2 entries, wanted one: lander, other'),
                        ('othre', r": no entries have the name 'othre' \(did you mean 'other'\?\)"),
                        ('\x1b', ': no entries have the name')):
         with pytest.raises(StatementError, match=said):

@@ -327,6 +327,7 @@ def test_an_answer_does_not_depend_on_the_one_before():
         obc.solve(problem, cache={})
 
 
+@pytest.mark.slow
 def test_an_answer_is_an_initial_guess():
     """Its path from one end to the other, in equal steps, with its free numbers."""
     stated = {'states': ['p'], 'inputs': ['u'], 'free_parameters': {'k': [0, 2]},

@@ -75,7 +75,7 @@ def test_a_bad_question_is_refused(arguments, words, tmp_path, capsys):
 def test_a_file_of_several_problems_is_refused(tmp_path, capsys):
     (tmp_path / 'two.yaml').write_text('[{name: a}, {name: b}]')
     assert run(tmp_path / 'two.yaml', '--over', 'x0.x=1', '--out', tmp_path / 'out') == 2
-    assert '2 problems; a sweep is of one' in capsys.readouterr().err
+    assert '2 entries, wanted one: a, b' in capsys.readouterr().err
     assert run(tmp_path / 'none.yaml', '--over', 'x0.x=1', '--out', tmp_path / 'out') == 2
 
 

@@ -29,7 +29,8 @@ cart = obc.System(
 assert_type(cart.states, tuple[str, ...])
 assert_type(cart.f([1, 0], {'F': 1}), NDArray[np.float64])
 assert_type(obc.equilibrium(cart), Equilibrium)
-assert_type(obc.equilibrium('aircraft', {'px': 1, 'py': 0}), Equilibrium)
+AT = {'px': 1, 'py': 0, 'theta': 0, 'vx': 0, 'vy': 0, 'omega': 0}
+assert_type(obc.equilibrium('aircraft', AT), Equilibrium)
 
 problem = obc.Problem(
     system=cart, running_cost='F**2', initial_state=[0, 0],

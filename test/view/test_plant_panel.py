@@ -52,8 +52,9 @@ def test_a_gust_acts_whatever_the_stamps_of_the_states_are(
     gust, seen = (f'gust on {speed}',), []
 
     async def disturb(client: LoopClient) -> None:
-        async def change(values: dict[str, Any]) -> None:
-            assert await client.set_parameters('plant_simulator', values) == (True, '')
+        async def change(values: dict[str, Any], beside: dict[str, Any]) -> None:
+            given = {**beside, **values}   # no gust on another state begins again
+            assert await client.set_parameters('plant_simulator', given) == (True, '')
 
         await client.load_disturbances()
         panel = SimpleNamespace(_client=client, _may_control=lambda: True, _change=change,

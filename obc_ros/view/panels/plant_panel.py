@@ -89,13 +89,15 @@ class PlantPanel:
                 return
             others = {f'disturbance.gust.{each.name}': 0.0 for each in (
                 self._client.plant.states if self._client.plant else ())}
-            await self._change({**others, f'disturbance.gust.{state}': float(peak),
+            await self._change({f'disturbance.gust.{state}': float(peak),
                                 'disturbance.gust_start': round(now + SOON * max(rate, 1.0), 3),
-                                'disturbance.gust_duration': float(span)})
+                                'disturbance.gust_duration': float(span)}, others)
 
-    async def _change(self, values: dict[str, Any]) -> None:
+    async def _change(self, values: dict[str, Any], beside: dict[str, Any] | None = None) -> None:
+        """Set parameters; `beside`: those that are not shown, where `values` does not set them."""
         try:
-            done, reason = await self._client.set_parameters(PLANT_NODE, values)
+            done, reason = await self._client.set_parameters(
+                PLANT_NODE, {**(beside or {}), **values})
         except ObcError as error:
             done, reason = False, str(error)
         names = ', '.join(f'{name} = {value}' for name, value in values.items())
