@@ -57,8 +57,12 @@ def _between_bounds(problem: Problem, j: int, found: Solution) -> Problem:
     rate = ca.Function('rate', [x, u, p], [problem.f, problem.L])
     names, inputs, bounds = list(problem.inputs), ca.SX(u), (
         problem.u_lower.copy(), problem.u_upper.copy())
-    (f, L), (g, M) = (rate.call([x, ca.vertcat(u[:j], bound[j], u[j + 1:]), p])
-                      for bound in (problem.u_upper, problem.u_lower))
+    mixed = []
+    for bound in (problem.u_upper, problem.u_lower):
+        held = ca.SX(u)
+        held[j] = bound[j]
+        mixed.append(rate.call([x, held, p]))
+    (f, L), (g, M) = mixed
     inputs[j], names[j], bounds[0][j], bounds[1][j] = share, f'{names[j]}{_SHARED}', 0.0, 1.0
     part = (problem.u_upper[j] - found.u[:, j]) / (problem.u_upper[j] - problem.u_lower[j])
     times = np.linspace(0.0, found.t[-1], 101)
