@@ -3,8 +3,8 @@
 """Every function accepts a system, a state and a problem in every form, with the same result."""
 
 
+import copy
 import inspect
-import pickle
 
 import control
 import numpy as np
@@ -115,9 +115,9 @@ PROBLEMS = {
     'mapping': lambda folder: PLANT | TASK,
     'path': lambda folder: write(folder, PLANT | TASK),
     'name of a file': lambda folder: str(write(folder, PLANT | TASK)),
-    'pickled': lambda folder: pickle.loads(pickle.dumps(obc.Problem(**PLANT | TASK | {
+    'copied': lambda folder: copy.deepcopy(obc.Problem(**PLANT | TASK | {
         'dynamics': lambda x, u, p: {'p': x.v, 'v': u.F/p.m},
-        'terminal_constraints': lambda x: [x.p - 1, x.v]}).built)),
+        'terminal_constraints': lambda x: [x.p - 1, x.v]}).built),
     'text': lambda folder: yaml.safe_dump(PLANT | TASK),
     'list': lambda folder: write(folder, PLANT | TASK | {'initial_state': [0, 0]})}
 OF_PROBLEMS = {

@@ -30,6 +30,7 @@ def _found():
 def _shown(monkeypatch):
     """Let matplotlib believe that it has windows, and count how often they are shown."""
     shown = []
+    plt.close('all')   # figures of other tests
     plt.switch_backend('agg')
     monkeypatch.setattr(FigureCanvasAgg, 'required_interactive_framework', 'tk')
     monkeypatch.setattr(plt, 'show', lambda: shown.append(plt.get_fignums()))
