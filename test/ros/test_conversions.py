@@ -128,12 +128,14 @@ def turned(length, theta):
     return message
 
 
+@pytest.mark.slow
 @given(st.floats(0.9901, 1.0099), angle)
 def test_rounding_of_a_quaternion_is_removed(length, theta):
     aircraft = OdometryMap(registry.get_system('aircraft'))
     assert aircraft.state(turned(length, theta))[2] == pytest.approx(theta, abs=1e-12)
 
 
+@pytest.mark.slow
 @given(st.floats(0.0, 0.9899) | st.floats(1.0101, 100.0), angle)
 @example(0.05, 3.1)   # w was never set
 def test_a_quaternion_that_is_not_of_norm_1_is_no_orientation(length, theta):
