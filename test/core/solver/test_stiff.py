@@ -169,6 +169,7 @@ def test_a_fast_state_meets_its_terminal_constraint(a):
     assert solution.x[-1] == pytest.approx(wanted, abs=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('a', [1e2, 1e3, 1e5])
 def test_an_unstable_fast_state_is_stabilised(a):
     """A slow state is decoupled from it: the sum of two scalar closed forms."""
