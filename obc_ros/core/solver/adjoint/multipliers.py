@@ -83,8 +83,8 @@ class Fitter:
         # cannot bend.
         grid = course.parts if problem.path.numel() else 1
         hats, mass, signs = self._basis(found, course, grid)
-        without, each = self._costates(problem, course, hats, mass)
-        rows = self._equations(problem, course, hats, (without, each))
+        without, each, start = self._costates(problem, course, hats, mass)
+        rows = self._equations(problem, course, hats, (without, each), start)
         if not all(np.all(np.isfinite(part)) for part in rows):
             return course
         values = _fit_signed(*rows, signs, self.q)[:each.shape[3]]
@@ -238,12 +238,12 @@ class Fitter:
         return density, mass, np.array([sign for *_, sign in basis], dtype=float)
 
     def _costates(self, problem: Problem, course: Extremal, hats: Array, mass: Array
-                  ) -> tuple[Array, Array]:
+                  ) -> tuple[Array, Array, _Rows]:
         """
         Return the constant part of lam (K, 2, n) and its derivatives by the unknowns (K, 2, n, .).
 
         These are nu and the multiples of the basis; the second axis is the start and the end of
-        each part.
+        each part. The last result is the same at t = 0, before an impulse there: (n,), (n, .).
         """
         n, q, K = self.n, self.q, len(course.x)
         step_x, source, from_a, from_b = self._part(
@@ -265,7 +265,7 @@ class Fitter:
             without[k, 0], each[k, 0] = now, slope
             slope = slope.copy()
             slope[:, q:] += drops[k]
-        return without, each
+        return without, each, (now, slope)
 
     def _derivatives(self, problem: Problem, x: Array, u: Array) -> tuple[Array, ...]:
         """Return L, f, L_u, f_u, c_u, c_x at some points; c is x and the path constraints."""
@@ -275,17 +275,17 @@ class Fitter:
             strict=True))
 
     def _equations(self, problem: Problem, course: Extremal, hats: Array,
-                   lam: tuple[Array, Array]) -> tuple[Array, Array, Array, Array]:
+                   lam: tuple[Array, Array], start: _Rows) -> tuple[Array, Array, Array, Array]:
         """
         Return A, b of A @ unknowns = b, and G, g of G @ unknowns >= g.
 
-        The equations are dH/du = 0 for free inputs and H = const; the inequalities are the signs
-        of dH/du for inputs at bounds.
+        The equations are dH/du = 0 for free inputs, transversality at t = 0 (`start`: lam there)
+        and H = const; the inequalities are the signs of dH/du for inputs at bounds.
         """
         without, each = lam
         q, size = self.q, _sizes(problem, course.ua)
         weight = 0.1   # of H = const relative to dH/du = 0
-        free, energies, signed = list[_Rows](), list[_Rows](), list[_Rows]()
+        free, energies, signed = [_start_rows(problem, course, start)], list[_Rows](), list[_Rows]()
         for side, x, u in ((0, course.x, course.ua), (1, course.x_end, course.ub)):
             L, f, L_u, f_u, c_u, _ = self._derivatives(problem, x, u)
             slope = np.einsum('knm,knu->kmu', f_u, each[:, side])
@@ -308,6 +308,24 @@ class Fitter:
             A, G = np.hstack([A, column]), np.hstack([G, np.zeros((len(G), 1))])
         return (A, np.concatenate([b for _, b in free + energies]),
                 G, np.concatenate([g for _, g in signed]))
+
+
+def _start_rows(problem: Problem, course: Extremal, start: _Rows) -> _Rows:
+    """
+    Return A, b of the transversality condition at t = 0, per unit of time.
+
+    Without it an impulse of a bound that is active at T and the multiplier of a periodic state
+    could not be told apart.
+    """
+    without, each = start
+    x, (lowest, highest) = course.x[0], problem.start_box
+    free = (x > lowest) & (x < highest)
+    pick = np.eye(problem.n)
+    for i, j in problem.start.linked if problem.start else ():
+        pick[i] += pick[j]   # the multiplier of the link acts on both
+        free[i], free[j] = free[i] and free[j], False
+    pick = pick[free] * (np.maximum(np.abs(x), 1e-6)[free, None] / course.t[-1])
+    return pick @ each, -pick @ without
 
 
 def _sizes(problem: Problem, u: Array) -> Array:

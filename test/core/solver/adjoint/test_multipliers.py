@@ -124,3 +124,26 @@ def test_a_wall_that_moves_is_certified():
         path_constraints=[{'expr': 'x - t', 'lower': 0, 'upper': None}]))
     assert found.certified, found.message
     assert found.objective == pytest.approx(4.0, rel=1e-6)
+
+
+@pytest.mark.slow
+def test_a_bound_that_is_active_across_the_period_is_certified():
+    """A heated house over a day: when the day begins does not change its cost."""
+    def state(begin):
+        t = f'(t - {begin})'
+        outside = f'(5 + 6*sin(pi/12*({t} - 9)))'
+        return problems.build({
+            'states': ['Ta', 'Tw'], 'inputs': ['P'], 'initial_state': {'Ta': None, 'Tw': None},
+            'dynamics': {'Ta': f'0.5*(Tw - Ta) + 0.15*({outside} - Ta) '
+                               f'+ 0.6*(3 + 0.05*{outside})*P', 'Tw': '0.04*(Ta - Tw)'},
+            'running_cost': f'(0.3 + 0.1*cos(pi/6*{t}))*P + 0.02*P**2', 'periodic': ['Ta', 'Tw'],
+            'input_bounds': {'P': [0, 3]}, 'state_bounds': {'Ta': [20, 23]},
+            'final_time': {'free': False, 'value': 24},
+            'initial_guess': {'states': {'Ta': 20, 'Tw': 20}, 'inputs': {'P': 1}}})
+
+    at_bound, inside = solve(state(0)), solve(state(7.5))
+    assert at_bound.certified, at_bound.message
+    assert inside.certified, inside.message
+    assert at_bound.x[0, 0] == pytest.approx(20, abs=1e-4)
+    assert inside.x[0, 0] > 20.1
+    assert at_bound.objective == pytest.approx(inside.objective, rel=1e-5)
