@@ -260,11 +260,25 @@ class Bench:
         integrator = self.programs.stated_integrator if stated else self.programs.integrator
         course = integrator.extremal(problem, outcome, 4 if self.stages else 2)
         if self.stated.constrained:
-            course = self.programs.fitter(problem, stated).fit(problem, outcome, course)
+            course = self._fit(outcome, course, stated)
         if len(self._courses) >= 8:   # of the last outcomes
             self._courses.clear()
         self._courses[problem, outcome] = course
         return course
+
+    def _fit(self, outcome: TranscriptionOutcome, course: Extremal, stated: bool) -> Extremal:
+        """
+        Return a course with fitted costates and multipliers.
+
+        At a kink of |u| H has no derivative. There the parts of u are at bounds.
+        """
+        problem, twin = self.problem, self.programs.twin
+        if not (stated and twin):
+            return self.programs.fitter(problem).fit(problem, outcome, course)
+        parts = twin.problem(self.stated)   # the sharpest
+        fitted = self.programs.fitter(parts).fit(parts, outcome, replace(
+            course, ua=twin.part(self.stated, course.ua), ub=twin.part(self.stated, course.ub)))
+        return replace(fitted, ua=course.ua, ub=course.ub)
 
     def measure_loss(self, course: Extremal) -> HamiltonianLoss:
         """Return the Hamiltonian loss of a course; the last one is cached."""

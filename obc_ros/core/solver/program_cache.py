@@ -117,7 +117,7 @@ class ProgramCache:
         self._problem, self._smooth = problem, smooth
         self._convex: tuple[Problem | None, bool] = None, False
         self._pieces: dict[tuple[int, bool], Pieces] = {}
-        self._fitters: dict[bool, Fitter] = {}
+        self._fitter: Fitter | None = None
         self._transcriptions: OrderedDict[Layout, Transcription] = OrderedDict()
         self.build_time = time.monotonic() - begun
 
@@ -212,11 +212,11 @@ class ProgramCache:
         """Return the multi-phase program for arcs along state bounds."""
         return PhasedProgram(self._differentiable(self._smooth), self.switching)
 
-    def fitter(self, problem: Problem, stated: bool = False) -> Fitter:
-        """Return the fitter of constraint multipliers, of the problem as `stated` or smooth."""
-        if stated not in self._fitters:
-            self._fitters[stated] = Fitter(self._differentiable(problem))
-        return self._fitters[stated]
+    def fitter(self, problem: Problem) -> Fitter:
+        """Return the fitter of constraint multipliers; with |.| that of the smooth problem."""
+        if self._fitter is None:
+            self._fitter = Fitter(self._differentiable(problem))
+        return self._fitter
 
 
 def collect_numbers(problem: Problem) -> Array:

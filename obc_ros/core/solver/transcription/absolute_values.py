@@ -77,6 +77,13 @@ class Twin:
         return replace(outcome, path=replace(
             path, ua=path.ua @ matrix + kinks, ub=path.ub @ matrix + kinks))
 
+    def part(self, stated: Problem, u: Array) -> Array:
+        """Return the inputs (K, .) of the smooth problem that are stated inputs (K, m)."""
+        u = u - self._kinks(stated)
+        return np.column_stack([
+            np.maximum(sign * u[:, index], 0.0) if sign else u[:, index]
+            for index, sign in self.split])
+
     def _kinks(self, stated: Problem) -> Array:
         return np.asarray(self.kinks(stated.p_value).full()[:, 0])
 
