@@ -274,7 +274,8 @@ class Guesser:
         Yield initial guesses without end, the most promising first.
 
         These are the line, lines that are bent randomly, and paths integrated under the inputs of
-        the line or random ones around them. If T is free, it is varied, too. `spans` returns the
+        the line or random ones around them. If T is free, it is varied, too; a constant, such as a
+        free parameter, is drawn from its bounds. `spans` returns the
         ranges of states (n,) and inputs (m,) on the paths found so far, which give the amplitudes,
         or None.
         """
@@ -284,6 +285,9 @@ class Guesser:
         chance = np.random.default_rng(1)
         span = problem.u_upper - problem.u_lower
         size = np.where(np.isfinite(span), span, 1 + np.abs(u[0]))
+        lowest, highest = problem.start_box
+        constant = np.isfinite(highest - lowest) & (highest > lowest) & [
+            rate.is_zero() for rate in ca.vertsplit(problem.f)]
         given = bool(problem.guess.x or problem.guess.u)
         yield replace(line, origin='guess of the statement' if given else 'straight line')
         if given:   # it may be poor
@@ -304,6 +308,7 @@ class Guesser:
                 far = self._sideways(problem, line) if known is None else np.maximum(
                     np.ptp(line.x, axis=0), known[0])
                 x = line.x + bend * far * _wave(chance, problem.n, knots=False)
+                x = np.where(constant, lowest + (highest - lowest) * _spread(number, problem.n), x)
                 yield replace(_path(
                     line.t * (length / T), np.clip(x, problem.x_lower, problem.x_upper),
                     np.clip(inputs, problem.u_lower, problem.u_upper)), origin='bent line')

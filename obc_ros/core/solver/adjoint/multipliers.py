@@ -285,7 +285,8 @@ class Fitter:
         without, each = lam
         q, size = self.q, _sizes(problem, course.ua)
         weight = 0.1   # of H = const relative to dH/du = 0
-        free, energies, signed = [_start_rows(problem, course, start)], list[_Rows](), list[_Rows]()
+        energies, signed = list[_Rows](), list[_Rows]()
+        free = [_start_rows(problem, course, start)]
         for side, x, u in ((0, course.x, course.ua), (1, course.x_end, course.ub)):
             L, f, L_u, f_u, c_u, _ = self._derivatives(problem, x, u)
             slope = np.einsum('knm,knu->kmu', f_u, each[:, side])

@@ -270,22 +270,27 @@ def better(best: Solution, other: Solution) -> Solution:
 
 def _disproportion(bench: Bench, best: Candidate) -> float:
     """
-    Return the nonlinearity index: max |2 x(u_half) - x(u_mean) - x(u)| over the range of x.
+    Return the nonlinearity index: max |2 x(half) - x(none) - x(all)| over the range of x.
 
-    u is the input of the last path, u_mean its mean, u_half the mean of both. If the index is
-    small, the dynamics cause no other local minima.
+    'none', 'half' and 'all' are the mean of the input of the last path, that input, and what is
+    between them; and the lower bound of each free initial value or parameter, its upper bound, and
+    the middle. If the index is small, the dynamics cause no other local minima.
     """
     if best.record is None:
         return 0.0
-    path, parts = best.record.outcome.path, np.array([0.0, 0.5, 1.0])
+    problem, path = bench.problem, best.record.outcome.path
     pieces = 2 * bench.options.rollouts.pieces
     first = np.unique(np.linspace(0, len(path.ua), pieces + 1).astype(np.int64))
     t, h = path.t[first], np.diff(path.t)[:, None]
     u = np.add.reduceat(h * (path.ua + path.ub) / 2, first[:-1])
     mean, u = u.sum(axis=0) / t[-1], u / np.maximum(np.diff(t), 1e-300)[:, None]
-    (none, half, all_), _ = bench.programs.integrator.forward_each(
-        bench.problem, np.tile(t, (3, 1)), mean + parts[:, None, None] * (u - mean))
+    lower, upper = problem.start_box
+    width = np.where(np.isfinite(upper - lower), upper - lower, 0.0)
+    base = np.where(width > 0, lower, path.x[0])
+    none, half, all_ = (bench.programs.integrator.forward(
+        problem.pin_start(base + part * width), t, inputs, inputs)[0]
+        for part in (0.0, 0.5, 1.0) for inputs in [mean + part * (u - mean)])
+    size = np.maximum(np.ptp(path.x, axis=0), 1e-9 * np.abs(path.x).max() + 1e-300)
     with np.errstate(invalid='ignore', over='ignore'):
-        off = np.abs(2 * half - none - all_).max(axis=0)
-        off /= np.maximum(np.ptp(path.x, axis=0), 1e-300)
+        off = np.abs(2 * half - none - all_).max(axis=0) / size
     return float(np.nan_to_num(off, nan=np.inf).max(initial=0.0))
