@@ -42,3 +42,19 @@ def build_collocation(stages: int, kind: str = 'legendre') -> tuple[Array, Array
     weights = np.array([np.polyint(each)(1.0) for each in _polynomials(points[1:])])
     return (points[1:], weights, evaluate_lagrange(points, points[1:], 1),
             evaluate_lagrange(points, 1.0))
+
+
+def build_stage_matrices(differentiation: Array, h: Array, slopes: Array) -> Array:
+    """
+    Return the matrices (K, s n, s n) of the linear equations of stages, D x - h A x.
+
+    :param differentiation: (s, s + 1), D of `build_collocation`; its first column is left out.
+    :param h: (K,), lengths of the intervals.
+    :param slopes: (K, s, n, n), A at the points.
+    """
+    K, stages, n, _ = slopes.shape
+    found = np.tile(np.kron(differentiation[:, 1:], np.eye(n)), (K, 1, 1))
+    for j in range(stages):
+        part = slice(j * n, (j + 1) * n)
+        found[:, part, part] -= h[:, None, None] * slopes[:, j]
+    return found

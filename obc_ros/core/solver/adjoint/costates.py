@@ -16,6 +16,12 @@ from functools import cached_property
 import casadi as ca
 import numpy as np
 from obc_ros.core.numerics.arrays import Array, Mask
+from obc_ros.core.numerics.collocation import (
+    build_collocation,
+    build_stage_matrices,
+    compute_gauss_points,
+    evaluate_lagrange,
+)
 from obc_ros.core.numerics.vectorized import Chain, VectorizedFunction
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.ocp.solution import Solution, Status
@@ -24,7 +30,7 @@ from obc_ros.core.solver.transcription.mesh import Path
 from obc_ros.core.solver.transcription.program import TranscriptionOutcome
 
 _STIFF = 1e-4   # relative error of an interval above which explicit steps are not trusted
-_MANY = 64      # parts of each interval that then decide whether its states are right
+_MANY = 64      # parts of each interval of a collocation whose cost is corrected
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,7 +113,7 @@ class CostateIntegrator:
         x, u, p, lam = problem.x, problem.u, problem.p, ca.SX.sym('lam', problem.n)
         ua, ub = ca.SX.sym('ua', problem.m), ca.SX.sym('ub', problem.m)
         h = ca.SX.sym('h')
-        self._symbols = lam, x, ua, ub, h, p
+        self._symbols, self._given, self._f = (lam, x, ua, ub, h, p), (x, u, p), problem.f
         end, cost = self._end_and_cost = step_of(problem).call([x, ua, ub, h, p])
         mu = ca.SX.sym('mu', int(problem.path.numel()))
         H = problem.L + ca.dot(lam, problem.f)
@@ -125,6 +131,11 @@ class CostateIntegrator:
         end, cost = self._end_and_cost
         total = ca.SX.sym('total')
         return Chain(ca.vertcat(x, total), [ua, ub, h, p], ca.vertcat(end, total + cost))
+
+    @cached_property
+    def _rate(self) -> VectorizedFunction:
+        """Return f and its derivatives by x, by rows."""
+        return VectorizedFunction(self._given, [self._f, ca.jacobian(self._f, self._given[0]).T])
 
     @cached_property
     def _earlier(self) -> ca.SX:
@@ -243,9 +254,8 @@ class CostateIntegrator:
         x, running = self.forward(problem.pin_start(path.x[0]), t, ua, ub)
         defect = _largest(x[parts::parts] - path.x[1:], size)
         if local.max() > _STIFF and path.inner.shape[1]:
-            # The error may be that of the explicit steps: repeat with many small ones.
-            *_, ends, _ = self._restarted(problem, path, _MANY)
-            local = _largest(ends[_MANY - 1::_MANY] - path.x[1:], size)
+            # The error may be that of the explicit steps.
+            local = _largest(self._errors(problem, path), size)
             return self._at_nodes(outcome, float(defect.max()), local)
         single = bool(defect.max() < 1e-5)
         x, x_end, J = (x[:-1], x[1:], running[-1]) if single else (anew, anew_end, J)
@@ -285,6 +295,26 @@ class CostateIntegrator:
             parts=1, t=path.t, x=path.x[:-1], x_end=path.x[1:], ua=path.ua, ub=path.ub,
             lam=(costates - mass)[:-1], lam_end=costates[1:], cost=outcome.objective,
             defect=defect, local=local, nu=outcome.nu)
+
+    def _errors(self, problem: Problem, path: Path) -> Array:
+        """
+        Return the errors (N, n) of x at the ends of the intervals of a collocation.
+
+        The error e of a polynomial X satisfies de/dt = f_x e + f(X, u) - dX/dt to first order.
+        This is solved by a Radau method with one more stage, which damps what decays fast.
+        """
+        K, stages, n = path.inner.shape
+        known = np.append(0.0, compute_gauss_points(stages))
+        c, _, D, _ = build_collocation(stages + 1, 'radau')
+        samples, h = np.concatenate([path.x[:-1, None], path.inner], axis=1), np.diff(path.t)
+        x, slope = (np.einsum('rs,ksn->krn', evaluate_lagrange(known, c, order), samples)
+                    for order in (0, 1))
+        u = path.ua[:, None] + c[:, None] * (path.ub - path.ua)[:, None]
+        f, f_x = self._rate(x.reshape(-1, n), u.reshape(len(c) * K, -1), problem.p_value)
+        defect = h[:, None, None] * f.reshape(x.shape) - slope
+        return np.asarray(np.linalg.solve(
+            build_stage_matrices(D, h, f_x.reshape(K, len(c), n, n)),
+            defect.reshape(K, -1, 1))[:, -n:, 0])
 
     def _restarted(self, problem: Problem, path: Path, parts: int
                    ) -> tuple[Array, Array, Array, Array, Array, float]:

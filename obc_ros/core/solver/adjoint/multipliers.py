@@ -18,6 +18,7 @@ from itertools import pairwise
 import casadi as ca
 import numpy as np
 from obc_ros.core.numerics.arrays import Array, Mask, optimize
+from obc_ros.core.numerics.collocation import build_collocation, build_stage_matrices
 from obc_ros.core.numerics.samples import find_runs
 from obc_ros.core.numerics.vectorized import VectorizedFunction
 from obc_ros.core.ocp.certificate.certificate import LEAST_PART
@@ -58,6 +59,8 @@ class Fitter:
         self._point = VectorizedFunction([x, u, p], [
             problem.L, problem.f, ca.gradient(problem.L, u), ca.jacobian(problem.f, u).T,
             ca.jacobian(rows, u).T, ca.jacobian(rows, x).T])
+        self._rates_x = VectorizedFunction([x, u, p], [
+            ca.jacobian(problem.f, x).T, ca.gradient(problem.L, x), ca.jacobian(rows, x).T])
         self._value = VectorizedFunction([x, u, p], [rows])
         self._last = VectorizedFunction([x, p], [
             ca.gradient(problem.V, x), ca.jacobian(problem.psi, x).T])
@@ -83,7 +86,10 @@ class Fitter:
         # cannot bend.
         grid = course.parts if problem.path.numel() else 1
         hats, mass, signs = self._basis(found, course, grid)
-        without, each, start = self._costates(problem, course, hats, mass)
+        # Without parts the samples are those of a collocation of a stiff system.
+        links = (self._links_of_stages(problem, outcome, course) if course.parts == 1 else
+                 self._links_of_steps(problem, course))
+        without, each, start = self._costates(problem, course, links, hats, mass)
         rows = self._equations(problem, course, hats, (without, each), start)
         if not all(np.all(np.isfinite(part)) for part in rows):
             return course
@@ -237,8 +243,44 @@ class Fitter:
             density[:, :, row, k], mass[:, row, k] = hat, impulse
         return density, mass, np.array([sign for *_, sign in basis], dtype=float)
 
-    def _costates(self, problem: Problem, course: Extremal, hats: Array, mass: Array
-                  ) -> tuple[Array, Array, _Rows]:
+    def _links_of_steps(self, problem: Problem, course: Extremal) -> tuple[Array, ...]:
+        """
+        Return derivatives of the end of each part, and of the integral of L + density' c.
+
+        :return: of the end by x at the start: (K, n, n), transposed; of the integral by x there:
+            (K, n); of the latter by the densities at the start and at the end: (K, n, n + l) each.
+        """
+        found = self._part(course.x, course.ua, course.ub, np.diff(course.t)[:, None],
+                           problem.p_value)
+        shapes = (self.n, self.n), (self.n,), (self.n, self.rows), (self.n, self.rows)
+        step_x, *others = (value.reshape(-1, *shape)
+                           for value, shape in zip(found, shapes, strict=True))
+        return step_x.swapaxes(1, 2), *others
+
+    def _links_of_stages(self, problem: Problem, outcome: TranscriptionOutcome, course: Extremal
+                         ) -> tuple[Array, ...]:
+        """
+        Return the same derivatives for intervals by collocation.
+
+        Explicit steps backwards would amplify the decaying modes of a stiff system.
+        """
+        n, inner, h = self.n, outcome.path.inner, np.diff(course.t)
+        K, stages = inner.shape[:2]
+        c, b, D, last = build_collocation(stages)
+        u = course.ua[:, None] + c[:, None] * (course.ub - course.ua)[:, None]
+        f_x, L_x, c_x = (value.reshape(K, stages, -1, n) for value in self._rates_x(
+            inner.reshape(-1, n), u.reshape(K * stages, -1), problem.p_value))
+        start = np.broadcast_to(np.kron(D[:, :1], np.eye(n)), (K, stages * n, n))
+        inside = -np.linalg.solve(
+            build_stage_matrices(D, h, f_x), start).reshape(K, stages, n, n)
+        end = last[0] * np.eye(n) + np.einsum('j,kjab->kab', last[1:], inside)
+        weight = h[:, None] * b
+        rows = np.einsum('kj,kjba,kjrb->kjar', weight, inside, c_x)
+        return (end.swapaxes(1, 2), np.einsum('kj,kjba,kjrb->ka', weight, inside, L_x),
+                np.einsum('j,kjar->kar', 1 - c, rows), np.einsum('j,kjar->kar', c, rows))
+
+    def _costates(self, problem: Problem, course: Extremal, links: tuple[Array, ...],
+                  hats: Array, mass: Array) -> tuple[Array, Array, _Rows]:
         """
         Return the constant part of lam (K, 2, n) and its derivatives by the unknowns (K, 2, n, .).
 
@@ -246,10 +288,8 @@ class Fitter:
         each part. The last result is the same at t = 0, before an impulse there: (n,), (n, .).
         """
         n, q, K = self.n, self.q, len(course.x)
-        step_x, source, from_a, from_b = self._part(
-            course.x, course.ua, course.ub, np.diff(course.t)[:, None], problem.p_value)
-        step_x = step_x.reshape(K, n, n)
-        response = sum(np.einsum('knr,kru->knu', part.reshape(K, n, self.rows), density)
+        step_x, source, from_a, from_b = links
+        response = sum(np.einsum('knr,kru->knu', part, density)
                        for part, density in ((from_a, hats[:, 0]), (from_b, hats[:, 1])))
         V_x, psi_x = self._last(course.x_end[-1:], problem.p_value)
         x, u, _ = course.points
@@ -259,8 +299,8 @@ class Fitter:
         slope = np.hstack([psi_x.reshape(q, n).T, drops[-1]])
         for k in range(K - 1, -1, -1):
             without[k, 1], each[k, 1] = now, slope
-            now = step_x[k].T @ now + source[k]
-            slope = step_x[k].T @ slope
+            now = step_x[k] @ now + source[k]
+            slope = step_x[k] @ slope
             slope[:, q:] += response[k]
             without[k, 0], each[k, 0] = now, slope
             slope = slope.copy()
