@@ -3,13 +3,14 @@
 """When a changed weight is tried, without a browser."""
 
 import asyncio
+import itertools
 import math
 from types import SimpleNamespace
 
 import pytest
 
 pytest.importorskip('nicegui', reason='NiceGUI is not installed')
-from obc_ros.view.panels.weights_panel import HALF_STEP, HIGHEST, WeightsPanel
+from obc_ros.view.panels.weights_panel import HALF_STEP, HIGHEST, MOST_CHANGES, WeightsPanel
 
 
 def test_a_change_during_a_preview_is_tried_after_it():
@@ -43,3 +44,19 @@ def test_a_number_is_tried_at_once_and_moves_the_slider_that_is_elsewhere(value,
     row = SimpleNamespace(slider=SimpleNamespace(value=0.0))
     WeightsPanel._type(panel, row, value)
     assert row.slider.value == moved and panel._dirty == bool(begun) == tried
+
+
+def test_the_changes_that_can_be_undone_are_bounded():
+    """A page that is open for weeks keeps the last ones."""
+    async def adopt(mode, values):
+        panel._used, panel._applied = mode, values
+        return True
+
+    count = itertools.count()
+    panel = SimpleNamespace(_undo=[], _used='', _applied={}, _may_control=lambda: True,
+                            _mode='matrices', _read=lambda: {'Qx': [float(next(count))]},
+                            _set=adopt)
+    for _ in range(MOST_CHANGES + 5):
+        asyncio.run(WeightsPanel._apply_weights(panel))
+    assert len(panel._undo) == MOST_CHANGES
+    assert panel._undo[-1][1] == {'Qx': [MOST_CHANGES + 3.0]}

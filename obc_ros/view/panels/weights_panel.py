@@ -22,6 +22,7 @@ from obc_ros.view.telemetry import keep_finite, Named
 LOWEST, HIGHEST = -4.0, 5.0  # powers of 10 of a slider
 HALF_STEP = 0.01             # of a slider
 REST = 0.03                  # [s] between two previews
+MOST_CHANGES = 100          # that can be undone
 READ = ('weights', 'Qx', 'Qu', 'x_max', 'u_max')
 MODES = {'matrices': ('Qx', 'Qu', 'weight'), 'bryson': ('x_max', 'u_max', 'largest deviation')}
 TITLES = {'matrices': 'weights Qx and Qu', 'bryson': 'largest deviations, in units'}
@@ -241,7 +242,7 @@ class WeightsPanel:
         if self._may_control():
             before = self._used, self._applied
             if await self._set(self._mode, self._read()):
-                self._undo.append(before)
+                self._undo = [*self._undo, before][-MOST_CHANGES:]
 
     async def _undo_weights(self) -> None:
         if self._may_control() and self._undo:
