@@ -27,7 +27,7 @@ class RecordedEvent(NamedTuple):
 def list_events(times: Mapping[str, Sequence[float]], rows: Mapping[str, Sequence[Any]]
                 ) -> list[RecordedEvent]:
     """
-    Return the first events of a recording, in order.
+    Return the first events of a recording, in order; the last one says how many were left out.
 
     :param times: log times [s] of the messages by 'state', 'design', 'reference', 'diagnostics'
         and 'rosout'; the first state is time 0.
@@ -39,7 +39,11 @@ def list_events(times: Mapping[str, Sequence[float]], rows: Mapping[str, Sequenc
         ('state', _describe_resets), ('diagnostics', _describe_modes),
         ('rosout', _describe_warnings)) for moment, words in zip(
             times[name], describe(rows[name]), strict=True) if words and begin <= moment <= end]
-    return sorted(found)[:MOST]
+    found.sort()
+    if len(found) > MOST:
+        found[MOST:] = [RecordedEvent(found[MOST].time,
+                                      f'{len(found) - MOST} more events from here on, not listed')]
+    return found
 
 
 def _describe_designs(designs: Sequence[LqrDesign]) -> Iterator[str]:

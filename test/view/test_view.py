@@ -624,7 +624,9 @@ def test_the_events_of_a_recording_are_listed_in_order(tmp_path):
 def test_the_first_fifty_events_of_a_recording_are_listed(tmp_path):
     file = record(tmp_path / 'a.mcap', [[0.0]] * 80, others=[
         (second, '/reference', Trajectory(t=[0.0])) for second in range(80)])
-    assert [round(each.time) for each in Playback(file).events] == list(range(50))
+    *listed, last = Playback(file).events
+    assert [round(each.time) for each in listed] == list(range(50))
+    assert (round(last.time), last.words) == (50, '30 more events from here on, not listed')
 
 
 def test_a_recording_without_states_is_rejected(tmp_path):
