@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Which disturbances of the simulated plant act at a time, from its parameters."""
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 import math
 from typing import Any
@@ -38,10 +38,15 @@ class Disturbances:
         self._values: dict[str, float] = {}
 
     def take(self, values: Mapping[str, Any]) -> None:
-        """Take over new values of parameters; others than those of disturbances are left out."""
-        self._values = {**self._values, **{
-            name: float(value) for name, value in values.items()
-            if name.startswith(PREFIXES) and isinstance(value, float) and math.isfinite(value)}}
+        """Take over all parameters of a plant; others than those of disturbances are left out."""
+        self._values = {
+            name: value for name, value in values.items()
+            if name.startswith(PREFIXES) and isinstance(value, float) and math.isfinite(value)}
+
+    def change(self, values: Mapping[str, Any], gone: Collection[str]) -> None:
+        """Take over new values of parameters, and forget those that are `gone`."""
+        self.take({**{name: value for name, value in self._values.items() if name not in gone},
+                   **values})
 
     def find(self, stamp: float) -> Acting:
         """Return what acts on the state of a stamp [s]."""

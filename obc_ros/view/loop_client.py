@@ -279,9 +279,10 @@ class LoopClient:
 
     def _on_parameters(self, event: ParameterEvent) -> None:
         if event.node == f'/{self._find_plant_name()}':
-            self._disturbances.take({
+            self._disturbances.change({
                 each.name: rclpy.parameter.parameter_value_to_python(each.value)
-                for each in (*event.new_parameters, *event.changed_parameters)})
+                for each in (*event.new_parameters, *event.changed_parameters)},
+                [each.name for each in event.deleted_parameters])
 
     def _on_reference(self, path: Trajectory, info: Mapping[str, int]) -> None:
         begin = 1e-9 * _read_stamp(path) or self._time

@@ -92,3 +92,15 @@ def test_what_acts_is_found_by_the_time_of_the_plant(values, stamp, acting):
     disturbances.epoch = 100.0
     disturbances.take(values)
     assert disturbances.find(stamp) == acting
+
+
+def test_a_disturbance_that_is_no_parameter_any_more_does_not_act():
+    """Nor does one of the plant before, whose states have other names."""
+    disturbances = Disturbances()
+    disturbances.take({'disturbance.constant.vx': 1.0, 'noise.px': 0.1})
+    disturbances.change({'disturbance.constant.vy': 2.0}, ['noise.px'])
+    assert disturbances.find(0.0).words == ('constant on vx, vy',)
+    disturbances.change({'disturbance.constant.vy': math.nan}, ())
+    assert disturbances.find(0.0).words == ('constant on vx',)
+    disturbances.take({'disturbance.constant.v': 3.0})
+    assert disturbances.find(0.0).words == ('constant on v',)
