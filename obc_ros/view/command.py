@@ -36,7 +36,7 @@ def add_arguments(parser: Parser) -> None:
     parser.add_argument('--scenario', choices=SCENARIOS, default='aircraft',
                         help='loop to start, if there is none to show (default: aircraft)')
     parser.add_argument('--namespace', metavar='NS',
-                        help='show the loop that runs in this namespace; / for none')
+                        help='show the loop in this namespace, running or recorded; / for none')
     parser.add_argument('--priority', type=_priority, metavar='N',
                         help='real-time priority of plant_simulator and lqr_node of the loop that '
                         'is started: a browser on the same processors then does not delay them; '
@@ -48,9 +48,8 @@ def add_arguments(parser: Parser) -> None:
                         'that of this machine asks for a token')
     parser.add_argument('--port', type=int, default=8080, metavar='N', help='default: 8080')
     parser.add_argument('--no-browser', action='store_true', help='open no browser')
-    parser.limit('--namespace', without=['FILE'])
     parser.limit('--scenario', '--priority', without=['FILE', '--namespace'])
-    parser.limit('--control', needs=['--namespace'])
+    parser.limit('--control', needs=['--namespace'], without=['FILE'])
 
 
 def _priority(text: str) -> int:
@@ -92,7 +91,7 @@ def open_source(args: argparse.Namespace, stack: ExitStack) -> tuple[Any, str, b
     from obc_ros.view.loop_client import LoopClient
     from obc_ros.view.playback import Playback
     if args.recording is not None:
-        return Playback(args.recording), f'recording {args.recording.name}', False
+        return Playback(args.recording, args.namespace), f'recording {args.recording.name}', False
     if args.namespace is not None:
         keep_to_this_machine()
         find_log_folder()

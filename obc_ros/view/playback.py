@@ -3,6 +3,7 @@
 """A recording as a source of frames: play, pause, scrub, speed. It waits for the first play."""
 
 from bisect import bisect_right
+from collections.abc import Sequence
 from pathlib import Path
 import struct
 import time
@@ -12,7 +13,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from mcap.exceptions import McapError
 from mcap.reader import make_reader
 from obc_ros.cli.recording import type_name
-from obc_ros.core.text.errors import ObcError
+from obc_ros.core.text.errors import ObcError, quote
 from obc_ros.msg import Command, Estimate, LqrDesign, State, Trajectory
 from obc_ros.view.recorded_events import list_events
 from obc_ros.view.telemetry import (
@@ -41,10 +42,12 @@ class Playback:
     """
     The states, commands and designs of a recording, an MCAP file or its folder.
 
+    `namespace`: of the loop that is shown; None: the only one.
+
     :ivar events: what happened in it, in order.
     """
 
-    def __init__(self, file: Path) -> None:
+    def __init__(self, file: Path, namespace: str | None = None) -> None:
         self.design: LqrDesign | None = None
         self._held: SetPoint | None = None
         self.reference: FollowedPath | None = None
@@ -52,27 +55,38 @@ class Playback:
         self.playing, self.speed, self.position = False, 1.0, 0.0
         self._rows: dict[str, list[Any]] = {name: [] for name in KINDS}
         self._times: dict[str, list[float]] = {name: [] for name in KINDS}
-        self._read(_find_file(file))
-        if not self._times['state']:
-            raise ObcError(f'{file} has no messages of the topic state')
+        self._take(_read_messages(_find_file(file)), file, namespace)
         self._begin = self._times['state'][0]
         self.duration = self._times['state'][-1] - self._begin
         self.plant = self._describe()
         self.events = list_events(self._times, self._rows)
         self._then, self._shown = time.monotonic(), -1.0
 
-    def _read(self, file: Path) -> None:
-        try:
-            with file.open('rb') as opened:
-                for schema, channel, message in make_reader(opened).iter_messages():
-                    name = channel.topic.rpartition('/')[2]
-                    if name in KINDS and schema and schema.name == type_name(KINDS[name]):
-                        found = deserialize_message(message.data, KINDS[name])
-                        if name != 'design' or fits_names(found):
-                            self._rows[name].append(found)
-                            self._times[name].append(1e-9 * message.log_time)
-        except FAULTS as error:
-            raise ObcError(f'{file} is not a recording of a loop: {error}') from error
+    def _take(self, read: Sequence[tuple[str, float, Any]], file: Path, namespace: str | None
+              ) -> None:
+        """Keep the messages of one loop: its topics begin as that of its state does."""
+        loops = sorted({topic.removesuffix('state') for topic, _, message in read
+                        if isinstance(message, State)})
+        if not loops:
+            raise ObcError(f'{file} has no messages of the topic state')
+        wanted = loops[0] if namespace is None else f'/{namespace.strip("/")}/'.replace('//', '/')
+        if wanted not in loops or namespace is None and len(loops) > 1:
+            raise ObcError(f'{file}: choose a loop with --namespace: '
+                           + ', '.join(quote(each.rstrip('/') or '/') for each in loops))
+
+        def is_own(topic: str) -> bool:
+            return max((each for each in loops if topic.startswith(each)), key=len,
+                       default=wanted) == wanted
+
+        for topic, moment, message in read:
+            if isinstance(message, DiagnosticArray):   # of all loops
+                message.status = [each for each in message.status if is_own(f'/{each.name}')]
+            elif not is_own('/' + message.name.replace('.', '/') if isinstance(message, Log)
+                            else topic):
+                continue
+            name = topic.rpartition('/')[2]
+            self._rows[name].append(message)
+            self._times[name].append(moment)
 
     def _describe(self) -> Plant:
         if self._rows['design']:
@@ -131,6 +145,22 @@ class Playback:
     def seek(self, position: float) -> None:
         """Go to a time from the beginning [s]."""
         self.position = min(max(float(position), 0.0), self.duration)
+
+
+def _read_messages(file: Path) -> list[tuple[str, float, Any]]:
+    """Return topic, time [s] and message of what the page can show, in order."""
+    read = []
+    try:
+        with file.open('rb') as opened:
+            for schema, channel, message in make_reader(opened).iter_messages():
+                kind = KINDS.get(channel.topic.rpartition('/')[2])
+                if kind and schema and schema.name == type_name(kind):
+                    found = deserialize_message(message.data, kind)
+                    if kind is not LqrDesign or fits_names(found):
+                        read.append((channel.topic, 1e-9 * message.log_time, found))
+    except FAULTS as error:
+        raise ObcError(f'{file} is not a recording of a loop: {error}') from error
+    return read
 
 
 def _read_time(message: Any) -> float:

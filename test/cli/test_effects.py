@@ -18,7 +18,7 @@ ALWAYS = {
              '--method --option',
     'gallery': '--list --sheet --check --slides',
     'examples': '--match --copy',
-    'view': '--host --port --no-browser',
+    'view': '--host --port --namespace --no-browser',
     'bench': '--list',
     'completion': '',
     'param list': '--filter --param-prefixes --param-type --timeout --include-hidden-nodes '
@@ -89,7 +89,7 @@ LINES = [
 WITH_ROS = [
     ('view a.mcap --scenario vehicle', '--scenario', 'with FILE'),
     ('view a.mcap --priority 0', '--priority', 'with FILE'),
-    ('view a.mcap --namespace /', '--namespace', 'with FILE'),
+    ('view a.mcap --namespace / --control', '--control', 'with FILE'),
     ('view a.mcap --control', '--control', 'without --namespace'),
     ('view --control', '--control', 'without --namespace'),
     ('view --namespace / --scenario vehicle', '--scenario', 'with --namespace'),

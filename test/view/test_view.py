@@ -629,6 +629,29 @@ def test_the_first_fifty_events_of_a_recording_are_listed(tmp_path):
     assert (round(last.time), last.words) == (50, '30 more events from here on, not listed')
 
 
+def test_two_loops_of_a_recording_are_not_mixed(tmp_path):
+    """Each has its states, its design and its log; diagnostics of both are in one message."""
+    modes = [DiagnosticArray(status=[status('a/lqr_node: commands', mode=mode),
+                                     status('fleet/b/lqr_node: commands', mode='PLAN')])
+             for mode in ('PLAN', 'STOPPED')]
+    file = record(tmp_path / 'a.mcap', [[0.0], [1.0], [2.0]], '/a/state', [
+        *((second, '/fleet/b/state', State(x=[7.0, 0.0])) for second in range(3)),
+        (0, '/fleet/b/lqr_node/design', design_of('double_integrator', [1.0, 1.0], [1.0])),
+        *((second, '/diagnostics', each) for second, each in enumerate(modes)),
+        *((1, '/rosout', Log(level=30, name=name, msg='late')) for name in (
+            'a.lqr_node', 'fleet.b.lqr_node'))])
+    with pytest.raises(ObcError, match='choose a loop with --namespace: /a, /fleet/b$'):
+        Playback(file)
+    with pytest.raises(ObcError, match='choose a loop with --namespace: /a, /fleet/b$'):
+        Playback(file, 'c')
+    first, second = Playback(file, 'a'), Playback(file, '/fleet/b/')
+    assert first.plant.state_names == ('x1',) and first.design is None
+    assert [each.words for each in first.events] == ['STOPPED', 'a.lqr_node: late']
+    assert second.plant.system == 'double_integrator'
+    assert list(second.take_frame().x) == [7.0, 0.0]
+    assert [each.words for each in second.events] == ['fleet.b.lqr_node: late']
+
+
 def test_a_recording_without_states_is_rejected(tmp_path):
     with pytest.raises(ObcError, match='no messages of the topic state'):
         Playback(record(tmp_path / 'a.mcap', [[1.0]], '/other'))
