@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Plan by click: a goal, the solution with its certificate, then the flight."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 import math
 from typing import Any
 
@@ -105,33 +105,30 @@ class PlanPanel:
             self._busy = self._spinner.visible = False
 
     async def _show(self, answer: Any, request: Any) -> None:
-        path = answer.trajectory if len(answer.trajectory.t) else None
-        switching = await run.io_bound(compute_switching, request, path) if path else None
+        self._clear()
         self._message.text = f'{answer.status}: {answer.message}'
-        self._draw(path, switching)
-        self._table.clear()
+        path = answer.trajectory
+        if len(path.t):
+            self._draw_way(path)
         if answer.certificate.conditions:
             with self._table:
                 show_certificate(answer.certificate)
                 show_attempts(answer.attempts)
+        if self._plant and len(path.t):   # the curves take longest
+            switching = await run.io_bound(compute_switching, request, path)
+            with self._charts:
+                draw_path_lines(path, self._plant.units, switching, [
+                    each.name for each in self._plant.states if each.moves])
 
-    def _draw(self, plan: Trajectory | None,
-              switching: Mapping[str, Array] | None = None) -> None:
-        self._charts.clear()
-        plane = self._plant and self._plant.plane
-        if plan is None:
-            self._canvas.show_plan([])
-            return
+    def _draw_way(self, plan: Trajectory) -> None:
         names = list(plan.state_names)
-        if plane and {'px', 'py'} <= set(names):
+        if self._plant and self._plant.plane and {'px', 'py'} <= set(names):
             x = np.reshape(plan.x, (len(plan.t), -1))[:, [names.index('px'), names.index('py')]]
             self._canvas.show_plan(x[choose_points(len(x))].tolist())
-        with self._charts:
-            draw_path_lines(plan, self._plant.units if self._plant else {}, switching, [
-                each.name for each in self._plant.states if each.moves] if self._plant else [])
 
     def _clear(self) -> None:
-        self._draw(None)
+        self._canvas.show_plan([])
+        self._charts.clear()
         self._table.clear()
         self._message.text = ''
 

@@ -86,23 +86,28 @@ class ProblemPanel:
             problem, message = built
             self._request = Request(message, LIMIT)
             answer = await self._client.solve(self._request)
-            switching = await run.io_bound(compute_problem_switching, problem, answer)
             self._message.text = f'{answer.status}: {answer.message}'
-            self._show(answer, problem, switching or {})
+            self._request.phase = ''   # of which none is shown any more
+            await self._show(answer, problem)
         except ObcError as error:
             self._message.text = str(error)
         finally:
             self._request = None
 
-    def _show(self, answer: Any, problem: Problem, switching: dict[str, Array]) -> None:
+    async def _show(self, answer: Any, problem: Problem) -> None:
+        is_solved = bool(len(answer.trajectory.t))
         with self._result:
-            if len(answer.trajectory.t):
+            if is_solved:
                 optimum = f', {answer.optimality.kind}' if answer.optimality.kind else ''
                 ui.label(f'cost {answer.objective:.10g}{optimum}, {answer.solve_time:.3g} s')
-                draw_path_lines(answer.trajectory, problem.units, switching)
+            curves = ui.column().classes('w-full gap-1')
             if answer.certificate.conditions:
                 show_certificate(answer.certificate)
             show_attempts(answer.attempts)
+        if is_solved:   # the curves take longest
+            switching = await run.io_bound(compute_problem_switching, problem, answer)
+            with curves:
+                draw_path_lines(answer.trajectory, problem.units, switching)
 
 
 def read_example_text(name: str) -> str:
