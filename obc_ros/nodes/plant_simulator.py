@@ -263,7 +263,8 @@ class PlantSimulator(Node):  # type: ignore[misc] # rclpy's classes are untyped
         self._message = State(names=list(candidate.system.state_names))
         self._message.header.frame_id = ODOM
         self._odometry = self._map.message(candidate.conditions.noise)
-        self._looked, self._contested = (time.monotonic(), 0.0), 0
+        self._looked, self._contested, self._rate = (time.monotonic(), 0.0), 0, 0.0
+        self._fault: tuple[bytes, str] | None = None   # level and words; None: none
         self._counted = 0, Counter[str]()   # commands taken and dropped at the last diagnostics
         self._lock = Lock()
         self._offer(settings)
@@ -381,14 +382,16 @@ class PlantSimulator(Node):  # type: ignore[misc] # rclpy's classes are untyped
             self._message.restarts += (simulator.time, list(simulator.x)) != before
             self._publish()
         self._thread.wake()
+        self._report()
         response.success, response.message = True, f'at {_listed(self._x0)}'
         self._log.info('reset', f'~/reset: {response.message}')
         return response
 
     def _on_pause(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
         with self._lock:
-            self._plant.pause(request.data, self._now()[0])
+            self._plant.pause(request.data, *self._now())
         self._thread.wake()
+        self._report()
         response.success = True
         response.message = (f'{"paused" if request.data else "running"} at '
                             f't = {self._plant.simulator.time:.9g} s')
@@ -400,6 +403,7 @@ class PlantSimulator(Node):  # type: ignore[misc] # rclpy's classes are untyped
             reason = self._plant.step(*self._now())
             if not reason:
                 self._publish()
+        self._report()
         response.success = not reason
         response.message = reason or f'at t = {self._plant.simulator.time:.9g} s'
         return response
@@ -450,15 +454,22 @@ class PlantSimulator(Node):  # type: ignore[misc] # rclpy's classes are untyped
 
     def _diagnose(self) -> None:
         self._measure_offset()
-        plant = self._plant
-        now, simulated = time.monotonic(), plant.simulator.time
-        factor = (simulated - self._looked[1]) / (now - self._looked[0])
+        now, simulated = time.monotonic(), self._plant.simulator.time
+        self._rate = max((simulated - self._looked[1]) / (now - self._looked[0]), 0.0)
         self._looked = now, simulated
-        level, text = self._health()
+        self._fault = self._find_fault()
+        self._report()
+
+    def _report(self) -> None:
+        """Publish the status: each second, and when the time of the plant has jumped."""
+        plant = self._plant
+        level, text = self._fault or (DiagnosticStatus.OK, (
+            'paused' if plant.paused else 'held until the first command' if plant.held
+            else 'running' if plant.accepted else 'no command yet'))
         status = make_status(f'{self.get_fully_qualified_name()[1:]}: plant', level, text, {
-            'simulated time [s]': f'{simulated:.9g}',
+            'simulated time [s]': f'{plant.simulator.time:.9g}',
             'stamp at simulated time 0 [s]': f'{round(plant.epoch, 6) + 0.0:.6f}',
-            'simulated seconds a second': f'{max(factor, 0.0):.3f}',
+            'simulated seconds a second': f'{self._rate:.3f}',
             'behind [s]': f'{plant.behind:.6f}', 'states published': plant.published,
             'states sent again': plant.resent, 'states unanswered': plant.unanswered,
             'commands taken': plant.accepted, 'times without commands': plant.rests,
@@ -469,7 +480,7 @@ class PlantSimulator(Node):  # type: ignore[misc] # rclpy's classes are untyped
                                   self._settings.settings.hardware_id,
                                   plant.simulator.system.name)
 
-    def _health(self) -> tuple[bytes, str]:
+    def _find_fault(self) -> tuple[bytes, str] | None:
         plant = self._plant
         taken, dropped = plant.accepted, Counter(plant.dropped)
         before, self._counted = self._counted, (taken, dropped)
@@ -482,15 +493,7 @@ class PlantSimulator(Node):  # type: ignore[misc] # rclpy's classes are untyped
                 f'{publishers} nodes publish commands; the latest one is followed')
         if self._clock_out and self.count_publishers('/clock') > 1:
             return DiagnosticStatus.WARN, 'another node also publishes /clock'
-        if fault := judge_commands(taken - before[0], dropped - before[1]):
-            return fault
-        if plant.paused:
-            return DiagnosticStatus.OK, 'paused'
-        if plant.held:
-            return DiagnosticStatus.OK, 'held until the first command'
-        if not plant.accepted:
-            return DiagnosticStatus.OK, 'no command yet'
-        return DiagnosticStatus.OK, 'running'
+        return judge_commands(taken - before[0], dropped - before[1])
 
 
 def judge_commands(taken: int, dropped: Counter[str]) -> tuple[bytes, str] | None:

@@ -223,6 +223,21 @@ def test_a_stopped_plant_resumes_from_its_state(spawn, probe):
     assert states[count].x[0] - before < 0.5
 
 
+def test_each_jump_of_the_simulated_time_is_reported_at_once(spawn, probe):
+    """A page tells from it when a gust acts: a status a second would miss most of the steps."""
+    spawn('plant_simulator', {'system': 'double_integrator', **FREE, **SLOW})
+    diagnostics = probe.listen(DiagnosticArray, '/diagnostics')
+    probe.wait_for(lambda: diagnostics)
+    assert probe.call(SetBool, f'{NODE}/pause', SetBool.Request(data=True)).success
+    probe.wait_for(lambda: diagnostics[-1].status[0].message == 'paused')
+    diagnostics.clear()
+    said = {re.search('[0-9.]+', probe.call(Trigger, f'{NODE}/step').message)[0]
+            for _ in range(8)}
+    probe.wait_for(lambda: said <= {
+        value.value for each in diagnostics for value in each.status[0].values
+        if value.key == 'simulated time [s]'}, what='a status for each step')
+
+
 def test_reset_pause_and_step(spawn, probe):
     spawn('plant_simulator', {'system': 'double_integrator', 'x0': [0, 1], 'publish_clock': True,
                               **FREE, **SLOW})

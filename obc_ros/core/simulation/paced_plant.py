@@ -105,11 +105,13 @@ class PacedPlant:
         self._publish(now, wall)
         self._last_stamp = self.stamp - 1
 
-    def pause(self, paused: bool, now: float) -> None:
+    def pause(self, paused: bool, now: float, wall: int) -> None:
         """Pause or resume; time does not pass in between."""
         self._catch_up(now)
         self.paused = paused
         self._anchor(now)
+        if not self.pacing.simulated_stamps:
+            self.epoch = 1e-9 * wall - self.simulator.time
         self._sent = now
 
     def adopt(self, pacing: Pacing, now: float) -> None:

@@ -314,7 +314,7 @@ def test_a_paused_plant_moves_only_on_request():
     bench = Bench(x0=(0.0, 1.0))
     bench.run(0.1)
     assert bench.plant.step(bench.now, bench.wall) == 'the plant is not paused'
-    bench.plant.pause(True, bench.now)
+    bench.plant.pause(True, bench.now, bench.wall)
     time = bench.plant.simulator.time
     assert bench.plant.wait(bench.now) == math.inf
     bench.now += 5.0
@@ -326,15 +326,29 @@ def test_a_paused_plant_moves_only_on_request():
         assert bench.plant.published == published + k + 1
         assert bench.plant.stamp == bench.wall
     time = bench.plant.simulator.time
-    bench.plant.pause(False, bench.now)
+    bench.plant.pause(False, bench.now, bench.wall)
     bench.run(1.0)
     assert bench.plant.simulator.time == pytest.approx(time + 1.0, abs=2 * PERIOD)
     assert bench.plant.held_up == 0
 
 
+def test_the_stamp_of_time_0_is_known_as_soon_as_a_pause_ends():
+    """It is that of the next state less its time; simulated stamps have always 0."""
+    bench, other = Bench(), Bench(simulated_stamps=True)
+    for each in (bench, other):
+        each.run(0.1)
+        each.plant.pause(True, each.now, each.wall)
+        each.now += 5.0
+        each.plant.pause(False, each.now, each.wall)
+    known = bench.plant.epoch
+    bench.run(0.02)
+    assert 1e-9 * bench.stamps[-1] - bench.plant.simulator.time == pytest.approx(known, abs=2e-3)
+    assert other.plant.epoch == pytest.approx(0.0, abs=1e-9)
+
+
 def test_a_paused_lockstep_plant_steps_after_a_command():
     bench = Bench(lockstep=True, simulated_stamps=True)
-    bench.plant.pause(True, bench.now)
+    bench.plant.pause(True, bench.now, bench.wall)
     assert 'no command has arrived' in bench.plant.step(bench.now, bench.wall)
     bench.run(3 * RESEND + 0.01)  # The node that answers may not have been running yet.
     assert bench.plant.resent == 3
@@ -361,7 +375,7 @@ def test_a_plant_pauses_with_the_first_state_from_a_moment_on(moment, lockstep):
     expected = PERIOD * math.ceil(moment / PERIOD - 1e-6)
     assert bench.plant.paused
     assert bench.plant.simulator.time == pytest.approx(expected, abs=1e-12)
-    bench.plant.pause(False, bench.now)
+    bench.plant.pause(False, bench.now, bench.wall)
     run()  # the moment has passed: no second pause
     assert not bench.plant.paused
     assert bench.plant.simulator.time > expected + 100 * PERIOD
@@ -370,7 +384,7 @@ def test_a_plant_pauses_with_the_first_state_from_a_moment_on(moment, lockstep):
 def test_a_pause_at_a_past_moment_is_refused():
     bench = Bench(pause_at=0.05)
     bench.run(0.2)
-    bench.plant.pause(False, bench.now)
+    bench.plant.pause(False, bench.now, bench.wall)
     bench.run(0.2)
     before = bench.plant.pacing
     with pytest.raises(StatementError, match=r'pause_at = 0.1 s: the simulated time is already'):
@@ -380,7 +394,7 @@ def test_a_pause_at_a_past_moment_is_refused():
     bench.run(2.0)
     assert bench.plant.simulator.time == pytest.approx(1.0)
     bench.plant.reset(bench.now, bench.wall)
-    bench.plant.pause(False, bench.now)
+    bench.plant.pause(False, bench.now, bench.wall)
     bench.run(2.0)
     assert bench.plant.simulator.time == pytest.approx(1.0)
 
@@ -405,9 +419,9 @@ def test_a_state_out_of_range_stops_the_plant_until_a_reset():
     assert np.isfinite(bench.plant.sample).all()
     assert not bench.poll()
     assert bench.plant.wait(bench.now) == math.inf
-    bench.plant.pause(True, bench.now)
+    bench.plant.pause(True, bench.now, bench.wall)
     assert 'range of double precision' in bench.plant.step(bench.now, bench.wall)
-    bench.plant.pause(False, bench.now)
+    bench.plant.pause(False, bench.now, bench.wall)
     bench.plant.reset(bench.now, bench.wall)
     assert bench.plant.fault == ''
     bench.run(10.0)
