@@ -26,11 +26,16 @@ STOPPED = Mode.STOPPED.name
 
 @dataclass(frozen=True)
 class Named:
-    """Name, unit and limits of a state or an input; `moves`: at the set point, too."""
+    """
+    Name, unit and limits of a state or an input.
+
+    :ivar angle: whether it is one modulo 2 pi; None: not known.
+    :ivar moves: whether it moves at the set point, too.
+    """
 
     name: str
     unit: str = ''
-    angle: bool = False
+    angle: bool | None = None
     lower: float = -math.inf
     upper: float = math.inf
     moves: bool = False

@@ -44,6 +44,16 @@ def test_the_error_along_the_course_of_a_moving_set_point_is_free():
         assert found.startswith('py would be 3 m ') == far == bool(found)
 
 
+def test_a_state_of_a_plant_that_is_not_registered_may_be_an_angle():
+    """A turn of 2 pi is no error of an angle; whether it is one, its node knows."""
+    design = LqrDesign(system='pendulum_of_a_file', state_names=['theta', 'omega'],
+                       input_names=['u'], xe=[0.0, 0.0], ue=[0.0])
+    plant = describe_plant(design)
+    for x, far in (([6.3, 0.0], False), ([3.0, 0.0], True), ([-0.9, 0.0], False)):
+        found = find_excess(plant, design, x, [0.0, 0.0], [1.0, 1.0])
+        assert bool(found) == far
+
+
 def make_panel(changes: list[dict[str, Any]], **more: Any) -> SimpleNamespace:
     """Return what `_set` reads of a panel; changes that are sent go to a list."""
     async def set_parameters(node, values):

@@ -164,9 +164,11 @@ def find_excess(plant: Plant, design: LqrDesign, x: Sequence[float], target: Seq
               else ((-size, size) for size in limits))
     for signal, here, there, (lower, upper) in zip(plant.states, x, point, bounds, strict=True):
         error = here - there
+        turned = math.remainder(error, 2.0 * math.pi)
         if signal.angle:
-            error = math.remainder(error, 2.0 * math.pi)
-        if not lower <= error <= upper:
+            error = turned
+        # A state that may be an angle, of a plant that is not registered, is left to the node.
+        if not (lower <= error <= upper or signal.angle is None and lower <= turned <= upper):
             return (f'{signal.name} would be {error:.3g} {signal.unit} from it, outside of '
                     f'x_limits, {lower:g} to {upper:g}: the loop would not hold it')
     return ''
