@@ -247,10 +247,11 @@ class LoopClient:
             return
         if controller != self.controller:
             self.controller, self._prediction = controller, ()
-        if self.plant is None or design.system != self.plant.system:
-            self.plant = describe_plant(design)
-        elif self.design and list(design.xe) != list(self.design.xe):   # this ends references
+        if self.design and self.design.system == design.system and list(
+                design.xe) != list(self.design.xe):   # this ends references
             self._given = None
+        plant = describe_plant(design)
+        self.plant = self.plant if plant == self.plant else plant
         self.design, self._held = design, SetPoint(design)
 
     def _on_diagnostics(self, array: DiagnosticArray) -> None:

@@ -14,6 +14,7 @@ from obc_ros.core.closed_loop.modes import Mode
 from obc_ros.core.lqr.design.report import describe_plainly
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.systems import registry
+from obc_ros.core.systems.equilibrium import may_move_on
 from obc_ros.core.text.errors import ObcError
 from obc_ros.msg import Estimate, LqrDesign, Trajectory
 from obc_ros.view.disturbances import Acting
@@ -247,7 +248,12 @@ class SetPoint:
 
 
 def _find_drift(design: LqrDesign) -> Array:
-    """Return dx/dt at the set point of a registered system; zeros: at rest, or not known."""
+    """
+    Return dx/dt at the set point of a registered system; zeros: at rest, or not known.
+
+    The parameters of the node are not known here. A set point moves only in states on which f does
+    not depend: rates of others are due to other parameters.
+    """
     xe, ue = np.asarray(design.xe, dtype=float), np.asarray(design.ue, dtype=float)
     try:
         system = registry.get_registered(design.system)
@@ -255,7 +261,7 @@ def _find_drift(design: LqrDesign) -> Array:
         return np.zeros(len(xe))
     if (len(xe), len(ue)) != (system.n, system.m):
         return np.zeros(len(xe))
-    drift = np.asarray(system.f(xe, ue), dtype=float)
+    drift = np.where(may_move_on(system), system.f(xe, ue), 0.0)
     moves = np.isfinite(drift).all() and np.abs(drift).max() > AT_REST
     return drift if moves else np.zeros(len(xe))
 

@@ -893,6 +893,27 @@ def test_a_set_point_that_moves_is_shown_beside_the_plant():
     assert list(held.locate([1.0])) == [0.0, -2.0, 0.0]
 
 
+@pytest.mark.parametrize('ue', [[0.0, 30.0], [0.0, 45.0]])
+def test_a_hover_of_another_mass_is_at_rest(ue):
+    """Its thrust is not that of the registered mass: the aircraft would fall, not move on."""
+    names = list(systems['aircraft'].states)
+    design = LqrDesign(system='aircraft', state_names=names, xe=[0.0] * 6, ue=ue,
+                       input_names=list(systems['aircraft'].inputs), p=np.eye(6).ravel())
+    assert list(SetPoint(design).locate([1.0, 2.0, *[0.0] * 4])) == [0.0] * 6
+    assert SetPoint(design).measure_cost([1.0, 2.0, *[0.0] * 4]) == 5.0
+    assert not any(each.moves for each in describe_plant(design).states)
+
+
+def test_a_new_set_point_may_begin_to_move():
+    """The vehicle stops and drives on: px has a plot of its own only while it drives."""
+    client = SimpleNamespace(controller='lqr_node', plant=None, design=None, _given=None)
+    for speed in (0.0, 10.0, 0.0):
+        design = design_of('vehicle', [1.0] * 3, [1.0] * 2)
+        design.ue = [speed, 0.0]
+        LoopClient._on_design(client, 'lqr_node', design)
+        assert [each.moves for each in client.plant.states] == [speed > 0.0, False, False]
+
+
 def test_a_set_point_at_rest_stays():
     design = design_of('double_integrator', [1.0, 1.0], [1.0])
     held = SetPoint(design)

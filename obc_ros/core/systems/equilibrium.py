@@ -57,7 +57,7 @@ def find_equilibrium(system: System, x: Sequence[float] | Array | None = None,
                       system.state_names, DynamicsError)
     u = check_numbers(f'input of {system.name}', system.setpoint_input if u is None else u,
                       system.input_names, DynamicsError)
-    loose, held = np.arange(system.n + system.m) >= system.n, ~_may_move_on(system)
+    loose, held = np.arange(system.n + system.m) >= system.n, ~may_move_on(system)
     best = _solve(system, np.concatenate([x, u]), loose, held)
     if not best.holds:
         raise DynamicsError(_refusal(system, x, best, held))
@@ -70,7 +70,7 @@ def find_equilibrium(system: System, x: Sequence[float] | Array | None = None,
 
 def find_nearest_equilibrium(system: System, x: Array, u: Array) -> Equilibrium:
     """Find the equilibrium next to a state that nearly is one, first by the inputs alone."""
-    inputs, held = np.arange(system.n + system.m) >= system.n, ~_may_move_on(system)
+    inputs, held = np.arange(system.n + system.m) >= system.n, ~may_move_on(system)
     best = _solve(system, np.concatenate([x, u]), inputs, held)
     best = _newton(system, np.concatenate([best.x, best.u]), inputs | True, held)
     return find_equilibrium(system, best.x, best.u)
@@ -119,7 +119,7 @@ class _Found:
         return self.left <= 1.0
 
 
-def _may_move_on(system: System) -> Mask:
+def may_move_on(system: System) -> Mask:
     """Return for each state whether f is independent of it for the parameters in use."""
     f = ca.substitute(system.xdot, system.p, ca.DM(system.p_value))
     columns = ca.jacobian(f, system.x).sparsity().get_triplet()[1]
