@@ -191,7 +191,7 @@ class LoopPage:
                 self._problem = ProblemPanel(client, self._controls)
             with ui.tab_panel(names[5]):
                 self._log = ui.log(max_lines=300).classes('obc-log w-full')
-        self._tabs = tabs
+        self._tabs = tabs.on_value_change(self._set_point.drop)
 
     def _build_player(self, playback: Playback) -> None:
         def jump(event: Any) -> None:

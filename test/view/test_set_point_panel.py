@@ -111,3 +111,51 @@ def test_a_path_that_is_followed_is_not_left_by_the_same_set_point():
     assert not changes and 'a path is followed' in panel._message.text
     asyncio.run(SetPointPanel._set(panel, [1.0, 0.0]))
     assert changes
+
+
+def make_fields(values: list[float]) -> dict[str, Any]:
+    """Return fields with values, and what `refresh` reads and sets of a panel."""
+    part = SimpleNamespace(set_enabled=lambda _: None, text='', value='px')
+    plant = SimpleNamespace(state_names=('px', 'py'), states=())
+    return {'_fields': [SimpleNamespace(value=each) for each in values], '_shown': [0.0, 0.0],
+            '_of': ('mpc_node', plant), '_seen': None, '_state': part,
+            '_size': SimpleNamespace(value=0.5), **dict.fromkeys(
+                ('_hold', '_step', '_back', '_use', '_changed'), part)}
+
+
+@pytest.mark.parametrize('change', [
+    {'design': SimpleNamespace(xe=[0.0, 0.0], revision=2)}, {'reference': 'a path'},
+    {'mode': SimpleNamespace(name='STOPPED')}, {}])
+def test_a_click_before_another_change_of_the_loop_is_not_sent_after_it(change):
+    """New weights, a path that is flown, a stop: of this page or of another one."""
+    changes: list[dict[str, Any]] = []
+    panel = make_panel(changes, **make_fields([0.0, 0.0]))
+    client = panel._client
+    client.plant, client.design = panel._of[1], SimpleNamespace(xe=[0.0, 0.0])
+    panel._names = lambda: ('px', 'py')
+    panel.drop = lambda: SetPointPanel.drop(panel)
+    panel._set = lambda given: SetPointPanel._set(panel, given)
+    SetPointPanel.refresh(panel)
+    SetPointPanel.click(panel, 0.6, 0.4)
+    SetPointPanel.refresh(panel)
+    vars(client).update(change)
+    SetPointPanel.refresh(panel)
+    asyncio.run(SetPointPanel.hold(panel))
+    pending = [0.0, 0.0] if change else [0.6, 0.4]
+    assert [field.value for field in panel._fields] == pending
+    assert changes == ([] if 'reference' in change else [{'mpc_node': {'setpoint': pending}}])
+
+
+def test_a_step_and_the_way_back_drop_what_was_clicked():
+    for act in (SetPointPanel.step, SetPointPanel.go_back):
+        sent: list[Any] = []
+
+        async def refuse(given: list[float], sent: list[Any] = sent) -> None:
+            sent.append(given)
+
+        panel = make_panel([], **make_fields([0.6, 0.4]), _before=[0.1, 0.0], _set=refuse)
+        panel._names = lambda: ('px', 'py')
+        panel.drop = lambda panel=panel: SetPointPanel.drop(panel)
+        asyncio.run(act(panel))
+        assert sent == [[0.5, 0.0]] or sent == [[0.1, 0.0]]
+        assert [field.value for field in panel._fields] == [0.0, 0.0]

@@ -5,6 +5,7 @@
 from collections.abc import Callable, Sequence
 from copy import copy
 import math
+from typing import Any
 
 from nicegui import ui
 import numpy as np
@@ -25,6 +26,7 @@ class SetPointPanel:
         self._before: list[float] = []   # the one before the last change of this page
         self._sent: list[float] = []     # the last one that this page has set
         self._old: LqrDesign | None = None   # the design at the last change, until a newer one
+        self._seen: Any = None   # what was done last, by anybody
         self._busy = False
         ui.label('Click a point of the picture, or type a set point.')
         self._row = ui.row().classes('w-full gap-2')
@@ -32,7 +34,7 @@ class SetPointPanel:
         with ui.row().classes('items-center'):
             self._hold = ui.button('Hold it', on_click=self.hold)
             self._back = ui.button('Back', on_click=self.go_back).props('outline')
-            self._use = ui.button('As in use', on_click=self._reset).props('outline')
+            self._use = ui.button('As in use', on_click=self.drop).props('outline')
             self._changed = ui.label()
         with ui.row().classes('items-end'):
             self._state = ui.select([], label='state').classes('w-24')
@@ -59,7 +61,6 @@ class SetPointPanel:
             if self._shown and list(design.xe) != self._sent:
                 self._before = []   # somebody else has set this one
             self._shown = list(map(float, design.xe))
-            self._reset()
         self._old = self._old if design is self._old else None
         ready = (self._may_control() and bool(self._shown) and not self._busy
                  and self._old is None)
@@ -67,17 +68,20 @@ class SetPointPanel:
         self._hold.set_enabled(ready)
         self._step.set_enabled(free)   # from the end of a path it would not be one step
         self._back.set_enabled(free and bool(self._before))
+        if (seen := (*self._find_asked(), self._client.reference)) != self._seen:
+            self._seen = seen
+            self.drop()   # what was clicked before this is not sent after it
         changed = [name for name, field, value in zip(
             self._names(), self._fields, self._shown, strict=False) if field.value != value]
-        self._changed.text = f'changed: {", ".join(changed)}' if changed else ''
+        self._changed.text = f'not held yet: {", ".join(changed)}' if changed else ''
         self._use.set_enabled(bool(changed))
 
     def _names(self) -> tuple[str, ...]:
         return self._of[1].state_names if self._of else ()
 
-    def _reset(self) -> None:
-        """Fill the fields with the set point in use."""
-        for field, value in zip(self._fields, self._shown, strict=True):
+    def drop(self) -> None:
+        """Forget what was clicked or typed: fill the fields with the set point in use."""
+        for field, value in zip(self._fields, self._shown, strict=False):
             field.value = value
 
     def click(self, x: float, y: float) -> None:
@@ -92,6 +96,7 @@ class SetPointPanel:
 
     async def step(self) -> None:
         """Add the step to the set point in use."""
+        self.drop()
         size = self._size.value
         target: list[float | None] = list(self._shown)
         if target and self._client.reference is None:
@@ -101,6 +106,7 @@ class SetPointPanel:
 
     async def go_back(self) -> None:
         """Return to the set point before the last change of this page."""
+        self.drop()
         if self._before:
             await self._set(list(self._before))
 
