@@ -6,7 +6,7 @@ from math import pi
 
 import numpy as np
 from obc_ros.api.figures.marks import find_marks, find_state_rows
-from obc_ros.api.figures.panels import MOST_LINES, split_columns
+from obc_ros.api.figures.panels import MOST_LINES, place_panels, split_columns
 from obc_ros.api.figures.path import draw_path
 from obc_ros.api.figures.plane import find_plane
 from obc_ros.core.ocp.solution import Solution, Status
@@ -173,3 +173,17 @@ def test_units_of_a_system_are_known_and_those_of_the_statement_go_first():
 def test_malformed_units_are_answered_in_words(units, words):
     with pytest.raises(StatementError, match=words):
         build_problem(DISC | {'units': units})
+
+
+@pytest.mark.parametrize('count', [5, 7])
+def test_unequal_columns_of_panels_end_at_the_same_heights(count):
+    figure, axes, _ = place_panels(count)
+    figure.draw_without_rendering()
+    boxes = [each.get_position() for each in axes]
+    left, right = boxes[:(count + 1) // 2], boxes[(count + 1) // 2:]
+    assert len(right) == len(left) - 1
+    for column in (left, right):
+        assert column[0].y1 == pytest.approx(left[0].y1, abs=1e-3)
+        assert column[-1].y0 == pytest.approx(left[-1].y0, abs=1e-3)
+        heights = [each.height for each in column]
+        assert heights == pytest.approx([heights[0]] * len(column), rel=0.02)

@@ -122,20 +122,19 @@ def place_panels(count: int, head: float = 0.0, into: Any = None
     columns = 1 if TITLE + head + PANEL * count <= LONGEST else 2
     rows = -(-count // columns)
     figure = new_figure(TITLE + head + PANEL * rows) if into is None else into
-    grid = figure.add_gridspec(rows + bool(head), columns,
-                               height_ratios=[head] * bool(head) + [PANEL] * rows)
+    grid = figure.add_gridspec(1 + bool(head), columns,
+                               height_ratios=[head] * bool(head) + [PANEL * rows])
     above = figure.add_subplot(grid[0, :]) if head else None
     axes: list[Any] = []
-    for index in range(count):
-        column, row = divmod(index, rows)
-        place = figure.add_subplot(grid[row + bool(head), column],
-                                   sharex=axes[0] if axes else None)
-        last = row == rows - 1 or index == count - 1
-        place.tick_params(labelbottom=last)
-        if last:
-            place.set_xlabel('time [s]')
-        axes.append(place)
-    figure.align_ylabels(axes)
+    for column in range(columns):
+        high = min(rows, count - column * rows)   # fewer panels are higher: no place is empty
+        parts = grid[-1, column].subgridspec(high, 1)
+        for row in range(high):
+            place = figure.add_subplot(parts[row, 0], sharex=axes[0] if axes else None)
+            place.tick_params(labelbottom=row == high - 1)
+            axes.append(place)
+        axes[-1].set_xlabel('time [s]')
+        figure.align_ylabels(axes[-high:])
     return figure, axes, above
 
 
