@@ -23,12 +23,16 @@ Pose = tuple[float, float, float]
 SIDE, POINTS = 3.0, 20  # of the map [m]
 # Centres of squares: not on the lines where words of one or two arcs are fastest.
 PLACE = (np.arange(POINTS) + 0.5) * 2 * SIDE / POINTS - SIDE
-FINE = 121  # goals along a side of the maps that are drawn
+FINE = 481  # goals along a side of the maps that are drawn: a square is a pixel or two
 # Not on the lines where words of few arcs are fastest.
 GRID = np.linspace(-SIDE, SIDE, FINE) + 1e-6
-LETTER, LINE = 4, 7  # squares that a letter is wide, and a word is high
-ROBOT = np.maximum.outer(np.abs(GRID), np.abs(GRID)) < 0.25  # where the robot is drawn
+EACH = 4  # every fourth goal is compared with its reference
+COARSE = GRID[::EACH]  # where words are placed
+LETTER, LINE = 4, 7  # squares of it that a letter is wide, and a word is high
+ROBOT = np.maximum.outer(np.abs(COARSE), np.abs(COARSE)) < 0.35  # where the robot is drawn
 HEADINGS = (0.0, pi / 2)
+# Where the lines of 2 s and 4 s have their labels: beside the words.
+TIMES = (((-1.0, 0.95), (-2.7, 2.55)), ((1.25, 1.25), (2.75, 2.75)))
 STRAIGHT = ((2.0, 0.0, 0.0), (-1.5, 0.0, 0.0))
 TURNS = ((0.0, 0.0, pi / 2), (0.0, 0.0, -1.0), (0.0, 0.0, 3.0))
 TANGENTS = ((2.0, 1.0, 0.5), (3.0, 1.0, 0.2), (4.0, 1.5, 0.0))  # reached by L+S+R+
@@ -75,10 +79,10 @@ def exercise_2_6(desk: Desk) -> EntryResult:
             ComparedRow(f'{name}: $T$ at the mirror image', *_mirrored(goals, paths),
                         'symmetry of the robot')]
     fine = [map_words(heading) for heading in HEADINGS]
-    points = np.array([(x, y) for y in GRID for x in GRID])
+    points = np.array([(x, y) for y in COARSE for x in COARSE])
     rows += [ComparedRow(
-        f'fine map, $θ_f = {heading:.4g}$: $T$ [s]', time.ravel(), find_least_times(
-            np.column_stack([points, np.full(len(points), heading)])), PRINCIPLE)
+        f'fine map, $θ_f = {heading:.4g}$: $T$ [s]', time[::EACH, ::EACH].ravel(),
+        find_least_times(np.column_stack([points, np.full(len(points), heading)])), PRINCIPLE)
         for heading, (_, _, time) in zip(HEADINGS, fine, strict=True)]
     return EntryResult(rows, _draw_maps(fine), (
         'The fastest word from the origin (heading to the right) to each goal, with $L = M = 1$. '
@@ -204,16 +208,18 @@ def _order(word: str) -> tuple[int, str]:
 def _draw_maps(maps: Sequence[tuple[list[str], Array, Array]]) -> Figure:
     figure, (axes,) = create_panels(1, 2, 4.9)
     shown = sorted({word for words, _, _ in maps for word in words}, key=_order)
-    for plot, heading, (words, index, time) in zip(axes, HEADINGS, maps, strict=True):
+    for plot, heading, (words, index, time), places in zip(axes, HEADINGS, maps, TIMES,
+                                                           strict=True):
         for number, word in enumerate(words):
             mask = (index == number).astype(float)
             plot.contourf(GRID, GRID, mask, levels=[0.5, 2.0], colors=[COLOURS[word]])
             plot.contour(GRID, GRID, gaussian_filter(mask, 1.0), levels=[0.5], colors='black',
                          linewidths=1.1)
-        lines = plot.contour(GRID, GRID, time, levels=np.arange(1, 8), colors='0.35',
-                             linewidths=0.8, linestyles=':')
-        plot.clabel(lines, lines.levels[1::2], fmt='%g s')
-        for word, x, y in _places(index, words):
+        for levels in ((1, 3, 5), (2, 4)):
+            lines = plot.contour(GRID, GRID, time, levels=levels, colors='0.35', linewidths=0.8,
+                                 linestyles=':')
+        plot.clabel(lines, fmt='%g s', manual=places)
+        for word, x, y in _places(index[::EACH, ::EACH], words):
             plot.text(x, y, word, ha='center', va='center', zorder=4)
         draw_two_wheeled(plot, 0.0, 0.0, 0.0, width=0.25, colour='white')
         plot.set(aspect='equal', xlim=(-SIDE, SIDE), ylim=(-SIDE, SIDE), xticks=range(-3, 4),
@@ -263,7 +269,7 @@ def _places(index: Array, words: list[str]) -> Iterator[tuple[str, float, float]
             if room.any():
                 depth = distance_transform_edt(np.pad(room, 1))[1:-1, 1:-1]
                 row, column = np.argwhere(depth == depth.max()).mean(axis=0).round().astype(int)
-                yield text, GRID[column], GRID[row]
+                yield text, COARSE[column], COARSE[row]
 
 
 EXERCISE_2_6 = GalleryEntry(
