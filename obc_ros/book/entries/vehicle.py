@@ -8,7 +8,7 @@ from typing import Any
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 import numpy as np
-from obc_ros.api.figures.style import EXACT, get_line, LINE_COLOURS, THIN
+from obc_ros.api.figures.style import EXACT, get_line, LINE_COLOURS, THIN, WIDTH
 from obc_ros.book.entry import ComparedRow, create_panels, EntryResult, GalleryEntry, label_axes
 from obc_ros.book.loop import Run
 from obc_ros.book.references import simulate_loop
@@ -77,7 +77,8 @@ def exercise_2_10(desk: Desk) -> EntryResult:
         ComparedRow('(a) $K$', design.K, GAIN, '$[1/√ρ, √(2l/√ρ)]$'),
         ComparedRow('(a) overshoot', message.overshoot[0], exp(-pi),
                     '$e^{-πζ/√(1-ζ^2)}$, $ζ = 1/√2$', relative=True),
-        ComparedRow('(a) rise time, 10 to 90 % [s]', message.rise_time[0], _rise_time(),
+        ComparedRow('(a) rise time, 10 to 90 % [s]', message.rise_time[0],
+                    np.diff(_find_rise()).item(),
                     'the step response of second order', relative=True),
         ComparedRow('(a) gain crossover [rad/s]', message.bandwidth[0], crossover,
                     '$ω_0 √(1 + √2)$'),
@@ -140,15 +141,15 @@ def _rate(x: Array, u: Array) -> list[Any]:
     return [SPEED * np.sin(x[1]), SPEED / LENGTH * np.tan(u[0])]
 
 
-def _rise_time() -> float:
-    """Return the 10 to 90 % rise time [s] of a second-order step with zeta = 1 / sqrt(2)."""
+def _find_rise() -> tuple[float, float]:
+    """Return when a second-order step with zeta = 1 / sqrt(2) is at 10 % and at 90 % [s]."""
     w = OMEGA0 / sqrt(2)
 
     def above(t: float, level: float) -> float:
         return float(1 - level - exp(-w * t) * (np.cos(w * t) + np.sin(w * t)))
 
     top = acos(-1.0) / w  # the first maximum
-    return float(brentq(above, 0, top, (0.9,), 1e-14) - brentq(above, 0, top, (0.1,), 1e-14))
+    return brentq(above, 0, top, (0.1,), 1e-14), brentq(above, 0, top, (0.9,), 1e-14)
 
 
 def _bandwidth(K: Array) -> float:
@@ -172,21 +173,37 @@ def _closed(K: Array, w: Array) -> Any:
 
 
 def _draw(design: AnsweredRegulator, step: Run) -> Figure:
-    figure, ((response, empty), (magnitude, phase)) = create_panels(2, 2, 3.2)
-    empty.remove()
-    t = np.linspace(0, DURATION, 300)
-    w = OMEGA0 / sqrt(2)
-    response.plot(step.t, step.x[:, 0], color=LINE_COLOURS[0], label='nonlinear model')
-    response.plot(t, 1 - np.exp(-w * t) * (np.cos(w * t) + np.sin(w * t)),
-                  label='linear model', **EXACT)
-    response.axhline(1, **THIN)
-    response.set(xlim=(0, DURATION), ylim=(0, 1.15))
-    label_axes(response, '(a) step of $y_d$ by 1 m', 'time $t$ [s]', 'position $y$ [m]',
-               legend='lower right')
-    _draw_frequency(magnitude, phase, design)
-    figure.legend(*magnitude.get_legend_handles_labels(), loc='center',
-                  bbox_to_anchor=(0.77, 0.78))
+    figure = Figure(figsize=(WIDTH, 6.4), layout='constrained')
+    panels = figure.subplot_mosaic([['step', 'step'], ['magnitude', 'phase']])
+    _draw_step(panels['step'], design, step)
+    _draw_frequency(panels['magnitude'], panels['phase'], design)
     return figure
+
+
+def _draw_step(axes: Axes, design: AnsweredRegulator, step: Run) -> None:
+    t, w = np.linspace(0, DURATION, 300), OMEGA0 / sqrt(2)
+    begin, end = _find_rise()
+    overshoot = design.message.overshoot[0]
+    axes.plot(step.t, step.x[:, 0], color=LINE_COLOURS[0], label='nonlinear model')
+    axes.plot(t, 1 - np.exp(-w * t) * (np.cos(w * t) + np.sin(w * t)), label='linear model',
+              **EXACT)
+    axes.axhline(1, **THIN)
+    for time, level in ((begin, 0.1), (end, 0.9)):
+        axes.plot([time, time, 0], [0, level, level], **THIN)
+    _draw_span(axes, (begin, 0.03), (end, 0.03))
+    axes.text((begin + end) / 2, 0.06, f'rise time {design.message.rise_time[0]:.3f} s',
+              ha='center', va='bottom')
+    _draw_span(axes, (pi / w, 1.0), (pi / w, 1 + overshoot))
+    axes.text(pi / w, 1.06, f'overshoot {100 * overshoot:.1f} %', ha='center', va='bottom')
+    axes.set(xlim=(0, DURATION), ylim=(0, 1.2), yticks=[0, 0.1, 0.5, 0.9, 1])
+    label_axes(axes, '(a) step of $y_d$ by 1 m', 'time $t$ [s]', 'position $y$ [m]',
+               legend='lower right')
+
+
+def _draw_span(axes: Axes, start: tuple[float, float], end: tuple[float, float]) -> None:
+    """Draw the arrow of a distance between two points."""
+    axes.annotate('', start, end, arrowprops={
+        'arrowstyle': '<->', 'color': 'black', 'shrinkA': 0, 'shrinkB': 0})
 
 
 def _draw_slalom(driven: dict[str, Run], away: dict[str, Array]) -> Figure:
@@ -224,14 +241,18 @@ def _draw_frequency(magnitude: Axes, phase: Axes, design: AnsweredRegulator) -> 
         axes.axvline(crossover, **THIN)
         axes.set_xlim(0.1, 100)
     magnitude.axhline(0, **THIN)
+    for w, level, name, offset in ((OMEGA0, -10 * np.log10(2), 'bandwidth', (-8, -31)),
+                                   (crossover, 0.0, 'crossover', (8, 8))):
+        magnitude.plot(w, level, 'o', color='black', zorder=5)
+        magnitude.annotate(f'{name}\n{w:.2f} rad/s', (w, level), offset,
+                           textcoords='offset points', ha='right' if w == OMEGA0 else 'left')
     magnitude.set(ylim=(-60, 60), yticks=range(-60, 61, 20))
     phase.axhline(-180, **THIN)
-    phase.annotate('', (crossover, -180), (crossover, np.degrees(margin) - 180),
-                   arrowprops={'arrowstyle': '<->', 'color': 'black', 'shrinkA': 0,
-                               'shrinkB': 0})
+    _draw_span(phase, (crossover, -180), (crossover, np.degrees(margin) - 180))
     phase.text(0.85 * crossover, -168, f'{np.degrees(margin):.1f}°', ha='right')
     phase.set(ylim=(-190, 40), yticks=[-180, -135, -90, -45, 0])
-    label_axes(magnitude, '(a) frequency response', 'frequency [rad/s]', 'magnitude [dB]')
+    label_axes(magnitude, '(a) frequency response', 'frequency [rad/s]', 'magnitude [dB]',
+               legend='lower left')
     label_axes(phase, '(a) phase and its margin', 'frequency [rad/s]', 'phase [deg]')
 
 
