@@ -40,10 +40,9 @@ q, a, b, T, t, x0, xf, lam, lam1, theta = VALUES.values()
     ('(a/b) q', a / b * q), ('a/(2 b)', a / (2 * b)), ('q − a·b', q - a * b), ('ln(q)', 0.530628),
     ('arctan(q)', 1.039072), ('K = q', q), ('u(t) = -q', -q), ("lambda2' = q^2", q**2),
     ('x1* = a/2', a / 2), ('lambda', lam), ('3 a λ', 3 * a * lam), ('lambda1 cos(theta)', None),
-    ('λ1', lam1), ('θ', theta), ('x_0', x0), ('x_f - x(0)', xf - x0), ('2.0 s', 2), ('2s', 2),
-    ('2 rad/s', 2), ('2 1/s', 2), ('50 %', 0.5), ('90°', pi / 2), ('90 deg', pi / 2),
-    ('pi rad', pi), ('(1/2) m', 0.5), ('√2 q', sqrt(2) * q), ('√2(a + b)', sqrt(2) * (a + b)),
-    ('2e3', 2000), ('1e-3 s', 1e-3), ('2 e-3', 2 * e - 3),
+    ('λ1', lam1), ('θ', theta), ('x_0', x0), ('x_f - x(0)', xf - x0), ('50 %', 0.5),
+    ('aπ b', a * pi * b), ('√2 q', sqrt(2) * q), ('√2(a + b)', sqrt(2) * (a + b)),
+    ('2e3', 2000), ('2 e-3', 2 * e - 3),
     ('sqrt 2', None), ('{q}', q), ('[q + 1](2)', 2 * (q + 1))], ids=str)
 def test_the_notation_of_the_sheet_is_read(text, value):
     if value is None:
@@ -53,6 +52,14 @@ def test_the_notation_of_the_sheet_is_read(text, value):
             read(text)
     else:
         assert read(text) == pytest.approx(value, rel=1e-6)
+
+
+@pytest.mark.parametrize('text, unit, value', [
+    ('2.0 s', 's', 2), ('2s', 's', 2), ('1e-3 s', 's', 1e-3), ('(1/2) m', 'm', 0.5),
+    ('2 rad/s', 'rad/s', 2), ('2 1/s', 'rad/s', 2), ('90°', 'rad', pi / 2),
+    ('90 deg', 'rad', pi / 2), ('pi rad', 'rad', pi)])
+def test_the_unit_that_is_asked_for_is_read(text, unit, value):
+    assert read(text, unit) == pytest.approx(value)
 
 
 @pytest.mark.parametrize('text', [
@@ -65,7 +72,8 @@ def test_the_notation_of_problem_files_has_its_meaning(text):
 @pytest.mark.parametrize('text, words', [
     ('1/2q', "'/2q' can be read in two ways"), ('1/2 q', "'/2 q' can be read in two ways"),
     ('a/(2b)(q)', 'two ways'), ('e^2t', "'^2t' can be read"), ('e^-2 t', 'two ways'),
-    ('e^a t', 'two ways'), ('q^2b', 'two ways'), ('√2q', 'two ways'),
+    ('e^a t', 'two ways'), ('q^2b', 'two ways'), ('√2q', 'two ways'), ('√6π', 'two ways'),
+    ('1/√2 sqrt(q)', "'/ ... √2 sqrt' can be read"), ('2/b^2 a', "'/ ... ^2 a' can be read"),
     ('√sin(q)', 'under the root'),
     ('sin^2(q)', 'put the argument of sin in brackets'), ('2 3', 'is not an expression'),
     ('z q', "unknown name 'z'"), ('foo(q)', "'foo' is not a function"), ('a = b = q', "'='"),
@@ -82,12 +90,11 @@ def test_a_text_that_is_not_understood_gets_a_sentence(text, words):
 
 @pytest.mark.parametrize('text, unit, words', [
     ('2 m', 's', 'in m, wanted s'), ('90 deg', 's', 'in deg, wanted s'),
-    ('2 s', 'rad', 'in s, wanted rad'), ('5 %', 's', 'in %, wanted s')])
+    ('2 s', 'rad', 'in s, wanted rad'), ('5 %', 's', 'in %, wanted s'),
+    ('2 m', '', 'in m, but no unit is asked for'), ('90 deg', '', 'but no unit is asked for')])
 def test_another_unit_than_the_one_asked_for_is_refused(text, unit, words):
     with pytest.raises(StatementError, match=words):
         read(text, unit)
-    assert read('90 deg', 'rad') == pytest.approx(pi / 2)
-    assert read('2 1/s', 'rad/s') == 2
 
 
 @pytest.mark.parametrize('answer, rows', [
@@ -109,7 +116,8 @@ def test_rows_are_read_from_text(answer, rows):
     ['-1.414 + 1.414j', '-1.414 - 1.414j'], '-1.414 ± 1.414j',
     '-1.414 - 1.414i, -1.414 + 1.414i',
     '(-sqrt(2) + sqrt(2) j, -sqrt(2) - sqrt(2) j)', '-√2(1 - j), -√2(1 + j)',
-    '-sqrt(2) ± j sqrt(2)', [[-1.414, 1.414], [-1.414, -1.414]], 's = -√2 ± √2 j'], ids=str)
+    '-1.414±j1.414', '-sqrt(2) ± j sqrt(2)', [[-1.414, 1.414], [-1.414, -1.414]],
+    's = -√2 ± √2 j'], ids=str)
 def test_poles_may_be_complex_numbers(answer):
     assert check_answer(ASKED['2.7-poles'], answer).verdict == 'right'
 
@@ -120,8 +128,16 @@ def test_a_product_of_imaginary_units_is_refused():
     assert 'is not a complex number such as -1 + 2j' in found.why
 
 
-def test_a_decimal_comma_is_refused():
-    found = check_answer(ASKED['2.2-cost'], '9,42')
+@pytest.mark.parametrize('name, answer', [
+    ('2.1-a', '3 - 2j'), ('2.2-cost', '9.42 + 0j'), ('2.10-A', ['10j', '0j'])], ids=str)
+def test_a_complex_number_is_wrong_where_real_ones_are_asked_for(name, answer):
+    found = check_answer(ASKED[name], answer)
+    assert (found.verdict, found.why) == ('wrong', 'it is complex; wanted real numbers')
+
+
+@pytest.mark.parametrize('answer', ['9,42', '-9,42 s', '9,42s'])
+def test_a_decimal_comma_is_refused(answer):
+    found = check_answer(ASKED['2.2-cost'], answer)
     assert 'write 9.42, or [9, 42] for two numbers' in found.why
 
 

@@ -185,8 +185,9 @@ def test_a_near_miss_is_told_what_is_missing(name, answer, words):
 
 
 @pytest.mark.parametrize('name, answer', [
-    ('2.4-a-limit', 0.01), ('example-2.3-hamiltonian', 0.02), ('2.10-A', [[0.1, 10], [0, 0]]),
-    ('2.2-cost', 9.8), ('2.5-costate', 0), ('2.8-c-frequency', 3)], ids=str)
+    ('2.4-a-limit', 0.01), ('2.4-a-limit', 0.004), ('example-2.3-hamiltonian', 0.02),
+    ('2.10-A', [[0.1, 10], [0, 0]]), ('2.2-cost', 9.8),
+    ('2.5-costate', 0), ('2.8-c-frequency', 3)], ids=str)
 def test_another_answer_is_no_near_miss(name, answer):
     found = judge(name, answer)
     assert found.verdict == 'wrong'
@@ -201,6 +202,9 @@ def test_another_answer_is_no_near_miss(name, answer):
     ({'running_cost': 'u**2'}, 'factor 1/2 of the running cost'),
     ({'dynamics': {'x': 'x + u'}}, 'the sign of the dynamics'),
     ({'initial_state': {'x': 2}}, 'its minimum cost is 0.188972'),
+    ({'final_time': {'free': True, 'lower': 0.5, 'upper': 1}},
+     'T = 1 s is the upper bound of final_time: this bound decides'),
+    ({'initial_state': {'x': [1, 2]}}, 'x(0) = 1 is the lower bound of initial_state'),
     ({'dynamics': {'x': '0*u'}, 'terminal_cost': f'{END * exp(-1) / 2!r}*x'},
      'the optimum of the exercise is not one of this problem'),
     ({'input_bounds': {'u': [1, 2]}, 'terminal_constraints': ['x + 5']},

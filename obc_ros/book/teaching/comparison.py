@@ -14,6 +14,7 @@ from obc_ros.core.text.tables import format_value
 
 SAME_FORMULA = 1e-9        # relative difference of formulas that are equal
 THREE_DIGITS = 2e-3   # relative, of a number: three digits are asked for
+VANISHING = 1e-6   # of the largest entry, or of 1: a number that is computed as 0
 NEAR = 3e-2        # relative, of a rounded number
 DEGREES = 180.0 / math.pi
 ANY = (   # what any answer may be of the right one
@@ -91,9 +92,11 @@ def _describe_entries(given: Array, right: Array, formula: bool) -> str:
 def _get_tolerance(right: Array, formula: bool) -> Array:
     """Return how far each entry may be off."""
     scale = float(np.abs(right).max())
-    size = np.where(np.abs(right) > SAME_FORMULA * scale, np.abs(right), scale or 1.0)
+    vanishes = np.abs(right) <= SAME_FORMULA * scale
+    size = np.where(vanishes, scale or 1.0, np.abs(right))
     if formula:
         return np.asarray(SAME_FORMULA * size)
     third_digit = 10.0**(np.floor(np.log10(size)) - 2.0)
     # Half of the third digit, as 1.41 is off from sqrt(2), and some rounding.
-    return np.maximum(THREE_DIGITS * size, 0.501 * third_digit)
+    return np.where(vanishes, VANISHING * size,
+                    np.maximum(THREE_DIGITS * size, 0.501 * third_digit))

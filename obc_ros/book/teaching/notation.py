@@ -24,7 +24,7 @@ from obc_ros.core.text.expressions import (
 )
 
 _SIGNS = str.maketrans({
-    '·': '*', '⋅': '*', '×': '*', '∗': '*', '÷': '/', '−': '-', '–': '-', 'π': ' pi ',
+    '·': '*', '⋅': '*', '×': '*', '∗': '*', '÷': '/', '−': '-', '–': '-',
     '²': '^(2)', '³': '^(3)', 'λ': 'lam', 'θ': 'theta',
     **{chr(0x2080 + digit): str(digit) for digit in range(10)}})   # indices
 _NAMES = {'ln': 'log', 'arcsin': 'asin', 'arccos': 'acos', 'arctan': 'atan'}
@@ -36,16 +36,22 @@ _UNITS: Mapping[str, tuple[str, str]] = {
 _PREFIX = re.compile(r"\s*[A-Za-z_λθ]\w{0,63}[*']{0,2}\s*(?:\([\w ,]{0,20}\))?\s*=", re.ASCII)
 _TOKEN = re.compile(
     r'(?P<space>[ \t\r\n]*)(?:(?P<number>(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)'
-    r'|(?P<name>[A-Za-z_]\w*)|(?P<sign>\*\*|[-+*/^√])|(?P<opened>[(\[{])|(?P<closed>[)\]}])'
+    r'|(?P<name>π|[A-Za-z_]\w*)|(?P<sign>\*\*|[-+*/^√])|(?P<opened>[(\[{])|(?P<closed>[)\]}])'
     r'|(?P<comma>,))', re.ASCII)
-_IMAGINARY = re.compile(r'(?<![A-Za-z_])[ij](?!\w)', re.ASCII)
-_DECIMAL_COMMA = re.compile(r'\s*[-+]?(\d+),(\d+)\s*', re.ASCII)
+_IMAGINARY = re.compile(r'(?<![A-Za-z_])[ij](?![A-Za-z_])', re.ASCII)
+_DECIMAL_COMMA = re.compile(
+    rf'\s*[-+]?(\d+),(\d+)\s*(?:{"|".join(map(re.escape, _UNITS))})?\s*', re.ASCII)
 
 
 def find_unit(text: str) -> str:
     """Return the unit that a question asks for, as in ``the time [s]``; '' if it names none."""
     found = re.search(r'\[(s|m|m/s|rad|rad/s)\]', text)
     return found[1] if found else ''
+
+
+def has_complex(answer: Any) -> bool:
+    """Return whether an answer without names has a complex number in an entry."""
+    return bool(split_answer(answer, True, '') != split_answer(answer, False, ''))
 
 
 def split_answer(answer: Any, numeric: bool, where: str) -> Any:
@@ -92,11 +98,15 @@ def parse_answer(text: Any, symbols: Mapping[str, ca.SX], where: str, unit: str 
 
 def write_plainly(text: str, names: Collection[str], where: str, unit: str = '') -> str:
     """Return a text of a sheet in the notation of problem files."""
-    text, factor = _take_unit(_drop_prefix(text), names, where, unit)
+    text, name = _cut_unit(_drop_prefix(text), names)
     text = text.translate(_SIGNS)
     if 'x0' in names:
         text = re.sub(r'\bx ?\(0\)', 'x0', text, flags=re.ASCII)
     text = _Writer(names, where).write(text)
+    kind, factor = _UNITS.get(name, (unit, ''))
+    if kind != unit:
+        raise StatementError(f'{where}: the answer is in {name}, ' + (
+            f'wanted {unit}' if unit else 'but no unit is asked for'))
     return f'({text}){factor}' if factor else text
 
 
@@ -106,18 +116,16 @@ def _drop_prefix(text: str) -> str:
     return text[found.end():].strip(' ') if found and '=' not in text[found.end():] else text
 
 
-def _take_unit(text: str, names: Collection[str], where: str, unit: str) -> tuple[str, str]:
-    """Return a text without the unit at its end, and the factor to the unit of the sheet."""
+def _cut_unit(text: str, names: Collection[str]) -> tuple[str, str]:
+    """Return a text without the unit at its end, and this unit; '' if there is none."""
     whole = text.rstrip(' ')
-    for name, (kind, factor) in _UNITS.items():
+    for name in _UNITS:
         value = whole.removesuffix(name).rstrip(' ')
         apart = len(value) + len(name) < len(whole)
         if (not whole.endswith(name) or name in names or not value or value[-1] in '+-*/^(,='
                 or (not apart and re.search(r'(?<!\w)[A-Za-z_]\w*$', value[-70:], re.ASCII))):
             continue
-        if unit and kind != unit:
-            raise StatementError(f'{where}: the answer is in {name}, wanted {unit}')
-        return value, factor
+        return value, name
     return text, ''
 
 
@@ -163,7 +171,7 @@ def _cut_at_commas(text: str) -> list[str]:
 
 def _read_complex(entry: Any, where: str) -> complex:
     """Return the number of a text that is linear in the imaginary unit."""
-    text = write_plainly(_IMAGINARY.sub(' j', str(entry)), ['j'], where)
+    text = write_plainly(_IMAGINARY.sub(' (j)', str(entry)), ['j'], where)
     at = [parse_number(text, {'j': float(value)}, where) for value in (0, 1, 2)]
     if not math.isclose(at[2] - at[1], at[1] - at[0], rel_tol=1e-9, abs_tol=1e-9):
         raise StatementError(f"{where}: '{quote(str(entry))}' is not a complex number such as "
@@ -184,12 +192,14 @@ class _Writer:
     Writes the products that are not written, and the signs of the sheet.
 
     `_before` has, for each open bracket, the sign before the operand that ends here, and whether
-    it is the exponent of e; `_bare` whether this operand is a single number or name.
+    it is the exponent of e; `_divided` whether this operand belongs to a denominator; `_bare`
+    whether it is a single number or name.
     """
 
     def __init__(self, names: Collection[str], where: str) -> None:
         self.names, self.where = names, where
         self._before: list[tuple[str, bool]] = [('', False)]
+        self._divided = [False]
         self._bare = False
         self._out: list[str] = []
 
@@ -217,17 +227,20 @@ class _Writer:
         if right.text == '√':
             return True
         if left.kind == 'name' and right.kind == 'opened':
-            return left.text in self.names or left.text in ('pi', 'e')
+            return left.text in self.names or left.text in ('pi', 'π', 'e')
         return right.kind in ('name', 'opened')
 
     def _refuse_two_readings(self, left: _Piece, right: _Piece) -> None:
         sign, exponential = self._before[-1]
         joined = not right.apart and right.kind != 'opened'
-        if sign == '/' or (self._bare and (
-                sign == '^' and (exponential or not right.apart) or sign == '√' and joined)):
-            raise StatementError(
-                f"{self.where}: '{sign}{quote(left.text, 20)}{' ' * right.apart}"
-                f"{quote(right.text, 20)}' can be read in two ways; write * and brackets")
+        if self._divided[-1]:
+            sign = sign if sign == '/' else f'/ ... {sign}'
+        elif not self._bare or not (
+                sign == '^' and (exponential or not right.apart) or sign == '√' and joined):
+            return
+        raise StatementError(
+            f"{self.where}: '{sign}{quote(left.text, 20)}{' ' * right.apart}"
+            f"{quote(right.text, 20)}' can be read in two ways; write * and brackets")
 
     def _add(self, piece: _Piece, last: _Piece, following: _Piece) -> None:
         text = piece.text
@@ -235,9 +248,11 @@ class _Writer:
             self._add_sign(text, last, following)
         elif piece.kind == 'opened':
             self._before.append(('', False))
+            self._divided.append(False)
             self._out.append('(')
         elif piece.kind == 'closed':
             self._before = self._before[:-1] or [('', False)]
+            self._divided = self._divided[:-1] or [False]
             self._bare = False
             self._out.append(')')
         elif piece.kind == 'name':
@@ -260,6 +275,7 @@ class _Writer:
         power = text in ('^', '**')
         if last.kind in ('number', 'name', 'closed'):   # not the sign of an operand
             self._before[-1] = ('^' if power else text, power and last.text == 'e')
+            self._divided[-1] = text == '/' or power and self._divided[-1]
         self._out.append('**' if power else text)
 
     def _translate(self, name: str, following: _Piece) -> str:
@@ -272,7 +288,7 @@ class _Writer:
         name = _NAMES.get(name, name)
         if name in FUNCTIONS and following.kind != 'opened':
             raise StatementError(f'{self.where}: put the argument of {name} in brackets')
-        return 'exp(1)' if name == 'e' else name
+        return {'e': 'exp(1)', 'π': 'pi'}.get(name, name)
 
     def _tokenize(self, text: str) -> Sequence[_Piece]:
         pieces, position = [], 0

@@ -20,7 +20,7 @@ import casadi as ca
 import numpy as np
 from obc_ros.api.solving import certify, solve
 from obc_ros.book.teaching.comparison import agree, describe_difference, SAME_FORMULA
-from obc_ros.book.teaching.notation import find_unit, parse_answer, split_answer
+from obc_ros.book.teaching.notation import find_unit, has_complex, parse_answer, split_answer
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.ocp.solution import Certificate, Condition
 from obc_ros.core.text.errors import describe_type, StatementError, suggest_name
@@ -82,11 +82,15 @@ class FormulaQuestion(SheetQuestion):
         """Return why an answer is wrong, '' if it is right."""
         given = self.evaluate(answer)
         right = self.evaluate(self.reference)
-        if self.agree(given, right):
+        # A complex number is a row of two numbers: an answer only where the form says so.
+        is_complex = 'imaginary' not in self.form and not self.names and has_complex(answer)
+        if self.agree(given, right) and not is_complex:
             return ''
         for wrong, why in self.mistakes:
             if self.agree(given, self.evaluate(wrong)):
                 return why
+        if is_complex:
+            return 'it is complex; wanted real numbers'
         if why := (describe_difference(given, right, bool(self.names))
                    or self._find_special_cases(answer)):
             return why
@@ -252,6 +256,8 @@ class ProblemQuestion(SheetQuestion):
                  if math.isclose(found.objective, cost, rel_tol=SAME_COST)),
                 f'its minimum cost is {format_value(found.objective, 6)}, that of the exercise is '
                 'another one')
+        if found.remark:
+            return f'its minimum cost is right, but not for the reason asked for: {found.remark}'
         t = np.linspace(0.0, self.final_time, SAMPLES)
         x, u, lam = self.extremal(t)
         certificate = certify(answer, t=t, x=x, u=u, lam=lam, objective=self.cost)
