@@ -17,6 +17,7 @@ from obc_ros.core.text.expressions import parse_number
 import pytest
 from scipy.integrate import quad, solve_bvp, solve_ivp
 from scipy.linalg import solve_continuous_are
+from scipy.optimize import minimize, minimize_scalar
 from scipy.signal import StateSpace, step
 import yaml
 
@@ -588,6 +589,48 @@ def test_the_feedforward_of_exercise_2_10_drives_along_the_slalom():
     assert found.sol(t)[0] == pytest.approx(np.sin(2 * pi * t), abs=1e-6)
     headings = [evaluate('2.10-b-heading', dr=2 * pi * np.cos(2 * pi * each)).item() for each in t]
     assert found.sol(t)[1] == pytest.approx(headings, abs=1e-6)
+
+
+def test_the_multiplier_of_an_inequality_is_the_slope_of_the_minimum():
+    a, b = 2.5, -0.4
+
+    def find_minimum(p):
+        return minimize(lambda x: (x[0] - a)**2 + (x[1] - b)**2, [0.0, 0.0], method='SLSQP',
+                        constraints={'type': 'ineq', 'fun': lambda x: p - x[0] + x[1]}, tol=1e-12)
+
+    slope = (find_minimum(0.501).fun - find_minimum(0.499).fun) / 0.002
+    assert evaluate('example-2.1-inequality', a=a, b=b, p=0.5).item() == pytest.approx(-slope)
+
+
+def test_the_linear_feedback_of_theorem_2_2_is_the_best():
+    plant = {'a': 0.5, 'b': 1.3, 'q': 2.0, 'r': 0.7}
+
+    def find_cost(k):
+        rate = plant['a'] - plant['b'] * k
+        return quad(lambda t: (plant['q'] + plant['r'] * k**2) * (1.5 * exp(rate * t))**2, 0,
+                    30 / -rate)[0]
+
+    for k in (0.8, 2.0):
+        assert evaluate('theorem-2.2-cost', **plant, k=k, x0=1.5).item() == pytest.approx(
+            find_cost(k))
+    best = minimize_scalar(find_cost, (0.6, 1.5, 4.0), method='brent', tol=1e-10).x
+    assert evaluate('theorem-2.2-gain', **plant).item() == pytest.approx(best, rel=1e-6)
+
+
+def test_the_tracking_law_follows_a_trajectory_at_the_least_cost():
+    plant = {'a': 0.5, 'b': 1.3, 'q': 2.0, 'r': 0.7}
+    P = solve_continuous_are([[0.5]], [[1.3]], [[2.0]], [[0.7]]).item()
+
+    def follow(t, z):   # xd = sin t, and the cost of the deviations
+        xd, ud = np.sin(t), (np.cos(t) - 0.5 * np.sin(t)) / 1.3
+        u = evaluate('section-2.2-tracking', **plant, x=z[0], xd=xd, ud=ud).item()
+        return [0.5 * z[0] + 1.3 * u, 2.0 * (z[0] - xd)**2 + 0.7 * (u - ud)**2]
+
+    found = solve_ivp(follow, (0, 8), [0.8, 0.0], rtol=1e-6, atol=1e-9)
+    assert found.y[0, -1] == pytest.approx(np.sin(8), abs=1e-5)
+    assert found.y[1, -1] == pytest.approx(P * 0.8**2, rel=1e-4)
+    ud = evaluate('section-2.2-input', a=0.5, b=1.3, xd=0.9).item()
+    assert 0.5 * 0.9 + 1.3 * ud == pytest.approx(0.0)
 
 
 def test_the_costs_of_exercise_2_4_d():

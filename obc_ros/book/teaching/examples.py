@@ -13,6 +13,10 @@ END = 'exp(a*T)*x0/(1 + b**2*c*(exp(2*a*T) - 1)/(2*a))'
 MIRRORED = 'exp(-a*T)*x0/(1 + b**2*c*(1 - exp(-2*a*T))/(2*a))'
 OTHER_SIGN = "this solves Exercise 2.4, x' = -a x + b u; here x' = a x + b u"
 
+# The gain of x' = a x + b u with the weights q and r.
+LINEAR = '(a + sqrt(a**2 + b**2*q/r))/b'
+LINEAR_NAMES = dict.fromkeys(('a', 'b', 'q', 'r'), (0.5, 2.0))
+
 EXAMPLES: tuple[SheetQuestion, ...] = (
     FormulaQuestion(
         'example-2.1-minimum', 'Example 2.1: minimise (x1 - a)^2 + (x2 - b)^2 with x1 - x2 = 0. '
@@ -21,6 +25,55 @@ EXAMPLES: tuple[SheetQuestion, ...] = (
         (('a', 'this is the minimum without the constraint'),
          ('(a - b)/2', 'the constraint is x1 = x2, not x1 = -x2')),
         'both gradients vanish in sum: dF/dx + lambda dG/dx = 0, and x1 = x2'),
+    FormulaQuestion(
+        'example-2.1-inequality', 'Example 2.1 with x1 - x2 <= p in place of x1 = x2, where '
+        'a - b > p: give the multiplier mu of the constraint.', 'formula of a, b, p', 'a - b - p',
+        {'a': (2.0, 3.0), 'b': (-1.0, 0.0), 'p': (0.0, 1.0)},
+        ((0.0, '(a, b) is not allowed, as a - b > p: the constraint is active'),
+         ('a - b', 'at the minimum x1 = x2 + p'),
+         ('b - a + p', 'the sign: mu >= 0 belongs to x1 - x2 - p <= 0 in F + mu (x1 - x2 - p)'),
+         ('(a - b - p)/2', 'the derivative of (x1 - a)^2 is 2 (x1 - a)'),
+         ('2*(a - b - p)', 'x2 does not stay at b: x1 and x2 move by half of the way each')),
+        'dF/dx + mu d(x1 - x2)/dx = 0, and x1 - x2 = p'),
+    FormulaQuestion(
+        'section-2.2-tracking', "Section 2.2: x' = a x + b u shall follow (xd, ud), where "
+        "xd' = a xd + b ud, with the least int q (x - xd)^2 + r (u - ud)^2 over [0, inf). Give u.",
+        'formula of a, b, q, r, x, xd, ud', f'ud - {LINEAR}*(x - xd)',
+        LINEAR_NAMES | dict.fromkeys(('x', 'xd', 'ud'), (-2.0, 2.0)),
+        ((f'-{LINEAR}*(x - xd)', 'the input ud, which keeps x on xd, is missing'),
+         (f'-{LINEAR}*x', 'this is the regulator to 0; the state of the regulator is x - xd'),
+         (f'ud - {LINEAR}*x', 'the state of the regulator is the deviation from xd'),
+         (f'ud + {LINEAR}*(x - xd)', 'the sign of the feedback'),
+         (f'ud - b/r*{LINEAR}*(x - xd)', 'the gain has the factor b/r twice')),
+        "e = x - xd and v = u - ud are a regulator problem: e' = a e + b v"),
+    FormulaQuestion(
+        'section-2.2-input', 'Section 2.2, same system: which constant ud makes a constant xd a '
+        'trajectory?', 'formula of a, b, xd', '-a*xd/b',
+        {'a': (0.5, 2.0), 'b': (0.5, 2.0), 'xd': (0.5, 2.0)},
+        (('a*xd/b', 'the sign: the input balances a xd'),
+         (0.0, 'without an input x leaves xd, unless xd = 0'),
+         ('-a*xd', 'the input acts by b')),
+        "xd' = 0"),
+    FormulaQuestion(
+        'theorem-2.2-cost', "Exercise after Theorem 2.2: assume u = -k x with b k > a for "
+        "x' = a x + b u. Give int q x^2 + r u^2 over [0, inf) from x(0) = x0.",
+        'formula of a, b, k, q, r, x0', '(q + r*k**2)*x0**2/(2*(b*k - a))',
+        {'a': (0.2, 0.8), 'b': (1.0, 2.0), 'k': (1.0, 3.0), 'q': (0.5, 2.0), 'r': (0.5, 2.0),
+         'x0': (0.5, 2.0)},
+        (('(q + r*k**2)*x0**2/(b*k - a)', 'x^2 decays twice as fast as x'),
+         ('q*x0**2/(2*(b*k - a))', 'the input costs, too: u^2 = k^2 x^2'),
+         ('(q + r*k)*x0**2/(2*(b*k - a))', 'u^2 = k^2 x^2'),
+         ('(q + r*k**2)*x0**2/(2*(a - b*k))', "the sign: x' = (a - b k) x decays"),
+         ('(q + r*k**2)*x0/(2*(b*k - a))', 'the cost is quadratic in x0')),
+        "x' = (a - b k) x, and p x0^2 with 2 (a - b k) p + q + r k^2 = 0"),
+    FormulaQuestion(
+        'theorem-2.2-gain', 'Exercise after Theorem 2.2: give the k for which this cost is least.',
+        'formula of a, b, q, r', LINEAR, LINEAR_NAMES,
+        (('(a - sqrt(a**2 + b**2*q/r))/b', 'with the other root the loop is unstable: b k < a'),
+         ('r*(a + sqrt(a**2 + b**2*q/r))/b**2', 'this is P; k = b P/r'),
+         ('sqrt(q/r)', 'this is the gain for a = 0'),
+         ('-(a + sqrt(a**2 + b**2*q/r))/b', NEGATIVE)),
+        'the derivative of (q + r k^2)/(b k - a) by k vanishes'),
     FormulaQuestion(
         'example-2.2-costate', "Example 2.2: x' = a x + b u, J = 1/2 int u^2 + 1/2 c x(T)^2, "
         't0 = 0. Give the costate lambda(t).', 'formula of a, b, c, x0, t, T',
