@@ -27,7 +27,7 @@ def read(path):
 
 
 def test_the_notebooks_follow_the_chapter():
-    assert [path.stem[:3] for path in NOTEBOOKS] == [f'{k:02}_' for k in range(1, 12)]
+    assert [path.stem[:3] for path in NOTEBOOKS] == [f'{k:02}_' for k in range(1, 13)]
 
 
 @pytest.mark.parametrize('path', NOTEBOOKS, ids=lambda path: path.stem)
