@@ -30,30 +30,18 @@ class KalmanDesign(Tabulated):
     """
     A steady Kalman filter with verified stability, the plant and the noise.
 
-    Attributes
-    ----------
-    A, C : ndarray, shape (n, n) and (q, n)
-        The plant; the sampled plant if `period` is positive.
-    Qw, Rv : ndarray, shape (n, n) and (q, q)
-        Intensities of the noise of process and measurement; covariances if `period` is positive.
-    L : ndarray, shape (n, q)
-        Gain of the predictor form (of the filter in continuous time).
-    M : ndarray, shape (n, q)
-        Gain of the filter form; in continuous time it is L.
-    P : ndarray, shape (n, n)
-        Covariance of the estimation error; in discrete time before a measurement.
-    P_filtered : ndarray, shape (n, n)
-        Covariance after a measurement; in continuous time it is P.
-    E : ndarray, shape (n,), complex
-        Poles of the estimator, the slowest last; in the z plane if `period` is positive.
-    bandwidth : ndarray, shape (q,)
-        [rad/s] highest frequency at which the gain of the estimator's loop, opened at each
-        output, crosses 1; 0: none.
-    residual, error, robustness : float
-        Of the dual regulator, see `LqrDesign`.
-    period : float
-        Sampling period [s]; 0: continuous time.
-
+    :ivar A, C: (n, n), (q, n), the plant; the sampled plant if `period` is positive.
+    :ivar Qw, Rv: intensities of the noise of process and measurement; covariances if `period` is
+        positive.
+    :ivar L, M: (n, q), gains of the predictor and the filter form; equal in continuous time.
+    :ivar P, P_filtered: covariance of the estimation error before and after a measurement; equal
+        in continuous time.
+    :ivar E: (n,), poles of the estimator, the slowest last; in the z plane if `period` is
+        positive.
+    :ivar bandwidth: (q,), [rad/s], highest frequency at which the gain of the estimator's loop,
+        opened at each output, crosses 1; 0: none.
+    :ivar residual, error, robustness: of the dual regulator, see `LqrDesign`.
+    :ivar period: sampling period [s]; 0: continuous time.
     """
 
     A: Array
@@ -75,34 +63,17 @@ class KalmanDesign(Tabulated):
 def lqe(A: ArrayLike, C: ArrayLike, Qw: ArrayLike, Rv: ArrayLike, *,
         outputs: tuple[str, ...] = ()) -> KalmanDesign:
     """
-    Return the steady Kalman filter of dx/dt = A x + w, y = C x + v.
+    Return the steady Kalman filter of dx/dt = A x + w, y = C x + v (Kalman and Bucy 1961).
 
-    Parameters
-    ----------
-    A, C : array_like, shape (n, n) and (q, n)
-        The plant.
-    Qw, Rv : array_like, shape (n, n) and (q, q)
-        Intensities of the white noise; symmetric, Qw >= 0, Rv > 0.
-    outputs : tuple of str, optional
-        Names of the outputs, for messages.
+    L = P C'Rv^-1, where P solves A P + P A' - P C'Rv^-1 C P + Qw = 0.
 
-    Returns
-    -------
-    KalmanDesign
-        ``L`` = P C'Rv^-1, ``P`` solving A P + P A' - P C'Rv^-1 C P + Qw = 0.
-
-    Raises
-    ------
-    StatementError
-        If a matrix has a wrong size, an entry that is not finite, or is not symmetric.
-    RefusedDesignError
-        If Qw or Rv is not definite, (A, C) is not detectable, a mode that does not decay is not
-        driven by Qw, or stability cannot be verified. The message names the mode.
-
-    References
-    ----------
-    R. E. Kalman and R. S. Bucy, New results in linear filtering and prediction theory, 1961.
-
+    :param Qw, Rv: intensities of the white noise; symmetric, Qw >= 0, Rv > 0.
+    :param outputs: names of the outputs, for messages.
+    :raises StatementError: if a matrix has a wrong size, an entry that is not finite, or is not
+        symmetric.
+    :raises RefusedDesignError: if Qw or Rv is not definite, (A, C) is not detectable, a mode that
+        does not decay is not driven by Qw, or stability cannot be verified. The message names the
+        mode.
     """
     A, C, Qw, Rv = _check(A, C, Qw, Rv, outputs, 0.0)
     dual = _solve_dual(lambda: lqr(A.T, C.T, Qw, Rv))
@@ -115,27 +86,11 @@ def dlqe(A: ArrayLike, C: ArrayLike, Qw: ArrayLike, Rv: ArrayLike, *, period: fl
     """
     Return the steady Kalman filter of x+ = A x + w, y = C x + v.
 
-    Parameters
-    ----------
-    A, C : array_like, shape (n, n) and (q, n)
-        The sampled plant.
-    Qw, Rv : array_like, shape (n, n) and (q, q)
-        Covariances of the noise; symmetric, Qw >= 0, Rv > 0.
-    period : float
-        Sampling period [s], for the bandwidth and for messages.
-    outputs : tuple of str, optional
-        As for `lqe`.
+    M = P C'(C P C' + Rv)^-1, L = A M, P = A P_filtered A' + Qw.
 
-    Returns
-    -------
-    KalmanDesign
-        ``M`` = P C'(C P C' + Rv)^-1, ``L`` = A M, ``P`` = A P_filtered A' + Qw.
-
-    Raises
-    ------
-    StatementError, RefusedDesignError
-        As `lqe`.
-
+    :param Qw, Rv: covariances of the noise.
+    :param period: sampling period [s], for the bandwidth and for messages.
+    :raises StatementError, RefusedDesignError: as `lqe`.
     """
     check_period(period)
     A, C, Qw, Rv = _check(A, C, Qw, Rv, outputs, period)

@@ -31,32 +31,16 @@ class LqrDesign(Tabulated):
     """
     A state feedback u = -K x with verified stability, the plant and the cost.
 
-    Attributes
-    ----------
-    A, B : ndarray, shape (n, n) and (n, m)
-        The plant; the sampled plant if `period` is positive.
-    Qx, Qu : ndarray, shape (n, n) and (m, m)
-        Weights.
-    cross : ndarray, shape (n, m), or None
-        N in 2 x'N u.
-    stability : float
-        Prescribed degree of stability [1/s].
-    K : ndarray, shape (m, n)
-        Gain.
-    P : ndarray, shape (n, n)
-        Riccati solution; J* = x0'P x0.
-    E : ndarray, shape (n,), complex
-        Closed-loop poles, the slowest last; in the z plane if `period` is positive.
-    residual : float
-        Residual of the Riccati equation, relative to the size of its terms.
-    error : float
-        Estimated bound of the relative rounding error of P.
-    robustness : float
-        Lower bound: the closed loop stays stable if each entry of A, B and K changes by at most
-        this many rounding units.
-    period : float
-        Sampling period [s]; 0: continuous time.
-
+    :ivar A, B: (n, n), (n, m), the plant; the sampled plant if `period` is positive.
+    :ivar Qx, Qu, cross: weights; `cross` is N (n, m) in 2 x'N u.
+    :ivar stability: prescribed degree of stability [1/s].
+    :ivar K, P: (m, n), gain; (n, n), Riccati solution, J* = x0'P x0.
+    :ivar E: (n,), closed-loop poles, the slowest last; in the z plane if `period` is positive.
+    :ivar residual: residual of the Riccati equation, relative to the size of its terms.
+    :ivar error: estimated bound of the relative rounding error of P.
+    :ivar robustness: lower bound: the closed loop stays stable if each entry of A, B and K changes
+        by at most this many rounding units.
+    :ivar period: sampling period [s]; 0: continuous time.
     """
 
     A: Array
@@ -81,39 +65,17 @@ def lqr(A: ArrayLike, B: ArrayLike, Qx: ArrayLike, Qu: ArrayLike, *,
     """
     Return the gain that minimises the integral of x'Qx x + 2 x'N u + u'Qu u for dx/dt = A x + B u.
 
-    Parameters
-    ----------
-    A, B : array_like, shape (n, n) and (n, m)
-        Linearization of f at the equilibrium.
-    Qx, Qu : array_like, shape (n, n) and (m, m)
-        Weights; symmetric, Qx >= 0, Qu > 0.
-    cross : array_like, shape (n, m), optional
-        N in 2 x'N u; [[Qx, N], [N', Qu]] >= 0.
-    stability : float
-        Prescribed degree of stability [1/s]: poles left of -stability (Anderson and Moore).
-    to_rest : bool
-        Require x(infinity) = 0 also for modes that are not detectable (Exercise 2.9).
+    P solves A'P + P A - (P B + N) Qu^-1 (B'P + N') + Qx = 0, for A + stability I: equation (2.9)
+    and Theorem 2.2 (its "Qu = H'H" must read Qx = H'H; stabilisability and detectability suffice).
 
-    Returns
-    -------
-    LqrDesign
-        ``K`` (m, n), ``P`` (n, n) solving A'P + P A - (P B + N) Qu^-1 (B'P + N') + Qx = 0 (for
-        A + stability I), ``E`` (n,).
-
-    Raises
-    ------
-    StatementError
-        If a matrix has a wrong size, an entry that is not finite, or is not symmetric.
-    RefusedDesignError
-        If Qx or Qu is not definite, (A, B) is not stabilisable, (A, Qx) is not detectable, or
-        stability and accuracy cannot be verified in double precision. The message names the
-        entry or the mode.
-
-    References
-    ----------
-    Equation (2.9) and Theorem 2.2 (its "Qu = H'H" must read Qx = H'H; stabilisability and
-    detectability suffice).
-
+    :param Qx, Qu, cross: weights; symmetric, Qu > 0, [[Qx, N], [N', Qu]] >= 0.
+    :param stability: poles left of -stability [1/s] (Anderson and Moore).
+    :param to_rest: require x(infinity) = 0 also for modes that are not detectable (Exercise 2.9).
+    :raises StatementError: if a matrix has a wrong size, an entry that is not finite, or is not
+        symmetric.
+    :raises RefusedDesignError: if Qx or Qu is not definite, (A, B) is not stabilisable, (A, Qx) is
+        not detectable, or stability and accuracy cannot be verified. The message names entry or
+        mode.
     """
     A, B, Qx, Qu, cross = checks.check_matrices(A, B, Qx, Qu, cross)
     _check_stability(stability)
@@ -154,28 +116,12 @@ def dlqr(A: ArrayLike, B: ArrayLike, Qx: ArrayLike, Qu: ArrayLike, *,
     """
     Return the gain that minimises the sum of x'Qx x + 2 x'N u + u'Qu u for x+ = A x + B u.
 
-    Parameters
-    ----------
-    A, B : array_like, shape (n, n) and (n, m)
-        The sampled plant.
-    Qx, Qu, cross : array_like, shape (n, n), (m, m), (n, m)
-        Weights as for `lqr`.
-    stability : float
-        Prescribed degree of stability [1/s]: |z| < exp(-stability period) for all poles z.
-    period : float
-        Sampling period [s].
+    P solves A'P A - P + Qx = (A'P B + N) (Qu + B'P B)^-1 (..)', with exp(stability period) times A
+    and B.
 
-    Returns
-    -------
-    LqrDesign
-        ``K`` (m, n); ``P`` (n, n) solving A'P A - P + Qx = (A'P B + N) (Qu + B'P B)^-1 (..)', with
-        exp(stability period) times A and B; ``E`` (n,) in the z plane.
-
-    Raises
-    ------
-    StatementError, RefusedDesignError
-        As `lqr`.
-
+    :param stability: [1/s], |z| < exp(-stability period) for all poles z.
+    :param period: sampling period [s].
+    :raises StatementError, RefusedDesignError: as `lqr`.
     """
     A, B, Qx, Qu, cross = checks.check_matrices(A, B, Qx, Qu, cross)
     _check_stability(stability)

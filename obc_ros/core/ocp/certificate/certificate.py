@@ -4,61 +4,14 @@
 The certificate: residuals of Pontryagin's conditions (Theorem 2.1).
 
 They are computed from the problem and the solution alone, without any part of the solver. A
-residual has no unit. Let |.| be the largest absolute value over time. The scaling factors are
+residual has no unit. The appendix of docs/certificate.md defines residuals and scaling factors,
+and gives the reasons.
 
-    s_i = |x_i|,  l = max_i s_i |lam_i|,
-    c = integral of |L| + |V(x(T))|,  H0 = max over time of abs L + abs lam' abs f
+States that only rounding errors move from the origin have s_i = 0. A linked state has the s_i of
+the other one. For a terminal constraint with the multiplier 0, `dynamics` has the change of the
+inputs that corrects the defects (`defect_correction`), since the costates do not contain it.
 
-of x_i, of the cost, of s_i lam_i and of H. A factor that vanishes is replaced by a lower bound
-from the others (`_Scales`). If each summand of L and V is below 1e-10 of its size
-(`cost_summands`), the cost counts as 0: c, l and H0 T are then at least 1e-6 of these sizes, that
-is of what cancels in (x - r)^2. States that only rounding errors move from the origin have
-s_i = 0. A free x(0) may be so large that all changes of x are small relative to it. Where x_i(0)
-is free, s_i is therefore at most 100 times the integral of |f_i|; where f_i = 0 it is at most the
-width of the bounds of x_i(0). A linked state has the s_i of the other one.
-
-An interval lies between two samples. Its input is linear or constant, as the solution's
-`interpolation` says. The equations of x and lam are integrated over it from the returned values
-at its start (`replay`). Where the equation of lam is unstable in this direction, lam is
-integrated from the end of the interval instead. A defect is the difference at the other end.
-Residuals sum the defects of all intervals, so that a finer grid does not hide an error.
-
-============== ===============================================================================
-dynamics       sum over intervals of max_i |defect of x_i| / s_i; where a terminal constraint has
-               multiplier 0, also 1e-2 times the change of the inputs that corrects the defects
-               (`defect_correction`), since the costates do not contain that constraint; where
-               x(0) is free, also the rounding error of x_i over s_i
-start          max_i |x_i(0) - x0_i| / s_i, and |t(0)| / T; where x(0) is free, its distance from
-               its bounds and from that of a state that is linked with it
-end            max_j |psi_j(x(T))| / (sum_i |dpsi_j/dx_i| s_i), x(T) replayed, without
-               constants of a free value in the sum if there are other states; for a given T also
-               |t(T) - T| / T; and 1e-3 |nu|'|psi(x(T))| / (integral of |L| + |V(x(T))|), since a
-               constraint that is met only asymptotically has an unbounded multiplier
-bounds         largest excess of u at samples, of x and of the path constraints at samples and,
-               by cubic interpolation of the replay, between them; over the constraint's scale,
-               for c(x, u) = 0 the largest sum of |dc_j/dx_i| s_i and |dc_j/du_i| |u_i|, for
-               other path constraints at least 1e-2 of it
-costate        sum over intervals and jumps of max_i s_i |defect of lam_i| / l, the defect of
-               dlam/dt = -dH/dx - s - c_x' m, less the part that multipliers of active state
-               bounds and path constraints of the right sign account for
-minimum        max over samples of (H - min over the input set of H) / H0, and 10 times the
-               integral of this difference over c, whichever is larger; with path constraints
-               c <= b on inputs also the difference of H + m'c, plus m'(b - c), if it is larger
-transversality max_i s_i |lam_i(T) - dV/dx_i - (nu' dpsi/dx)_i| / l, with nu by least squares if
-               the solution has none; bounds active at T may account for it as in `costate`. Where
-               x(0) is free, also max_i s_i |lam_i(0)| / l, the sum of lam(0) for linked states,
-               less what bounds active at 0 account for: lam_i(0) >= 0 at a lower bound of x_i(0)
-hamiltonian    (max H - min H over samples) / H0, and largest error of the returned H / H0
-final_time     for a free T: |H(T)| / H0, or only its wrong sign (H > 0 at the upper end of the
-               admissible times, H < 0 at the lower), and the excess of T / T
-cost           e / c, e = |integral of L + V(x(T)) - objective|, both replayed; and
-               0.1 (e + g) / max(integral of |L| + |V(x(T))|, 1e-4 l), where g is the first-order
-               cost of correcting start, path and end: |nu|'|psi(x(T))| + |lam(0)'(x(0) - x0)
-               + sum of lam'(defects of x)|; without 1e-4 l if no input is at a bound for an
-               interval
-============== ===============================================================================
-
-The module is long because all residuals share these scaling factors.
+The module is long because all residuals share the scaling factors (`_Scales`).
 """
 
 from dataclasses import dataclass
