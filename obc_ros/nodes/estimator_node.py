@@ -3,16 +3,10 @@
 """
 Node estimator_node: estimates the state of a plant from measurements of its outputs.
 
-Subscribes to ``measurement`` (Measurement), ``command`` (Command), and, for suggestions,
-``lqr_node/design`` (LqrDesign). Publishes ``state`` (State), ``~/estimate`` (Estimate: covariance,
-innovation, consistency), ``odom`` (nav_msgs/Odometry) of a body in a plane, and ``/diagnostics``.
-Service: ``~/suggest_noise`` (SuggestNoise), for one version also as ``~/suggest_weights``.
-Parameters: see `estimator_settings.Settings`.
+Topics and services: docs/interfaces.md. Parameters: see `estimator_settings.Settings`.
 
-The filter is the extended Kalman filter of `core.estimation`. Estimates are predicted to the
-present. After ``measurement_timeout`` without a measurement none is published, so that the
-controller acts as for a lost state. ``restarts`` of both messages counts the jumps of the
-estimate: the filter has begun anew.
+The filter is that of `core.estimation`. After ``measurement_timeout`` without a measurement no
+estimate is published, so that the controller acts as for a lost state.
 """
 
 from collections import Counter

@@ -3,12 +3,8 @@
 """
 Node lqr_node: state feedback u = ue - K (x - xe), designed from the weights in its parameters.
 
-Subscribes to ``state`` (State) or ``odom`` (nav_msgs/Odometry) and ``reference`` (Trajectory).
-Publishes ``command`` (Command, or see `command_sinks`), ``~/design`` (LqrDesign, transient local)
-and ``/diagnostics``. Services: ``~/stop``, ``~/start`` (std_srvs/Trigger), ``~/try_design``
-(TryDesign), ``~/suggest_weights`` (SuggestWeights), ``~/predict_state`` (PredictState),
-``~/follow_reference`` (FollowReference), and those of a lifecycle node. Parameters: see
-`settings.Settings`. The loop is in `controller_node`.
+Topics and services: docs/interfaces.md. Parameters: see `settings.Settings`. The loop is in
+`controller_node`.
 """
 
 from copy import copy

@@ -3,21 +3,12 @@
 """
 Node mpc_node: control with limits, by a plan that is computed again at each state.
 
-Subscribes to ``state`` (State) or ``odom`` (nav_msgs/Odometry). Publishes ``command`` (Command, or
-see `command_sinks`), ``~/plan`` (Trajectory), ``~/design`` (LqrDesign, transient local: the
-regulator behind the plan) and ``/diagnostics``. Services: ``~/stop``, ``~/start``
-(std_srvs/Trigger), and those of a lifecycle node. Parameters: see `settings.Settings`. The loop is
-in `controller_node`.
+Topics and services: docs/interfaces.md. Parameters: see `settings.Settings`. The loop is in
+`controller_node`.
 
 At a state the command of the plan made for this instant is sent; then a process of its own plans
 from the state that is predicted for the next instant. Without a new plan the present one is
 followed to its end, then the regulator with the limits, as `on_unplanned` says.
-
-A node that starts itself tries to become active with each new state, less and less often; the log
-says each reason once.
-
-With `priority`, the solver process has a real-time priority one less than that of the node's
-threads. Where the system does not allow it, the log says so.
 """
 
 from collections import deque

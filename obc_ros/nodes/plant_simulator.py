@@ -3,20 +3,8 @@
 """
 Node plant_simulator: integrates a system with the commands that it receives.
 
-Publishes ``state`` (State); ``odom`` (nav_msgs/Odometry) of a body in a plane, see
-`conversions`; ``measurement`` (Measurement) of the outputs that have a rate; ``/clock`` when asked
-or when speed is 0; ``/diagnostics``; while somebody
-subscribes, ``markers`` (visualization_msgs/MarkerArray) and ``trail`` (nav_msgs/Path) of a plant
-with positions, and ``tf`` when asked. Subscribes to ``command`` (Command) and, for the set point,
-to ``lqr_node/design`` (LqrDesign). Services: ``~/reset`` (Trigger) to x0, time and noise begin
-anew; ``~/pause`` (SetBool); ``~/step`` (Trigger), to the next state of a paused plant. Parameters:
-see `Settings`.
-
-Until its first command the plant is held at x0 while time passes (``hold_until_command``). A
-``~/reset`` holds it again, and increments ``restarts`` of the states if the plant has moved or
-time has passed.
-
-A separate thread receives commands and paces the plant. All access to the plant holds its lock.
+Topics and services: docs/interfaces.md. Parameters: see `Settings`. A separate thread receives
+commands and paces the plant. All access to the plant holds its lock.
 
 Stamps are simulated time from 0 with ``publish_clock``, ``lockstep`` or a speed other than 1, else
 the node's clock. A node with ``use_sim_time`` that publishes no clock follows the one on /clock.

@@ -3,14 +3,7 @@
 """
 Node trajectory_server: solves optimal control problems on request, with a certificate.
 
-Services: ``~/solve`` (SolveOptimalControl), ``~/design_lqr`` (DesignLqr), ``~/minimize``
-(Minimize), ``~/plan`` (PlanMotion). Action: ``~/solve_optimal_control``, the same request as
-``~/solve`` with feedback and cancel. Publishes ``reference`` (Trajectory, transient local) when a
-plan is executed, and ``/diagnostics``; the last plan of a plant with positions as ``plan``
-(nav_msgs/Path) and ``plan_markers`` (visualization_msgs/MarkerArray), if somebody subscribes.
-Subscribes to ``state`` (State) or ``odom`` (nav_msgs/Odometry). Calls ``lqr_node/predict_state``
-(PredictState), where a plan without a start begins, and ``lqr_node/follow_reference``
-(FollowReference). Parameters: see `Settings`.
+Topics, services and the action: docs/interfaces.md. Parameters: see `Settings`.
 
 Worker processes solve the problems, so that the node always responds.
 """

@@ -1,17 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""
-The numbers of a problem that a sweep can vary.
-
-=========================== ==============================================================
-``x0.NAME``                 initial state
-``NAME``                    parameter; also ``parameters.NAME``
-``input_bounds.NAME.lower`` and ``upper``; the same for ``state_bounds``
-``path_constraints.0.lower`` and ``upper``, by position from 0
-``T``                       given final time; also ``final_time.value``
-``final_time.lower``        ``upper`` and ``guess`` of a free final time
-=========================== ==============================================================
-"""
+"""The numbers of a problem that a sweep can vary: see docs/sweeps.md."""
 
 from collections.abc import Mapping
 from dataclasses import replace

@@ -1,19 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""
-The numbers of a linear quadratic regulator that a sweep can vary.
-
-========================= ====================================================================
-``Qx.0``, ``Qx.0.1``      entry of a weight, by its position in the file; also of Qu, cross,
-                          x_max, u_max, H, A, B, setpoint and setpoint_input
-``rho``, ``stability``    as in the file
-``NAME``                  parameter of the system, of the design and of the plant
-``plant.NAME``            parameter of the simulated plant only: the design does not know of it;
-                          ``plant.A.0.1`` and ``plant.B.0.0`` for given matrices
-``x0.NAME``               deviation of a state from the set point at t = 0
-``T``                     duration of the simulation [s]
-========================= ====================================================================
-"""
+"""The numbers of a linear quadratic regulator that a sweep can vary: see docs/sweeps.md."""
 
 from collections.abc import Iterator, Mapping
 from functools import cached_property

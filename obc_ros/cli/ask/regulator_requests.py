@@ -1,15 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""
-The cases of linear quadratic regulators in files.
-
-The plant is either ``A`` and ``B`` (lists of rows), or ``system`` with ``parameters``,
-``setpoint`` and ``setpoint_input``, or a file with the keys of a system, see `take_plant`.
-The weights are ``Qx`` and ``Qu`` (lists of rows, or a
-diagonal), or ``weights: bryson`` with ``x_max`` and ``u_max``, or ``weights: output`` with ``H``
-and ``rho``. Optional are ``cross``, ``stability``, ``sample_time`` and ``delay``. Every number may
-be an expression.
-"""
+"""The cases of linear quadratic regulators in files: the keys are in docs/problems.md."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field

@@ -1,19 +1,11 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-A filter whose measurements come late and out of order.
+A filter whose measurements come late and out of order: see docs/estimation.md.
 
-Inputs and measurements are kept in the order of their stamps, each with the estimate after it. A
-late one is put in its place and what follows is filtered again, so that the result is that of
-the same measurements in order. What is older than the longest lag is dropped. Everything is
-counted.
-
-The filter begins anew after a gap, if the time of a sensor goes back, and if outliers show that
-it has lost the plant (see `_Rival`). `restarts` counts these jumps of the estimate.
-
-Nothing is filtered on arrival, but once before the next result is read. Filtering on arrival
-would repeat what follows for each late measurement: the later they come, the longer each takes,
-and an estimator that has fallen behind never catches up.
+Nothing is filtered on arrival, but once before the next result is read. Filtering on arrival would
+repeat what follows for each late measurement: the later they come, the longer each takes, and an
+estimator that has fallen behind never catches up.
 """
 
 from bisect import bisect_left, bisect_right

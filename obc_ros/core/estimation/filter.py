@@ -3,15 +3,10 @@
 """
 The Kalman filter between arbitrary instants; for a nonlinear system the extended Kalman filter.
 
-Prediction: with A = df/dx at the present mean, one matrix exponential gives exp(A h), the
-integral of exp(A s) f and that of exp(A s) Qw exp(A's) over a step h. It is exact for a linear
-system with a held input. For a nonlinear one the mean follows the Rosenbrock-Euler method, whose
-error in a step is of third order in h. Update: Joseph's form, which keeps P symmetric and positive
-semidefinite.
-
-Consistency: if model and noise are right, the normalised innovation squared v'S^-1 v (NIS) is
-chi-square with as many degrees of freedom as v has entries. A sum of N independent ones is
-chi-square with the sum of the degrees.
+Prediction: with A = df/dx at the present mean, one matrix exponential gives exp(A h), the integral
+of exp(A s) f and that of exp(A s) Qw exp(A's) over a step h. For a nonlinear system the mean
+follows the Rosenbrock-Euler method, whose error in a step is of third order in h. Joseph's form of
+the update keeps P symmetric and positive semidefinite.
 
 A step has |A| h <= 1, so that the series of the exponential needs no scaling. For the few states
 of a plant the calls take more time than the arithmetic: CasADi evaluates into fixed buffers, and

@@ -3,13 +3,8 @@
 """
 Gain schedules over a variable of the plant, such as the speed of a vehicle (Exercise 2.10).
 
-Between two values v of the table the gain K is linear in v. X(v) > 0 is linear too, between
-solutions of the Lyapunov equations at the two values. If A and B are linear in v, as for the
-vehicle, S = (A - B K)'X + X (A - B K) is a cubic in v, which its Bernstein coefficients bound. If
-all of them are negative definite, x'X x decreases at every v in the interval. It also decreases
-while v changes at a rate r if S + r dX/dv and S - r dX/dv are negative definite. If A or B is not
-linear in v, S is interpolated through four points of each interval, and stability in between is
-not proved.
+The proof that x'X x decreases is in docs/regulator.md. If A or B is not linear in the variable, S
+is interpolated through four points of each interval, and stability in between is not proved.
 """
 
 from collections.abc import Callable

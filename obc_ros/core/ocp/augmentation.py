@@ -1,14 +1,7 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Statements beyond the standard form, in terms of additional states.
-
-time             t' = 1, t(0) = 0. Its costate is a constant less H.
-free parameter   p' = 0, p(0) in a box. lam_p(0) = integral of dH/dp + dV/dp + nu' dpsi/dp = 0.
-initial value    a' = 0, a(0) = x_i(0). Costs and constraints of x(0) are those of a(T). Since
-                 lam_a is constant, lam_i(0) + lam_a(0) = 0 is the transversality condition
-                 lam_i(0) = -dV0/dx_i - (nu0' dpsi0/dx)_i; for x_i(T) - a(T) = 0, a periodic
-                 state, it is lam_i(0) = lam_i(T).
+Statements beyond the standard form, in terms of additional states: see docs/certificate.md.
 
 All of these are exact: the conditions of the standard form with additional states are those of the
 statement.

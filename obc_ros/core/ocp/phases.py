@@ -1,16 +1,11 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Problems with phases, stated as a problem with one.
+Problems with phases, stated as a problem with one: see docs/certificate.md.
 
 Phase k, of duration d_k, runs over the normalised time s from 0 to 1 at the same time as all
 others, with its own states and inputs: dx_k/ds = d_k f_k, running cost sum of d_k L_k. What links
-two phases are conditions on x_(k+1)(0) and x_k(1); free durations are free parameters. The
-conditions of the certificate are then those of the phases: for x_(k+1)(0) = g(x_k(1)),
-
-    lam_k(end) = dV_k/dx + nu' dpsi_k/dx + (dg/dx)' lam_(k+1)(start),
-
-and, for a free duration, the derivative of the cost by it vanishes.
+two phases are conditions on x_(k+1)(0) and x_k(1); free durations are free parameters.
 """
 
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence

@@ -1,16 +1,9 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-The problem of a receding horizon about a set point.
+The problem of a receding horizon about a set point: see docs/receding_horizon_theory.md.
 
-With the error e = x - xe - drift t and v = u - ue, the plan minimises
-
-    sum over k < N of [e_k; v_k]' W [e_k; v_k]  +  e_N' P e_N  +  sum of sigma_i s_i
-
-subject to e_(k+1) = F(e_k, v_k), the input held over the period, and to the input bounds. W is
-the cost integrated over a period of the linearization, P that of the sampled regulator with these
-weights. State bounds and path constraints are softened: s_i are their excesses, sigma_i their
-penalties. See docs/receding_horizon_theory.md.
+State bounds and path constraints are softened: s_i are their excesses, sigma_i their penalties.
 """
 
 from collections.abc import Mapping, Sequence

@@ -3,30 +3,10 @@
 """
 The terminal set: an ellipsoid in which the sampled regulator keeps all limits, with its proof.
 
-With the error e about the set point, v = -K e held over a period h, z = (e, v, 1), and the time in
-periods,
-
-    dz/dt = F(t) z,   F = h [S r; 0 0],
-
-where r is f at the set point less its drift, which double precision seldom makes 0, and S is the
-mean of the Jacobian of f on the way from the set point to the state. Interval arithmetic over a
-box gives |F - G| <= R for all z in it, with G of the Jacobian at the set point. The series of the
-solution gives, term by term,
-
-    |z(t)| <= exp(|G| + R) |z(0)|   for t <= 1,
-    |z(1) - exp(G) z(0)| <= (exp(M + R) - exp(M)) |z(0)|,   M is |G| with the diagonal of G.
-
-If the first bound is in the box, z does not leave it. The second one gives, for V(e) = e'P e,
-
-    sqrt(V(e+)) <= decrease sqrt(V(e)) + offset,
-
-where decrease is at least the norm of the linear loop in that of P, and offset is due to r.
-
-The proof is one about real numbers. What is not an interval is a sum of products of matrices,
-whose rounding errors are less than a part `rounding` of the sum of their absolute values. This
-part is added. P is proved to be positive definite by a matrix Z: with e = Z y, row sums bound
-Z'P Z - I. The proof assumes that the plant is f with these parameters, that the input is -K e
-exactly and is held for exactly h, and what `interval_arithmetic` assumes of the machine.
+docs/receding_horizon_theory.md has the proof, with its names, and what it assumes. It is one about
+real numbers: what is not an interval is a sum of products of matrices, whose rounding errors are
+less than a part `rounding` of the sum of their absolute values. This part is added. In V(e+),
+decrease is at least the norm of the linear loop in that of P, and offset is due to r.
 """
 
 from dataclasses import dataclass

@@ -3,8 +3,6 @@
 """
 The Riccati differential equation (2.7): linear quadratic problems with a fixed horizon.
 
--dP/dt = P A + A'P - P B Qu^-1 B'P + Qx, P(T) = P1, u = -Qu^-1 B'P(t) x
-
 P is not integrated step by step: intervals of the horizon are joined (`propagation`). This is
 accurate to rounding, also for long horizons and unstable plants, and needs no stationary solution.
 Affine terms and terminal constraints are treated in `terminal_constraints`.

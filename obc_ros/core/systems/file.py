@@ -4,11 +4,8 @@
 Systems in YAML files.
 
 A system file has the keys of a problem file. Keys of the task (costs, initial state, constraints,
-final time) are ignored, so that a problem file is a system file too. These keys belong to a system
-only: `units` (of states, inputs, parameters), `angles` (states modulo 2 pi), `setpoint`,
-`setpoint_input`, `parameter_bounds`, `plane`, `description`, `outputs` (what sensors measure, name
-to expression of states, inputs and parameters) and `ros` (fields of messages, see
-`robot_fields`).
+final time) are ignored, so that a problem file is a system file too. docs/systems.md has the keys
+that belong to a system only.
 """
 
 from collections.abc import Mapping, Sequence

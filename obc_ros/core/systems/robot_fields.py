@@ -1,18 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""
-Fields of the messages of robots as states and inputs of a system.
-
-========  ================================================================================
-message   its fields
-========  ================================================================================
-cmd_vel   linear.x to angular.z of a twist, as expressions of inputs and parameters
-wrench    force.x to torque.z, as expressions of inputs and parameters
-odom      each is a state, or the negative of one. In a horizontal plane: x, y, yaw; vx, vy
-          (rates of x and y); linear.x, linear.y (in the body), angular.z. In a vertical plane:
-          x, z, pitch (nose down); vx, vz; linear.x, linear.z, angular.y
-========  ================================================================================
-"""
+"""Fields of the messages of robots as states and inputs of a system: see docs/systems.md."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field

@@ -3,17 +3,8 @@
 """
 Command messages of a controller: a `Sink` converts an input to a message.
 
-=======  ================  =====================================================================
-topic    type              meaning
-=======  ================  =====================================================================
-command  Command           u, with the names of the inputs
-cmd_vel  TwistStamped, or  the fields that the system states, such as linear.x = v and
-         Twist             angular.z = (v/l)*tan(phi) of the vehicle
-wrench   WrenchStamped     the fields that the system states, such as force.x = f1, force.z = f2
-                           and torque.y = -r*f1 of the aircraft, in base_link (x forward, z up)
-=======  ================  =====================================================================
-
-No name of a system decides anything here: see `robot_fields`.
+No name of a system decides anything here: see `robot_fields`. The wrench acts in base_link (x
+forward, z up).
 """
 
 from array import array

@@ -7,31 +7,22 @@ The table is a frozen dataclass whose fields are made by `declare_field` and `gr
 
     @dataclass(frozen=True)
     class Settings:
-        system: str = declare_field('aircraft', 'registered system', read_only=True)
         system_parameters: Mapping[str, Value] = group(list_system_parameters)
         rate: float = declare_field(0.0, 'commands per second; 0: one per state', 'Hz', lower=0.0)
-        Qx: tuple[float, ...] = declare_field((), 'state weight; empty: identity')
 
 A change has two steps. *Judge* builds the candidate from all proposed values and the present ones,
 or raises ObcError; nothing has changed then. *Adopt* receives the candidate once every parameter
-is set. The same *judge* checks the values at the start.
+is set. The same *judge* checks the values at the start. docs/parameters.md has the rules.
 
 A value that one parameter gives others at the start (`gives`), such as those of a file, takes the
 place of their defaults. A value that the user gives explicitly overrides it.
 
-A parameter without an effect under the present settings (`used_when`) is at its default. Another
-value is rejected, also at the start. A change that removes its effect resets it to the default.
-
-A name that is no parameter is rejected, also at the start, unless a section for all nodes of a
-file gives it. A parameter file without a section for the node is rejected.
-
 The services that set parameters make no exceptions and needless rejections of rclpy:
 
 - A value type that does not exist is rejected; rclpy raises an exception.
-- A file with all parameters of a node, as ``ros2 param dump`` writes it, can be loaded again: a
-  read-only parameter may be set to its present value, and so may a string that reads as a number.
-- Parameters that are acceptable together are set together, in any order of the request, and the
-  node adopts them once. Otherwise each is tried separately, after those that give it an effect.
+- A file with all parameters of a node, as ``ros2 param dump`` writes it, can be loaded again.
+- Parameters that are acceptable together are set together, in any order of the request. Otherwise
+  each is tried separately, after those that give it an effect.
 - Each rejection is logged with its reason, including those by rclpy.
 - A node may judge a change elsewhere, and serve other requests meanwhile.
 """

@@ -5,13 +5,9 @@ The gap of an input: H = L + lam' f less its minimum over the whole input set.
 
 H is a sum of terms in separate groups of inputs. The groups follow from the inputs on which each
 dH/du_j depends. In a group where H is affine or quadratic, the minimum over the box is computed.
-In any other group it is searched for on a grid of the inputs that enter nonlinearly, over the
-box, or over a window where the box is unbounded. The other inputs of the group are optimal at
-each grid point.
-
-Inputs that share a path constraint c(x, u) <= b are one group, searched where the constraint is
-met. With an active constraint, the gap of H is at most the gap of H + mu' c plus mu' (b - c).
-This distinguishes an input on the boundary of a disc from one on an inscribed polygon.
+In any other group it is searched for on a grid of the inputs that enter nonlinearly, over the box,
+or over a window where the box is unbounded. The other inputs of the group are optimal at each grid
+point. Inputs that share a path constraint are one group, see docs/certificate.md.
 """
 
 from dataclasses import dataclass

@@ -3,22 +3,11 @@
 """
 Replay: integration of states, costates and cost between the samples of a solution.
 
-Over each interval [t_k, t_k + h] the equations
-
-    dx/dt = f(x, u),   dlam/dt = -dH/dx - s - c_x' m,   dJ/dt = L(x, u)
-
-are integrated from the returned x_k and lam_k under the returned input, with s and m the
-densities of the multipliers of state bounds and path constraints. The method is the explicit
-Runge-Kutta pair of Dormand and Prince, order 5. Equal steps are halved until the embedded error
-estimate is small. The solver's mesh and method are not used.
-
-If f is affine, L quadratic and many steps would be needed, as for stiff plants, exact matrix
-exponentials replace the steps (`affine_replay`).
-
-Where states decay fast, the costate equation is unstable forwards and its solution overflows. The
-costates are then integrated backwards, from the returned lam at the end of the interval, along
-the states of the forward integration. Their defect is the difference at the start. Steps are
-halved until two results agree.
+docs/certificate.md has the method and its reasons. In the equation of the costates, -dH/dx - s -
+c_x' m, the densities of the multipliers of state bounds and path constraints are s and m. Equal
+steps are halved until the embedded error estimate is small, backwards until two results agree. If
+f is affine, L quadratic and many steps would be needed, `affine_replay` replaces them. The
+solver's mesh and method are not used.
 """
 
 from dataclasses import dataclass
