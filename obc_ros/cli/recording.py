@@ -17,6 +17,7 @@ import time
 from typing import Any
 
 from mcap.writer import Writer
+from obc_ros.cli.ros2.yaml_messages import find_type
 from obc_ros.cli.share_folders import share_directory
 from obc_ros.ros.execution.subscription_thread import Apart
 from rclpy.node import Node
@@ -30,10 +31,6 @@ DEPTH = 5000
 LIVE = QoSProfile(depth=DEPTH)
 CLOCK = QoSProfile(depth=DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT)   # as it is published
 LATCHED = QoSProfile(depth=DEPTH, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-_FIELD = re.compile(r'^([A-Za-z]\w*(?:/\w+)*)')
-_PRIMITIVES = {
-    'bool', 'byte', 'char', 'float32', 'float64', 'string', 'wstring',
-    *(f'{sign}int{bits}' for sign in ('', 'u') for bits in (8, 16, 32, 64))}
 
 
 @dataclass
@@ -103,7 +100,7 @@ class Recorder:
         name = node.resolve_topic_name(topic)
         message_type = type_name(message_class)
         schema = self._writer.register_schema(
-            name=message_type, encoding='ros2msg', data=get_definition(message_type).encode())
+            name=message_type, encoding='ros2msg', data=get_definition(message_class).encode())
         identifier = self._writer.register_channel(
             topic=name, message_encoding='cdr', schema_id=schema,
             metadata={'offered_qos_profiles': yaml.safe_dump([_qos_for_rosbag2(qos)])})
@@ -181,39 +178,22 @@ def type_name(message_class: Any) -> str:
     return f'{package}/{kind}/{message_class.__name__}'
 
 
-def get_definition(message_type: str) -> str:
+def get_definition(message_class: Any) -> str:
     """Return the text of a message definition, followed by those of all types in it."""
     texts: dict[str, str] = {}
-    waiting = [message_type]
+    waiting = [message_class]
     while waiting:
-        name = waiting.pop(0)
-        if name not in texts:
-            texts[name] = _text(name)
-            waiting += _used(texts[name], name.split('/')[0])
+        kind = waiting.pop(0)
+        package, folder, name = type_name(kind).split('/')
+        if f'{package}/{name}' not in texts:
+            texts[f'{package}/{name}'] = (
+                share_directory(package) / folder / f'{name}.msg').read_text()
+            waiting += [find_type(found, folder)
+                        for field in kind.get_fields_and_field_types().values()
+                        for found in re.findall(r'\w+/\w+', field)]
     first, *others = texts
     return texts[first] + ''.join(
-        f'\n{"=" * 80}\nMSG: {_short(name)}\n{texts[name]}' for name in others)
-
-
-def _text(name: str) -> str:
-    package, kind, message = name.split('/')
-    return (share_directory(package) / kind / f'{message}.msg').read_text()
-
-
-def _short(name: str) -> str:
-    package, _, message = name.split('/')
-    return f'{package}/{message}'
-
-
-def _used(text: str, package: str) -> list[str]:
-    """Return the message types of the fields of a definition."""
-    used = []
-    for line in text.splitlines():
-        field = _FIELD.match(line.strip())
-        if field and field[1] not in _PRIMITIVES:
-            *of, message = field[1].split('/')
-            used.append(f'{of[0] if of else package}/msg/{message}')
-    return used
+        f'\n{"=" * 80}\nMSG: {name}\n{texts[name]}' for name in others)
 
 
 def _qos_for_rosbag2(qos: QoSProfile) -> dict[str, Any]:

@@ -8,6 +8,7 @@ from pathlib import Path
 from nav_msgs.msg import Odometry
 import numpy as np
 from obc_ros.cli.recording import get_definition, LATCHED, LIVE, Recorder
+from obc_ros.cli.share_folders import share_directory
 from obc_ros.core.text.errors import ObcError
 from obc_ros.msg import State, Trajectory
 from probes import Probe
@@ -58,7 +59,7 @@ def test_an_empty_recording_is_readable(tmp_path: Path) -> None:
 
 def test_a_definition_has_every_type_once() -> None:
     """The definition of a type contains all types of its fields."""
-    text = get_definition('nav_msgs/msg/Odometry')
+    text = get_definition(Odometry)
     types = [line for line in text.splitlines() if line.startswith('MSG: ')]
     assert len(types) == len(set(types))
     assert {'MSG: std_msgs/Header', 'MSG: builtin_interfaces/Time', 'MSG: geometry_msgs/Pose',
@@ -67,4 +68,4 @@ def test_a_definition_has_every_type_once() -> None:
 
 def test_a_missing_package_is_named() -> None:
     with pytest.raises(ObcError, match="'no_such_msgs' is not installed"):
-        get_definition('no_such_msgs/msg/Thing')
+        share_directory('no_such_msgs')
