@@ -77,5 +77,4 @@ def _read_version() -> str:
 
 
 def __dir__() -> list[str]:
-    """Return the public names."""
     return __all__

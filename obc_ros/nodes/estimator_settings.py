@@ -99,7 +99,6 @@ class EstimatorCandidate:
     outputs: tuple[str, ...]
 
     def __str__(self) -> str:
-        """Return the design in words."""
         slowest = np.log(np.abs(self.design.E).max()) / self.design.period
         widths = ', '.join(f'{name} {value:.3g}' for name, value in zip(
             self.outputs, self.design.bandwidth, strict=True))

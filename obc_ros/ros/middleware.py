@@ -3,12 +3,9 @@
 """
 The Fast DDS profile of nodes and commands: a restarted node is back in its loop within 1 s.
 
-A participant announces itself before it listens (``RTPSParticipantImpl::enable``). Fast replies
-are dropped, and it discovers their senders only with their next announcement, up to 3 s later.
-With the profile in the folder of this module announcements are 1 s apart. A writer that uses
-shared memory continues to write to the memory of a killed process until a watchdog has looked
-twice, for 1 to 3 s. With the profile a node receives by UDP, which is as fast for messages of
-this size.
+docs/development/decisions.md has the reasons. With the profile in the folder of this module
+announcements are 1 s apart, and a node receives by UDP, which is as fast for messages of this
+size.
 
 With ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST the middleware still opens its ports on all
 interfaces. Another profile then opens them on the loopback interface only, and the range is left

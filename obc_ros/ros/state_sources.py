@@ -1,15 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""
-Sources of states: the message of this package, or odometry of robots.
-
-=====  ========  ==========================================================
-topic  type      meaning
-=====  ========  ==========================================================
-state  State     x
-odom   Odometry  pose, and twist in the child frame; see `conversions`
-=====  ========  ==========================================================
-"""
+"""Sources of states: the message of this package, or odometry of robots; see `conversions`."""
 
 from collections.abc import Sequence
 

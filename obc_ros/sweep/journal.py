@@ -49,12 +49,10 @@ class Journal:
             raise
 
     def __enter__(self) -> 'Journal':
-        """Return the journal."""
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None,
                  trace: TracebackType | None) -> None:
-        """Close it."""
         os.close(self._file)
 
     def append(self, number: int, rows: Sequence[dict[str, Any]]) -> None:

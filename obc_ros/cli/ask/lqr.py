@@ -73,7 +73,6 @@ def _show(asked: list[Case], full: bool) -> None:
 
 
 def _print_matrices(case: Case) -> None:
-    """Print K, P and the poles of a design with all entries."""
     told = read_matrices(case.design)
     p = np.sqrt(np.maximum(np.diag(told.P), 0.0))
     gain = 'K of u = ue - K (predicted state - xe)' if case.design.delay else 'K'

@@ -84,7 +84,6 @@ def _method(name: str) -> str:
 
 
 def _write(value: float | tuple[float, ...]) -> str:
-    """Return a value as a user writes it."""
     return ','.join(f'{each:g}' for each in (value if isinstance(value, tuple) else (value,)))
 
 

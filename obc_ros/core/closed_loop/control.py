@@ -107,21 +107,16 @@ class Rules:
     """
     When to send commands, and what to do about missing and extreme states.
 
+    The fields that are parameters of the controllers have the meaning in docs/parameters.md.
+
     :ivar period: time between two commands on average [ns], by the stamps; 0: a command for every
         state.
-    :ivar state_timeout: age of the last valid state [s] at which `on_stale` acts; 0: never, and
-        states may be any time apart.
-    :ivar on_stale: 'equilibrium' (the input at rest), 'hold' (the last command) or 'silent'.
+    :ivar state_timeout: 0: never, and states may be any time apart.
     :ivar x_limits: (n,) lower and upper bound of the error x - xr inside which the law is used;
         empty: none.
-    :ivar on_envelope: 'stop' (until `start`), or an action as in `on_stale`. It also acts when
-        states are further apart than `Control.longest_period`.
-    :ivar on_unplanned: 'regulator' (the feedback at the set point, within the limits), or an
-        action as in `on_stale`: without a plan, outside the region of the feedback.
-    :ivar transition_time: time [s] in which the jump of a change decays; 0: the command jumps.
-    :ivar from_rest: whether the first command is reached from the input at rest in the same way.
-    :ivar stamp_timeout: maximum difference of a stamp and the clock [s]; other states are dropped.
-        0: no check.
+    :ivar on_envelope: also acts when states are further apart than `Control.longest_period`.
+    :ivar from_rest: whether the first command is reached from the input at rest as after a change.
+    :ivar stamp_timeout: maximum difference of a stamp and the clock [s]; 0: no check.
     """
 
     period: int = 0

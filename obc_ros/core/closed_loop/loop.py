@@ -444,7 +444,6 @@ class ControlLoop:
     # The answer to a state
 
     def _answer_due(self, stamp: int, x: Sequence[float]) -> list[float] | None:
-        """Return the command for a state for which one is due."""
         if self.is_stopped:
             return self._rest()
         if self.mode is Mode.INACTIVE:
@@ -620,7 +619,6 @@ class ControlLoop:
         return self._rest() if action == 'equilibrium' else None
 
     def _rest(self) -> list[float] | None:
-        """Return the input at rest."""
         self._gate.settle()
         return self._gate.let_through(self._next.rest, self._next.limits)
 
@@ -791,7 +789,6 @@ class ControlLoop:
         return carried.place(x, stamp, new.limits.error, carried.origin)
 
     def _take_over(self, new: Control, stamp: int, x: Sequence[float]) -> None:
-        """Replace the control."""
         is_withdrawn = self._itinerary.keep(new.legs)
         self._setpoint = self._carry_set_point(new, stamp, x, is_withdrawn)
         if not (new.C and self._control.C):

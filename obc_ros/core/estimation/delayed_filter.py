@@ -56,16 +56,8 @@ class _Rival:
     """
     The hypothesis that a filter has lost the plant, against the one that outliers are wrong.
 
-    A row of outliers alone decides nothing: a receiver that is wrong for a while sends one too.
     Wrong measurements need not agree with each other, with the other sensors, or for long; those
-    of a lost plant do. A rival is a second estimate that begins at an outlier with a wide
-    covariance and takes all measurements. It is given up when
-
-    - a measurement passes the test of the filter but not its own,
-    - the sensor that began it passes the test of the filter again,
-    - of the outliers since then it has refused more than it has explained.
-
-    It wins when it has explained `ENOUGH` outliers, for the longest gap.
+    of a lost plant do. docs/estimation.md says when a rival is given up and when it wins.
 
     :ivar origin: the outlier at which it begins.
     :ivar start: before the outlier.
@@ -349,7 +341,6 @@ class DelayedFilter:
         self._filtered = min(self._filtered, index)
 
     def _catch_up(self) -> None:
-        """Filter what has not been filtered."""
         while self._filtered < len(self._events):
             before, event = self._events[self._filtered - 1], self._events[self._filtered]
             self._filtered += 1

@@ -108,7 +108,6 @@ class Consistency:
     count: int
 
     def __str__(self) -> str:
-        """Return the verdict in words."""
         if not self.count:
             return 'no innovation yet'
         band = f'{self.ratio:.2f}, 95 % band {self.lower:.2f} to {self.upper:.2f}'

@@ -3,10 +3,8 @@
 """
 Steady Kalman gains by duality: the estimator of (A, C) is the regulator of (A', C').
 
-Continuous time: dx/dt = A x + w, y = C x + v with the intensities Qw, Rv of w and v;
-d xe/dt = A xe + L (y - C xe). Discrete time: x+ = A x + w, y = C x + v with the covariances Qw and
-Rv. The *predictor* form is xe+ = A xe + L (y - C xe). The *filter* form is
-xe <- xe + M (y - C xe), then xe+ = A xe, with L = A M.
+Continuous time: intensities Qw, Rv of w and v. Discrete time: covariances. docs/estimation.md has
+the *predictor* form and the *filter* form.
 """
 
 from collections.abc import Callable

@@ -1,14 +1,11 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Feedback of an estimate, u = -K xe: its margins, and their recovery.
+Feedback of an estimate, u = -K xe: its margins, and their recovery; see docs/estimation.md.
 
-A regulator with the whole state has a phase margin of 60 degrees. With an estimator in the loop
-nothing is guaranteed (Doyle 1978). The margins are therefore computed for the loop that is closed.
 With process noise q B B' added, the loop at the plant's input tends to that of the full state as q
-grows, if the plant is of minimum phase with as many outputs as inputs (Doyle and Stein 1979).
-The sampled loop in filter form, u_k = -K xe_k with the estimate after the measurement of the same
-sample, recovers in this way too (Maciejowski 1985).
+grows, if the plant is of minimum phase with as many outputs as inputs (Doyle and Stein 1979). The
+sampled loop in filter form recovers in this way too (Maciejowski 1985).
 """
 
 from collections.abc import Callable, Sequence

@@ -1,9 +1,7 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-The linear quadratic regulator (section 2.4).
-
-Minimise J = integral of x'Qx x + 2 x'N u + u'Qu u over [0, infinity) subject to dx/dt = A x + B u.
+The linear quadratic regulator (section 2.4); see docs/regulator.md.
 
 A design is returned only if closed-loop stability has been verified with bounds of the rounding
 errors. Otherwise the error names the reason.

@@ -4,9 +4,8 @@
 The numbers of a step: its iterate, the program about it, and what the program answers.
 
 All functions work on one memory, so that a number is neither copied nor converted between them.
-They are compiled to machine code, which is kept in a directory. The name of a file is a hash of
-the C code, of the version of CasADi and of the machine. Beside it is the hash of the file itself,
-so that a damaged one is not loaded. A file of another user is built again.
+They are compiled to machine code, which is kept in a directory, see
+docs/receding_horizon_theory.md. A file of another user is built again.
 """
 
 from collections.abc import Callable

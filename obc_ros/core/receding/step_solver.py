@@ -1,13 +1,9 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-One step of the receding horizon, solved by its deadline.
+One step of the receding horizon, solved by its deadline: see docs/receding_horizon_theory.md.
 
-Sequential quadratic programming with the Hessian of the Lagrangian, whose multipliers are those of
-the step before, or with that of the cost (Gauss-Newton) if the former finds no solution. At the
-end the inputs are applied to the model with the feedback of the regulator and within their bounds.
-Every candidate is thus a motion of the model with admissible inputs, and the one with the smallest
-cost and penalty is returned. The start is such a motion too, so that a step may end at any time.
+The start is a motion of the model with admissible inputs, too, so that a step may end at any time.
 """
 
 from collections import deque
@@ -75,8 +71,7 @@ class StepResult:
     :ivar plan: a motion of the model with admissible inputs; None if none is finite.
     :ivar status: 'optimal', 'time', 'iterations', 'failed' or 'diverged'.
     :ivar iterations: quadratic programs solved.
-    :ivar residual: relative residual of the optimality conditions of the plan, computed from the
-        problem and the multipliers without the solver of the quadratic program; inf if unknown.
+    :ivar residual: relative residual of the optimality conditions of the plan; inf if unknown.
     :ivar slack: largest excess of each softened limit that is exceeded, in its unit.
     :ivar seconds: wall time.
     """
@@ -180,8 +175,6 @@ class StepSolver:
 
 
 class _Search:
-    """The search of one step."""
-
     def __init__(self, solver: StepSolver, kernel: StepKernel, e0: Array, stamp: float) -> None:
         self.solver, self.problem, self.kernel = solver, solver.problem, kernel
         self.e0, self.stamp = e0, stamp
@@ -263,13 +256,11 @@ class _Search:
         self._linearize_at(motion)
 
     def _keep_multipliers(self) -> None:
-        """Keep the multipliers for the next step."""
         kernel = self.kernel
         kernel.take_multipliers()
         self.solver._multipliers = self.stamp, kernel.lam.copy(), kernel.mu.copy()
 
     def _report(self, at: HorizonMotion, status: str, residual: float, begun: float) -> StepResult:
-        """Return the result of a motion."""
         problem, soft = self.problem, self.problem.soft
         slack = {name: value for name, value, size in zip(
             soft.names, at.worst.tolist(), self.solver._sizes, strict=True)

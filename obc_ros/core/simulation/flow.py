@@ -57,7 +57,7 @@ class Gust:
 @dataclass(frozen=True)
 class Conditions:
     """
-    Conditions of a simulation besides the dynamics.
+    Conditions of a simulation besides the dynamics; see plant_simulator in docs/parameters.md.
 
     A list has one number for each state or input, one for all, or none, which means zeros.
 
@@ -65,10 +65,7 @@ class Conditions:
     :ivar integrator: 'rk4' (fixed step) or 'adaptive' (Dormand and Prince, order 5).
     :ivar tolerance: for 'adaptive': bound of the estimated error per second of simulated time, in
         each state relative to max(1, |x|).
-    :ivar actuator_lag: (m,) time constant of each actuator [s]; 0: none.
-    :ivar input_delay: from a command to its effect [s].
     :ivar noise: (n,) standard deviation of each published state.
-    :ivar disturbance: (n,) constant addition to each state's derivative.
     """
 
     dt: float = 1e-3

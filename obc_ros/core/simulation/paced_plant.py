@@ -5,13 +5,9 @@ Pacing of a simulated plant: when it advances, when its state is published, whic
 
 The caller passes the time: `now` is a steady time [s], `wall` is the time of the node's clock at
 that moment [ns]. States are published on an absolute time grid. A plant that was delayed omits no
-state and gives the controller its time for each: it continues where it was and reduces the delay
-a little with each state. In lockstep each state waits for its command; after one that comes
-later than the next state was due, a whole period passes until that state.
-
-A plant that is held until its first command, as on a stand, keeps its initial state exactly. Time
-passes for it: stamps advance, and disturbances and pauses keep their times. From the first valid
-command on it moves.
+state and gives the controller its time for each: it continues where it was and reduces the delay a
+little with each state. In lockstep each state waits for its command; after one that comes later
+than the next state was due, a whole period passes until that state.
 """
 
 from collections import Counter
@@ -36,18 +32,11 @@ RESEND = 0.25   # [s] after which a state without a command is published again
 @dataclass(frozen=True)
 class Pacing:
     """
-    How a plant is advanced.
+    How a plant is advanced; see the parameters of plant_simulator in docs/parameters.md.
 
     :ivar steps: steps of the simulator from one published state to the next.
-    :ivar speed: simulated seconds per second; 0: as fast as possible.
-    :ivar lockstep: whether each published state waits for its command.
     :ivar simulated_stamps: whether stamps are simulated time instead of the caller's.
-    :ivar command_timeout: simulated time [s] without a command after which the input at rest acts;
-        0: never.
-    :ivar pause_at: simulated time [s] at which the plant pauses, with the first state from then
-        on; 0: never.
-    :ivar hold_until_command: whether the state stays as it is until the first command, also after
-        a reset.
+    :ivar command_timeout, pause_at: simulated time [s]; 0: never.
     """
 
     steps: int

@@ -80,11 +80,9 @@ class CarPath(NamedTuple):
         return repr(self._shown())
 
     def __str__(self) -> str:
-        """Return the same table."""
         return repr(self)
 
     def _repr_html_(self) -> str:
-        """Return them for a notebook."""
         return self._shown()._repr_html_()
 
     @property

@@ -45,7 +45,7 @@ UNKNOWN_TIME = 1.0     # [s] default final time if no regulator stabilises the s
 @dataclass(frozen=True, eq=False)
 class Motion:
     """
-    A motion from one state to another.
+    A motion from one state to another; see *Motions* in docs/problems.md.
 
     :ivar system: name of a registered system, or a system with its parameters chosen.
     :ivar start, goal: length n, x(0) and x(T).
@@ -57,8 +57,6 @@ class Motion:
         Qx and Qu.
     :ivar input_bounds, state_bounds: pair of numbers or expressions by the name of an input or a
         state; None: no tighter bound.
-    :ivar path_constraints: expressions of states, inputs and parameters that are at most 0 along
-        the path.
     """
 
     system: str | System

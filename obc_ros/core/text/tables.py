@@ -41,11 +41,9 @@ class Tabulated:
         return f'{title}\n{format_table(self._HEADER, rows)}' if rows else title
 
     def __repr__(self) -> str:
-        """Return title and table."""
         return Tabulated.__str__(self)
 
     def _repr_html_(self) -> str:
-        """Return title and table for a notebook."""
         return format_html_table(self._HEADER, self._rows(), self._title())
 
 

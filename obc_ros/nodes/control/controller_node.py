@@ -3,10 +3,6 @@
 """
 The node of a controller: state feedback in a loop with watchdogs, and a lifecycle.
 
-Subscribes to ``state`` (State) or ``odom`` (nav_msgs/Odometry). Publishes ``command`` (Command, or
-see `command_sinks`), ``~/design`` (LqrDesign, transient local) and ``/diagnostics``. Services:
-``~/stop``, ``~/start`` (std_srvs/Trigger), and those of a lifecycle node.
-
 A separate thread computes the commands. What takes time runs in a third thread, the desk, and is
 awaited, so that the executor answers ``~/stop`` at once. A change reaches the loop as one
 assignment.

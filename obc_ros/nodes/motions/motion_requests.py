@@ -1,15 +1,9 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Requests to plan a motion, ``~/plan`` of trajectory_server.
+Requests to plan a motion, ``~/plan`` of trajectory_server: see docs/problems.md.
 
-A plan without a start begins at the state that lqr_node predicts for a stamp at which the answer
-will be there: `plan_lead` and the time that the last such plan took after the request. If it takes
-longer, it begins later where the plant rests at its start; where it moves, it is computed once
-more, for a later stamp. All times are those of the stamps of the states, so that a simulation may
-run at any speed.
-
-Without lqr_node a plan begins at the last state, as soon as it is published.
+All times are those of the stamps of the states, so that a simulation may run at any speed.
 """
 
 from collections.abc import Awaitable, Callable, Mapping

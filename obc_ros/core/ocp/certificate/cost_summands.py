@@ -1,13 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""
-The summands of a cost, and their sizes.
-
-The size of a - b is that of a plus that of b, the size of a product is the product of the sizes.
-It is at least the absolute value, and much larger where numbers cancel: (x - r)^2 has the size
-(|x| + |r|)^2. A temperature near 300 K has a size of its own variation: sizes are also computed
-about the middle of the range of each variable, and the smaller size counts.
-"""
+"""The summands of a cost, and their sizes: see *A cost of 0* in docs/certificate.md."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -3,14 +3,13 @@
 """
 Defect correction: the change of the inputs that corrects small jumps of the states.
 
-A small defect need not be harmless. No solution of x' = x u changes its sign, but a path with
-jumps can: it falls to 1e-9, jumps to -1e-9, which is small relative to its size, and grows from
-there. The linearised dynamics carry the jumps d_k to T,
+A small defect need not be harmless, see docs/certificate.md. The linearised dynamics carry the
+jumps d_k to T,
 
-    dx_(k+1) = A_k dx_k + B_k du_k + d_k.
+dx_(k+1) = A_k dx_k + B_k du_k + d_k.
 
-The jumps are harmless if a small change du of the inputs corrects them. A controllable system
-has such a change even if it is unstable; x' = x u at x = 0 has none.
+The jumps are harmless if a small change du of the inputs corrects them. A controllable system has
+such a change even if it is unstable; x' = x u at x = 0 has none.
 """
 
 import casadi as ca
