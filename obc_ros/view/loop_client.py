@@ -91,7 +91,7 @@ class LoopClient:
         self.controller = CONTROLLERS[0]
         self._prediction: Sequence[Sequence[float | None]] = ()
         self._uncertain: tuple[int, Uncertainty | None] = (0, None)
-        self._held: SetPoint | None = None
+        self._held: tuple[Any, SetPoint | None] = None, None   # and of what it is
         self._disturbances = Disturbances()
         self._plant_read = 0, 0.0, 1.0   # diagnostics of the plant: count, time [s], its rate
         self._frame: Frame | None = None
@@ -218,12 +218,20 @@ class LoopClient:
         self._sent[stamp] = info['source_timestamp']
         while len(self._sent) > 2 * QUEUE.depth:
             self._sent.pop(next(iter(self._sent)))
-        held, (estimated, uncertainty) = self._held, self._uncertain
+        held, (estimated, uncertainty) = self._find_held(), self._uncertain
         self._frame = Frame(
             1e-9 * stamp, message.x, self._u, held.locate(message.x) if held else (),
             held.measure_cost(message.x) if held else float('nan'), self._latency,
             self._prediction, uncertainty if abs(stamp - estimated) < FRESH else None,
             self._disturbances.find(1e-9 * stamp))
+
+    def _find_held(self) -> SetPoint | None:
+        """Return the set point; of a loop that follows a reference it is the end of that."""
+        design, reference = of = self.design, self.reference
+        if of != self._held[0]:
+            end = reference.find_end(self.plant) if reference and self.plant else []
+            self._held = of, SetPoint(design, end) if design else None
+        return self._held[1]
 
     def _on_estimate(self, message: Estimate, _: Mapping[str, int]) -> None:
         known = describe_uncertainty(self.plant, message) if self.plant else None
@@ -252,7 +260,7 @@ class LoopClient:
             self._given = None
         plant = describe_plant(design)
         self.plant = self.plant if plant == self.plant else plant
-        self.design, self._held = design, SetPoint(design)
+        self.design = design
 
     def _on_diagnostics(self, array: DiagnosticArray) -> None:
         prefix = self._node.get_namespace().strip('/')

@@ -3,6 +3,7 @@
 """What the page shows of a loop: frames, and the names and units of its signals."""
 
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass
 import math
 from statistics import NormalDist
@@ -141,6 +142,11 @@ class FollowedPath:
     begin: float
     path: Trajectory
 
+    def find_end(self, plant: Plant) -> list[float]:
+        """Return the last state (n,), in the order of a plant; empty: not known."""
+        end = (self.pack(plant, 2) or [[]])[-1][1:]
+        return [each for each in end if each is not None] if None not in end else []
+
     def pack(self, plant: Plant, most: int, inputs: bool = False) -> list[list[float | None]]:
         """Return at most `most` rows of time, states and, if asked, inputs of a plant."""
         path, t = self.path, np.asarray(self.path.t)
@@ -231,7 +237,11 @@ class SetPoint:
     the regulator knows, so that there is no cost-to-go.
     """
 
-    def __init__(self, design: LqrDesign) -> None:
+    def __init__(self, design: LqrDesign, at: Sequence[float] = ()) -> None:
+        """Take the set point of a design, or another state `at` (n,) that its gain holds."""
+        if at:
+            design = copy(design)
+            design.xe = list(at)
         self._design, self._xe = design, np.asarray(design.xe, dtype=float)
         self._drift = _find_drift(design)
 

@@ -914,6 +914,23 @@ def test_a_new_set_point_may_begin_to_move():
         assert [each.moves for each in client.plant.states] == [speed > 0.0, False, False]
 
 
+def test_a_loop_that_follows_a_reference_holds_its_end():
+    """Until the reference is withdrawn; the cost-to-go is that of the way to it."""
+    design = design_of('double_integrator', [1.0, 1.0], [1.0])
+    names = [each.name for each in describe_plant(design).states]
+    path = FollowedPath(0.0, Trajectory(t=[0.0, 1.0, 2.0], x=[0.0, 0.0, 9.0, 9.0, 0.0, 3.0],
+                                        state_names=names[::-1]))
+    client = SimpleNamespace(design=design, plant=describe_plant(design), _held=(None, None))
+    for reference, point in ((None, [0.0, 0.0]), (path, [3.0, 0.0]), (None, [0.0, 0.0])):
+        client.reference = reference
+        held = LoopClient._find_held(client)
+        assert list(held.locate([1.0, 1.0])) == point
+        assert held.measure_cost(point) == 0.0
+    assert held.measure_cost([3.0, 0.0]) > 0.0
+    client.reference = FollowedPath(0.0, Trajectory(t=[0.0], x=[1.0], state_names=['other']))
+    assert list(LoopClient._find_held(client).locate([1.0, 1.0])) == [0.0, 0.0]
+
+
 def test_a_set_point_at_rest_stays():
     design = design_of('double_integrator', [1.0, 1.0], [1.0])
     held = SetPoint(design)

@@ -3,7 +3,6 @@
 """The set point by click and by number, and steps of it."""
 
 from collections.abc import Callable, Sequence
-from copy import copy
 import math
 from typing import Any
 
@@ -163,9 +162,7 @@ def find_excess(plant: Plant, design: LqrDesign, x: Sequence[float], target: Seq
     n = len(plant.states)
     if len(limits) not in (n, 2 * n) or len(x) != n:
         return ''
-    moved = copy(design)
-    moved.xe = list(target)
-    point = SetPoint(moved).locate(x)   # one that moves begins beside the plant
+    point = SetPoint(design, target).locate(x)   # one that moves begins beside the plant
     bounds = (zip(limits[::2], limits[1::2], strict=True) if len(limits) == 2 * n
               else ((-size, size) for size in limits))
     for signal, here, there, (lower, upper) in zip(plant.states, x, point, bounds, strict=True):
