@@ -8,6 +8,8 @@ process that limits time and memory of each point (`chunk_solver`). Finished chu
 a journal (`journal`), from which the dataset is made (`dataset`).
 """
 
+from __future__ import annotations
+
 from collections import Counter
 from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import closing

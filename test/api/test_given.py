@@ -210,3 +210,10 @@ def test_a_key_that_is_none_replaces_another():
     assert other.built.x0[:2].tolist() == [0.5, 0]
     with pytest.raises(StatementError, match=r'^runing_cost: unknown key \(did you mean'):
         obc.Problem(PROBLEM, runing_cost=1)
+
+
+def test_signatures_name_the_types_of_the_library_in_short():
+    """A union of every form that is accepted is longer than a screen."""
+    for name in obc.__all__:
+        if inspect.isfunction(found := getattr(obc, name)):
+            assert 'collections.abc' not in str(inspect.signature(found)), name

@@ -24,6 +24,8 @@ J. Math. 145(2), 1990. H. J. Sussmann, G. Tang, Shortest paths for the Reeds-She
 SYCON-91-10, 1991.
 """
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import acos, asin, atan2, cos, hypot, inf, isfinite, pi, remainder, sin, sqrt

@@ -205,7 +205,8 @@ def _short(text: str) -> str:
 def _plain_number(value: object, where: str) -> float:
     if isinstance(value, bool) or not isinstance(value, (int, float)):
         raise StatementError(
-            f'{where}: wanted a number or an expression, found {describe_type(value)}')
+            f'{where}: wanted a number or an expression, found {describe_type(value)}'
+            + ' (YAML reads on, off, yes and no as truth values)' * isinstance(value, bool))
     try:
         result = float(value)
     except OverflowError:

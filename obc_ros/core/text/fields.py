@@ -42,7 +42,7 @@ _FORMS = {
     'dynamics': 'equations', 'parameters': 'constants',
     **dict.fromkeys(('input_bounds', 'state_bounds', 'parameter_bounds', 'bounds'), 'bounds'),
     **dict.fromkeys(('terminal_constraints', 'initial_constraints', 'boundary_constraints'),
-                    'rows'), 'final_time': 'final time'}
+                    'rows'), 'path_constraints': 'comparisons', 'final_time': 'final time'}
 _SIDES = ('lower', 'upper'), ('min', 'max')
 _NO_BOUND = 'inf', 'infinity', '.inf', 'oo', 'none', '~'
 LONGEST_LINE = 100   # characters of a suggestion
@@ -197,6 +197,7 @@ def _state_final_time(value: Any, names: Sequence[str]) -> dict[str, Any]:
 _REFORM: dict[str, Callable[[Any, Sequence[str]], Any]] = {
     'names': _list_names, 'equations': _assign, 'constants': _give_values,
     'bounds': _bound_each, 'bounds of one': _bound_one, 'rows': _state_rows,
+    'comparisons': lambda value, _: [value] if isinstance(value, str) or 'expr' in value else [],
     'final time': _state_final_time}
 
 
