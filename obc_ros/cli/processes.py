@@ -86,8 +86,7 @@ def _clear(domain: int) -> None:
     """
     Remove the shared memory that killed processes have left for the ports of a domain.
 
-    Fast DDS uses it again when it opens the same port. It then waits 1 s for dead listeners and
-    20 s for a lock that one of them held, and may crash on the contents.
+    Fast DDS uses it again when it opens the same port: see docs/development/reliability.md.
     """
     own = range(_port(domain), _port(domain + 1))
     ports: dict[tuple[str, bool], list[Path]] = {}

@@ -3,10 +3,9 @@
 """
 The control loop: clock, mode machine, law, gate; from a state to the command that answers it.
 
-A `Control` is constant. A `ControlLoop` holds the memory of a run. What happens after an event is
-the table in `modes`; the loop reports events and carries out their effects with the next state.
-The caller passes the time: stamps of the states [ns] for everything that is computed, and a steady
-clock [s], which only says that no state arrives.
+A `Control` is constant. A `ControlLoop` holds the memory of a run. The caller passes the time:
+stamps of the states [ns] for everything that is computed, and a steady clock [s], which only says
+that no state arrives.
 
 The module is long because all methods share the memory of one run.
 """

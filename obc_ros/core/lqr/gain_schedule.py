@@ -54,10 +54,7 @@ class _Knot:
 
 def compute_schedule(plant: PlantAt, weights: Weights, lower: float, upper: float) -> Table:
     """
-    Return a table of gains for the values of a variable in a range.
-
-    A value is added where the interpolated gain differs from the designed one by more than 1 % of
-    its largest entry, or where stability in between is not verified.
+    Return a table of gains for the values of a variable in a range; see docs/regulator.md.
 
     :param weights: one cost for all values.
     :raises StatementError: if the range is empty.

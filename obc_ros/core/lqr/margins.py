@@ -1,11 +1,9 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Poles, stability margins and step figures of a state feedback u = -K x.
+Poles, stability margins and step figures of a state feedback u = -K x; see docs/regulator.md.
 
-With T(s) = K (s I - A + B K)^-1 B the sensitivity at the plant's input is S = I - T. The loop gain
-at input i, with the other loops closed, is L = 1 / S_ii - 1. One frequency sweep of the closed
-loop therefore gives all margins.
+One frequency sweep of the closed loop gives all margins.
 """
 
 from collections.abc import Callable

@@ -114,11 +114,10 @@ def _find_lost(A: Array, C: Array, period: float) -> tuple[Modes, str]:
 
 def _unobservable(A: Array, C: Array, tolerance: float, period: float) -> Modes:
     """
-    Return the modes of A that do not decay and are unobservable through C.
+    Return the modes of A that do not decay and are unobservable through C (docs/regulator.md).
 
-    A mode s is observable if the smallest singular value of [A - s I; C], C scaled to the norm of
-    A, is above `tolerance` times that norm (test of Popov, Belevitch and Hautus). The test is
-    restricted to the invariant subspace of the modes that do not decay.
+    The test is restricted to the invariant subspace of the modes that do not decay. C is scaled to
+    the norm of A, and `tolerance` is relative to that norm.
     """
     n = len(A)
     size = max(float(np.linalg.norm(A)), 1e-300)

@@ -1,14 +1,11 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-The optimal control problem of section 2.2.
+The optimal control problem of section 2.2: see docs/certificate.md.
 
-Minimise J = integral of L(x, u) over [0, T] + V(x(T))
-subject to dx/dt = f(x, u), x(0) = x0, psi(x(T)) = 0, u in a box,
-and, beyond the book: x in a box, path constraints, T given or free, x(0) in a box.
-
-The time, parameters to be found and conditions on x(0) are stated with additional states, which
-are the last ones (`augmentation`).
+Beyond the book: x in a box, path constraints, T given or free, x(0) in a box. The time, parameters
+to be found and conditions on x(0) are stated with additional states, which are the last ones
+(`augmentation`).
 """
 
 from collections.abc import Callable, Mapping

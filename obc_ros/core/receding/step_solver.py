@@ -167,9 +167,7 @@ class StepSolver:
         """
         Return sigma (r,): bounds of the slope of the cost-to-go along a plan from e0 (n,).
 
-        The error is that of the start, or that with which a limit is reached. Larger penalties
-        make things worse after a small disturbance: a plan over a short horizon then spends any
-        input to end an excess one sample sooner, and the aircraft falls.
+        docs/receding_horizon_theory.md says how, and why larger ones make things worse.
         """
         return self._slope * np.maximum(self._rooms, np.linalg.norm(e0))
 

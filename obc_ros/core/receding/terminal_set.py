@@ -59,9 +59,6 @@ def find_terminal_set(problem: RecedingProblem) -> TerminalSet:
     """
     Return the largest set that can be proved to be invariant under the regulator.
 
-    In it the input bounds, the state bounds and the path constraints hold at every sample, and V
-    decreases from sample to sample, down to the rounding of the set point.
-
     If the set point moves, the errors are those about the moving one.
 
     :raises RefusedDesignError: if there is no such set: a limit is reached at the set point or by

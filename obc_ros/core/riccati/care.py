@@ -3,12 +3,8 @@
 """
 The continuous algebraic Riccati equation (2.9), with a bound of the error.
 
-A'P + P A - P G P + Q = 0, G = B Qu^-1 B'
-
-The stabilising solution is computed in scaled coordinates from the stable invariant subspace of
-the Hamiltonian matrix (Laub 1979) and corrected by Newton's method (Kleinman 1968). A Lyapunov
-matrix X of the closed loop bounds the distance to instability and gives an estimate of the error
-of P.
+A'P + P A - P G P + Q = 0, G = B Qu^-1 B', by the invariant subspace (Laub 1979) and Newton's
+method (Kleinman 1968): see docs/regulator.md.
 """
 
 from collections.abc import Callable

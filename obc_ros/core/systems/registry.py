@@ -3,11 +3,8 @@
 """
 Systems by name: those of the book, those of other packages and those in files.
 
-Another package registers a system by an entry point, a callable that returns a `System`, or an
-object that has one as its `model`::
-
-    [project.entry-points.'obc_ros.systems']
-    glider = 'my_package.glider:system'
+Another package registers a system by an entry point (docs/systems.md), a callable that returns a
+`System`, or an object that has one as its `model`.
 """
 
 from collections.abc import Callable, Mapping

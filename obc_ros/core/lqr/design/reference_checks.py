@@ -1,11 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""
-Checks of a reference before it is followed.
-
-The inputs must be within the limits. The states must satisfy dx/dt = f(x, u). The plant must be
-near the reference when it begins.
-"""
+"""Checks of a reference before it is followed: see docs/regulator.md."""
 
 from collections.abc import Sequence
 import math
@@ -31,9 +26,7 @@ def compute_allowed_error(along: Course, x_limits: AllowedErrors = (),
     Return the lower and upper bounds (n,) of x - xr at which a reference may begin.
 
     :param x_limits: (n,) bounds of the error x - xr inside which the law is used; empty: none.
-    :param tolerance: (n,) maximum error of each state, in its unit; empty: `x_limits`, or a tenth
-        of the range of the state along the reference if it has no such bound. A range below one
-        unit counts as one unit.
+    :param tolerance: (n,) maximum error of each state, in its unit; empty: see docs/regulator.md.
     """
     with np.errstate(over='ignore'):
         return compute_allowed_distance(np.ptp(along.x, axis=0), x_limits, tolerance)

@@ -1,11 +1,9 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Tracking of a reference xd(t), ud(t) with a cost of (x - xd) and (u - ud).
+Tracking of a reference xd(t), ud(t) with a cost of (x - xd) and (u - ud); see docs/regulator.md.
 
-The control law is u = ud(t) - K(t) (x - xd(t)) with K = Qu^-1 (B'P + N'). P solves the Riccati
-differential equation (2.7) along the reference, backwards from a terminal weight P1 or from the
-P of the design at its end. A set point with a horizon is the special case of a constant reference.
+A set point with a horizon is the special case of a constant reference.
 """
 
 from bisect import bisect_right
