@@ -13,7 +13,7 @@ import problems
 import pytest
 import rounding  # of benchmarks/
 
-NAMES = 'bryson_denham', 'di_mintime_rest', 'zermelo_shear', 'lq_scalar_unit', 'catenary'
+NAMES = 'bryson_denham', 'di_mintime_rest', 'zermelo_shear'
 
 
 @pytest.mark.slow

@@ -45,17 +45,15 @@ def test_an_undefined_cost_is_reported():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize('rate, words, place', [
-    ('u*log(1.55 - x)', 'dynamics.v takes the logarithm of a negative number', 1.55),
-    ('u + sqrt(0.45 - x**2)', 'dynamics.v takes the root of a negative number', 0.45**0.5),
-    ('u + (1 - x)**1.5', 'dynamics.v takes a noninteger power of a negative number', 1)])
-def test_a_search_names_the_expression_that_no_path_may_pass(rate, words, place):
-    """From x = 0 to 2, f is undefined beyond `place`."""
-    found = solve(problems.pose({'x': 'v', 'v': rate}, 'u**2', (0, 0), 2, terminal_constraints=[
-        'x - 2', 'v']), time_limit=60)
+def test_a_search_names_the_expression_that_no_path_may_pass():
+    """From x = 0 to 2, f is undefined beyond 0.67."""
+    found = solve(problems.pose(
+        {'x': 'v', 'v': 'u + sqrt(0.45 - x**2)'}, 'u**2', (0, 0), 2,
+        terminal_constraints=['x - 2', 'v']), time_limit=60)
     assert found.status is Status.NOT_CONVERGED
-    assert found.message.startswith(f'{words} at t = ')
-    assert place < float(re.search(r'where x = ([\d.]+)', found.message)[1]) < place + 0.1
+    assert found.message.startswith('dynamics.v takes the root of a negative number at t = ')
+    place = float(re.search(r'where x = ([\d.]+)', found.message)[1])
+    assert 0.45**0.5 < place < 0.45**0.5 + 0.1
 
 
 @pytest.mark.parametrize('rate', [
