@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""Launch files: nodes, parameters and arguments; ten vehicles in namespaces."""
+"""Launch files: nodes, parameters and arguments; vehicles in namespaces."""
 
 from pathlib import Path
 import signal
@@ -14,7 +14,7 @@ from obc_ros.ros.state_sources import SOURCES
 import pytest
 import yaml
 
-VEHICLES = 10
+VEHICLES = 10   # of fleet.launch.py without an argument
 FILES = ('loop.launch.py', 'fleet.launch.py')
 
 
@@ -165,11 +165,12 @@ def test_discovery_is_restricted_to_this_machine_by_default(
             assert each.environment == {'ROS_AUTOMATIC_DISCOVERY_RANGE': wanted}
 
 
-def test_ten_vehicles_follow_their_own_set_points(spawn: Any, probe: Any) -> None:
+def test_vehicles_follow_their_own_set_points(spawn: Any, probe: Any) -> None:
     """Each loop controls its own plant, and receives no message of another loop."""
-    names = [f'/vehicle{k}' for k in range(1, VEHICLES + 1)]
+    count = 4
+    names = [f'/vehicle{k}' for k in range(1, count + 1)]
     received = {name: Heard(probe, name) for name in names}
-    for each in nodes('fleet.launch.py', vehicles=str(VEHICLES)):
+    for each in nodes('fleet.launch.py', vehicles=str(count)):
         spawn(each.executable, each.values, name=each.name, namespace=f'/{each.namespace}',
               arguments=['--ros-args', '--params-file', str(each.files[0]), '--'])
     probe.wait_for(lambda: all(each.answers for each in received.values()),
@@ -190,4 +191,4 @@ def test_ten_vehicles_follow_their_own_set_points(spawn: Any, probe: Any) -> Non
         assert len(elsewhere & received[name].states) < 0.01 * len(elsewhere)
     for process in spawn.processes:  # all at once, since one at a time expected seconds
         process.popen.send_signal(signal.SIGINT)
-    assert [process.wait() for process in spawn.processes] == [0] * 2 * VEHICLES
+    assert [process.wait() for process in spawn.processes] == [0] * 2 * count
