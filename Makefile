@@ -43,7 +43,8 @@ unexport ROS_DISTRO ROS_VERSION ROS_PYTHON_VERSION _ROS_WHEELS_BOOTSTRAP_COMPLET
 # pytest rewrites every test again: half of the time of its collection.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: help setup develop demo view check test smoke pure kernel lint house bench gallery picture docs clean
+.PHONY: help setup develop demo view check quick test smoke pure kernel lint house bench gallery \
+	picture docs clean
 .DELETE_ON_ERROR:
 
 help: ## say what there is to make
@@ -60,7 +61,10 @@ demo: setup ## the set-up, then the loop in flight (SYSTEM=aircraft|vehicle|mpc|
 view: setup ## the set-up, then the loop and its live page in a browser (SYSTEM=aircraft|vehicle)
 	$(BIN)/obc view --scenario $(SYSTEM) $(ARGS)
 
-check: lint house ## in 90 s: lint, house, every quick test, one loop over DDS
+check: ## in 90 s: lint, house, every quick test, one loop over DDS
+	@$(MAKE) --no-print-directory -j 2 quick lint house
+
+quick: setup
 	$(PYTEST) -n 2 --dist load --maxschedchunk 1 -m check $(ARGS)
 
 test: setup ## the set-up and every test, three at a time
