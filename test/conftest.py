@@ -43,8 +43,8 @@ choose_profile()   # for the probes; processes of nodes choose their own
 signal.signal(signal.SIGINT, signal.default_int_handler)
 
 # Tests are deterministic and without deadlines. `--hypothesis-profile explore` draws new examples
-# each time.
-settings.register_profile('obc_ros', deadline=None, derandomize=True)
+# each time, and more of them.
+settings.register_profile('obc_ros', deadline=None, derandomize=True, max_examples=30)
 settings.register_profile('explore', deadline=None)
 settings.load_profile('obc_ros')
 

@@ -101,8 +101,7 @@ NODES = {'lqr_node': {'use_sim_time': True}, 'plant_simulator': {}, 'estimator_n
          'trajectory_server': {'time_limit': 0.3, 'use_sim_time': True}}
 SHUTDOWNS = (5, 6, 7)  # transitions that rightly end a lifecycle node
 LIMIT = 40.0           # [s] for each response, on a busy machine
-QUICK = settings(max_examples=60, deadline=None, database=None, derandomize=True,
-                 suppress_health_check=list(HealthCheck))
+QUICK = settings(database=None, suppress_health_check=list(HealthCheck))
 
 
 class Victims:
@@ -223,7 +222,7 @@ def valid_requests() -> dict[str, Any]:
 def test_a_corrupted_request_gets_a_message(victims, name, request_):
     node = 'lqr_node' if name in SERVICES['lqr_node'] else 'trajectory_server'
 
-    @settings(QUICK, max_examples=40)
+    @QUICK
     @given(hostile.spoilt(request_))
     def ask(request):
         response = victims.ask(f'/{node}/{name}', SERVICES[node][name], request)

@@ -119,7 +119,7 @@ def expressions(draw):
 
 
 @pytest.mark.slow
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=100)
 @given(text=expressions(), lower=st.sampled_from([None, 0]))
 def test_convex_costs_lie_below_their_chords(text, lower):
     """Random expressions at random pairs of points; the check uses no rules of convexity."""
