@@ -63,7 +63,7 @@ _PURE = bool(explain_missing_ros())
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     """Add the number of events that test_loop_machine.py runs."""
-    parser.addoption('--steps', type=int, default=20_000, help='random events of a control loop')
+    parser.addoption('--steps', type=int, default=6_000, help='random events of a control loop')
 
 
 def pytest_report_header() -> str:
