@@ -472,7 +472,7 @@ def test_no_feasible_neighbour_is_cheaper():
 
 
 @pytest.mark.slow
-@settings(max_examples=10)
+@settings(max_examples=5)
 @given(scale=st.floats(1e-3, 1e3), speed=st.floats(1e-2, 1e2))
 def test_scaling_cost_and_time_scales_the_minimum(scale, speed):
     """With the running cost c L and the dynamics k f over T / k the minimum is c J / k."""

@@ -74,8 +74,8 @@ def test_paths_at_the_edge_meet_their_constraints():
 
 @pytest.mark.slow
 def test_problems_at_the_edge_get_no_false_statement():
-    tally = truth.ask_edges(40, np.random.default_rng(107), inf)
-    assert sum(tally.asked.values()) > 30
+    tally = truth.ask_edges(15, np.random.default_rng(107), inf)
+    assert sum(tally.asked.values()) > 10
     assert tally.false == []
 
 
