@@ -149,7 +149,7 @@ def test_inputs_of_an_equality_change_their_bounds_one_after_the_other() -> None
         {'y': '2 - s'}, f'y**2 + {weight}*(p*(s + 1) + q*(1 - s))', (-1,),
         {'free': False, 'value': 2}, inputs=['s', 'p', 'q'], terminal_cost='(y - 5/3)**2',
         input_bounds={'s': [-1, 1], 'p': [0, 10], 'q': [0, 10]},
-        path_constraints=[{'expr': 'q - p - y', 'lower': 0, 'upper': 0}]))
+        path_constraints=[{'expr': 'q - p - y', 'lower': 0, 'upper': 0}]), time_limit=600)
     assert found.certified
     assert found.objective == pytest.approx(cost, rel=1e-8)
     assert found.switching_times[0] == pytest.approx(time, rel=1e-6)

@@ -91,7 +91,7 @@ def test_a_bound_that_is_touched_twice_is_followed_in_between() -> None:
     that of Radau collocation by hand, with IPOPT.
     """
     [mapping] = load_file(ROBOTS / 'cartpole_b.yaml')
-    found = solve(build_problem(mapping))
+    found = solve(build_problem(mapping), time_limit=600)
     assert found.certified, found.message
     expected = mapping['expected']
     assert found.objective == pytest.approx(expected['objective'], abs=expected['tolerance'])
@@ -110,7 +110,8 @@ def test_a_limit_that_moves_is_followed_throughout() -> None:
     found = solve(problems.pose(
         {'x': '0.2*(4 - x) + 2*u'}, '(1 + 0.4*sin(2*pi*t/24))*u + 0.1*u**2', (17,), 12,
         input_bounds={'u': [0, 3]},
-        path_constraints=[{'expr': f'x - 17 - {bump}', 'lower': 0, 'upper': None}]))
+        path_constraints=[{'expr': f'x - 17 - {bump}', 'lower': 0, 'upper': None}]),
+        time_limit=600)
     assert found.certified, found.message
 
     def spend(t: float) -> float:

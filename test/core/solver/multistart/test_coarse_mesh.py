@@ -26,7 +26,7 @@ MOTORS = Path(__file__).parents[3] / 'collections' / 'practical'
 def test_a_motor_with_a_fast_winding_is_certified(name):
     """0.25 ms beside 0.5 s; the value is that of Radau collocation by hand, with IPOPT."""
     [mapping] = load_file(MOTORS / f'{name}.yaml')
-    found = solve(build_problem(mapping))
+    found = solve(build_problem(mapping), time_limit=600)
     assert found.certified, found.message
     expected = mapping['expected']
     assert found.objective == pytest.approx(expected['objective'], abs=expected['tolerance'])
