@@ -212,7 +212,8 @@ class _Search:
             if moved is not None:
                 best, kept = moved, residual
                 self._keep_multipliers()
-                if kernel.gap <= _GAP or not self._exceeds(moved):
+                # Larger gaps of the model let a motion exceed a limit.
+                if kernel.gap <= _GAP or not (moved.worst > _KEPT * self.solver._sizes).any():
                     break
             if self.curved and self.count >= _CURVED:
                 self._forget_curvature(best)
@@ -224,10 +225,6 @@ class _Search:
             best = min([best, *(each for each in motions if each is not None)],
                        key=lambda each: each.cost + float(self.penalties @ each.excess))
         return self._report(best, status, kept, begun)
-
-    def _exceeds(self, motion: HorizonMotion) -> bool:
-        """Return whether a motion exceeds a limit; larger gaps of the model let it do so."""
-        return bool((motion.worst > _KEPT * self.solver._sizes).any())
 
     def _solve_program(self, best: HorizonMotion) -> bool:
         """Solve the program about the iterate, and linearize about its answer; False: it fails."""

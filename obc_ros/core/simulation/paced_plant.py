@@ -147,7 +147,10 @@ class PacedPlant:
         if not self._advance(self._due):
             return False
         self._publish(now, wall - round(late * 1e9))
-        self._regain()
+        if self.behind:   # publish the next state a little earlier
+            gain = min(self.behind, REGAIN * self._period())
+            self.behind -= gain
+            self._anchored = self._anchored[0] - gain, self._anchored[1]
         return True
 
     def wait(self, now: float) -> float:
@@ -234,13 +237,6 @@ class PacedPlant:
                 self.behind = 0.0
         if held_up:
             self._anchored = now, self._due
-
-    def _regain(self) -> None:
-        """Publish the next state a little earlier if the plant is behind."""
-        if self.behind:
-            gain = min(self.behind, REGAIN * self._period())
-            self.behind -= gain
-            self._anchored = self._anchored[0] - gain, self._anchored[1]
 
     def _period(self) -> float:
         """Return the time [s] from one state to the next."""

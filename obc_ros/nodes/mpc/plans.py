@@ -93,7 +93,8 @@ class PlanMonitor:
         """
         new, interval = Counter(self.counts) - self._before, loop.interval
         self._before = Counter(self.counts)
-        slack = self._slack()
+        slack: dict[str, float] = {} if self.last is None else {
+            what: value for what, value in self.last.plain['slack'].items() if value > KEPT}
         level, words = DiagnosticStatus.OK, 'plans are followed'
         if why:
             level, words = DiagnosticStatus.ERROR, why
@@ -123,10 +124,6 @@ class PlanMonitor:
             'steps failed': self.counts['failed'], 'last failure': self.reason,
             'states without a plan': loop.counts['unplanned'],
             **{f'solver {kind}': processes[kind] for kind in ('ended', 'silent', 'unsent')}})
-
-    def _slack(self) -> dict[str, float]:
-        return {} if self.last is None else {
-            what: value for what, value in self.last.plain['slack'].items() if value > KEPT}
 
     def _values(self) -> dict[str, Any]:
         if self.last is None:

@@ -309,7 +309,8 @@ def convert_weights(mode: str, x: Sequence[float], u: Sequence[float]) -> dict[s
             if not (value > 0.0 or zero and value == 0.0):
                 raise ObcError(f'{name}[{index}] = {value:g}: give a positive number first')
     power = -0.5 if mode == 'bryson' else -2.0
-    return {name: [_round(value ** power) if value else math.inf for value in values]
+    # Twelve digits are without the rounding error of a power.
+    return {name: [float(f'{value ** power:.12g}') if value else math.inf for value in values]
             for name, values in ((first, x), (second, u))}
 
 
@@ -332,11 +333,6 @@ def _spread(values: list[float], size: int) -> list[float]:
 
 def _position(value: float) -> float:
     return min(max(math.log10(value), LOWEST), HIGHEST) if value > 0 else LOWEST
-
-
-def _round(value: float) -> float:
-    """Return a number without the rounding error of a power."""
-    return float(f'{value:.12g}')
 
 
 def _list(values: Sequence[float]) -> str:
