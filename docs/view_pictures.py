@@ -16,7 +16,6 @@ from typing import Any
 from urllib.error import URLError
 from urllib.request import urlopen
 
-import keep_gallery
 from obc_ros.cli.processes import isolate, reserve_domain
 from PIL import Image
 from playwright.sync_api import sync_playwright
@@ -63,7 +62,9 @@ def keep(page: Any, name: str, **options: Any) -> None:
     """Write a picture of a page."""
     file = PICTURES / f'{name}.png'
     page.screenshot(path=file, **options)
-    keep_gallery.keep_figure(file, file)
+    with Image.open(file) as full:   # a palette that keeps the colours of thin lines
+        full.convert('RGB').quantize(COLOURS, Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE
+                                     ).save(file, optimize=True)
 
 
 def open_page(browser: Any, **options: Any) -> Any:
@@ -100,7 +101,7 @@ def take_pictures(browser: Any) -> None:
     plane = page.locator('.obc-plane')
     box = plane.bounding_box()
     plane.click(position={'x': GOAL[0] * box['width'], 'y': GOAL[1] * box['height']})
-    page.get_by_text('solved: ').wait_for()
+    page.locator('[aria-label*="Hamiltonian"]').wait_for()   # the last curve
     page.wait_for_timeout(500)
     keep(page, 'plan', full_page=True)
     record_flight(page)
@@ -148,7 +149,8 @@ def take_recording(browser: Any) -> None:
     page.wait_for_timeout(9000)
     page.get_by_role('button', name='Pause').click()
     page.wait_for_timeout(300)
-    keep(page, 'recording')
+    page.evaluate('scrollTo(0, 0)')
+    keep(page, 'recording', full_page=True)
     page.close()
 
 
