@@ -135,7 +135,8 @@ FAULTS = [
     ('path_constraints.0.expr', 'log(-h)', r'^path_constraints\[0\]: undefined at the initial'),
     # Final time
     ('final_time', ..., '^final_time: missing'),
-    ('final_time', 3, '^final_time: wanted {free: false, value: 5} or'),
+    ('final_time', [3], '^final_time: wanted {free: false, value: 5} or'),
+    ('final_time', -3, '^final_time.value: a final time is > 0'),
     ('final_time.free', ..., '^final_time.free: wanted true or false, found nothing; write {f'),
     ('final_time', {'value': 'pi/2'}, r'^final_time\.free: wanted true or false, found nothing; '
                                       r'write {free: false, value: pi/2}$'),

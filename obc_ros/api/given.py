@@ -76,7 +76,7 @@ class KeysOfTask(KeysForPeople, total=False):
     boundary_constraints: Any
     periodic: Sequence[str]
     path_constraints: Any
-    final_time: Mapping[str, Any]
+    final_time: Mapping[str, Any] | Expression
     initial_guess: Mapping[str, Any]
     method: str
 

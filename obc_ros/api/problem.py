@@ -89,7 +89,8 @@ class Problem(Tabulated):
             boundary_constraints: Expressions = UNSET, periodic: Sequence[str] = UNSET,
             input_bounds: Mapping[str, Any] = UNSET, state_bounds: Mapping[str, Any] = UNSET,
             path_constraints: Sequence[Mapping[str, Any] | Expression] | StatedFunction = UNSET,
-            final_time: Mapping[str, Any] = UNSET, phases: Sequence[Mapping[str, Any]] = UNSET,
+            final_time: Mapping[str, Any] | Expression = UNSET,
+            phases: Sequence[Mapping[str, Any]] = UNSET,
             initial_guess: Mapping[str, Any] | Answer = UNSET, method: str = UNSET,
             **others: Unpack[KeysOfPlant]) -> None:
         keys = choose_given(locals(), FOR_THE_SOLVER)
@@ -103,7 +104,7 @@ class Problem(Tabulated):
                 self.statement['system'] = as_system(system)
         self.built: ocp.Problem = build_problem(self.statement)
         self.statement |= {key: value for key, value in self.built.statement.items()
-                           if isinstance(value, RecordedFunction)}
+                           if isinstance(value, RecordedFunction) or key == 'final_time'}
 
     @classmethod
     def from_dict(cls, statement: Mapping[str, Any]) -> Problem:

@@ -18,6 +18,7 @@ from builtin_interfaces.msg import Time
 import numpy as np
 from obc_ros.core.ocp import solution
 from obc_ros.core.ocp.guess import Guess
+from obc_ros.core.text.comparisons import state_text
 from obc_ros.core.text.errors import quote, StatementError
 from obc_ros.msg import (
     Attempt,
@@ -393,6 +394,8 @@ def _without_empty(mapping: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _text(value: Any) -> str:
+    if isinstance(value, Mapping):   # a constraint at an end
+        return state_text(value)
     if isinstance(value, (list, tuple)):
         return json.dumps(value)
     return '' if value is None else str(value)

@@ -214,16 +214,14 @@ class _Joined:
             'terminal_cost': ' + '.join(
                 f'({self._text(cost, k)})' for k, cost in ends if cost is not None) or 0,
             'initial_cost': self._text(self._given.get('initial_cost') or 0, 0, timed=False),
-            'initial_constraints': [self._text(row, 0, timed=False) for row in read_list(
+            'initial_constraints': [self._row(row, 0, timed=False) for row in read_list(
                 self._given, 'initial_constraints')],
             'terminal_constraints': [
-                self._text(row, k) for _, k, row in self._rows('terminal_constraints')],
+                self._row(row, k) for _, k, row in self._rows('terminal_constraints')],
             'boundary_constraints': [row for k in count[1:] for _, row in self._links(k)],
             'initial_state': self._initial_state(),
             'path_constraints': [
-                row if not isinstance(row, Mapping) else {
-                    **row, 'expr': self._text(row.get('expr'), k)}
-                for _, k, row in self._rows('path_constraints')],
+                self._row(row, k) for _, k, row in self._rows('path_constraints')],
             'input_bounds': dict(pair for k in count for pair in self._bounds(
                 k, 'input_bounds', self._inputs)),
             'state_bounds': dict(pair for k in count for pair in self._bounds(
@@ -280,6 +278,11 @@ class _Joined:
             return _indexed(name, k) if name in names else name
 
         return _IDENTIFIER.sub(rename, text)
+
+    def _row(self, row: object, k: int, *, timed: bool = True) -> object:
+        """Return a constraint of a phase, with bounds or without, as `_text` an expression."""
+        return {**row, 'expr': self._text(row.get('expr'), k, timed=timed)} if isinstance(
+            row, Mapping) else self._text(row, k, timed=timed)
 
     def _known(self, name: object, names: tuple[str, ...], where: str) -> str:
         if name not in names:

@@ -76,6 +76,8 @@ MAX_TEXT = 200_000     # characters of all expressions together
 MAX_VALUES = 10_000    # values of a guess
 LONGEST_UNIT = 40      # characters
 
+_Margin = tuple[ca.SX, float, float]   # the value of an expression at an end, and its bounds
+
 
 @dataclass(frozen=True)
 class _Plant:
@@ -130,12 +132,37 @@ def _build_stated(given: Given) -> Problem:
     """Build a problem with or without phases."""
     given = state_comparisons(given)
     if given.get('phases') is None:
-        problem = _build_problem(given)
+        problem = _build_problem(_state_short_forms(given))
         given = problem.statement
     else:
         given = name_initial_state(given, read_names(given, 'states'))
         problem = _build_with_phases(given)
     return replace(problem, statement=name_initial_state(given, problem.shown_states))
+
+
+def _state_short_forms(given: Given) -> dict[Any, Any]:
+    """
+    Return a statement without phases in the form that the rest of the package reads.
+
+    A final time that is a number is given. Constraints at the end in which initial values occur
+    are boundary constraints.
+    """
+    found, value = dict(given), given.get('final_time')
+    if isinstance(value, (int, float, str)) and not isinstance(value, bool) and value != 'free':
+        found['final_time'] = {'free': False, 'value': value}
+    rows, between = map(given.get, ('terminal_constraints', 'boundary_constraints'))
+    names = {str(name) for key in ('states', 'inputs', 'parameters', 'free_parameters')
+             if isinstance(given.get(key), (list, tuple, Mapping)) for name in given[key]}
+    firsts = {name + FIRST for name in names} - names
+    if not isinstance(rows, (list, tuple)) or not isinstance(between, (list, tuple, type(None))):
+        return found
+    for row in rows:
+        text = row.get('expr') if isinstance(row, Mapping) else row
+        if isinstance(text, str) and firsts & set(re.findall(r'\w+', text)):
+            found['terminal_constraints'] = [
+                each for each in found['terminal_constraints'] if each is not row]
+            found['boundary_constraints'] = [*(found.get('boundary_constraints') or ()), row]
+    return found
 
 
 def _build_with_phases(given: Given) -> Problem:
@@ -208,11 +235,11 @@ def _build_problem(given: Given) -> Problem:
         final_time = faults.attempt(_final_time, given, plant.values)
         more = faults.attempt(_Start, given, plant)
         guess = faults.attempt(_guess, given, plant, final_time)
-    (psi, literals), (path, path_lower, path_upper) = end, along
+    (psi, literals, margins), (path, path_lower, path_upper) = end, along
     (x_lower, x_upper), (u_lower, u_upper) = x_bounds, u_bounds
     time = plant.time if plant.time is not None and ca.depends_on(
         ca.vertcat(plant.f, L, V, path, *psi), plant.time) else None
-    added = more.augment(time, guess)
+    added = more.augment(time, guess, margins)
     ends = (*(f'terminal_constraints[{k}]' for k in range(len(psi))), *more.keys)
     V, psi, literals = V + more.cost, [*psi, *more.rows], [*literals, *more.literals]
     unlimited = np.full(added.count, np.inf)
@@ -468,17 +495,19 @@ def _cost(given: Given, plant: _Plant, key: str) -> ca.SX:
 
 def _end_constraints(given: Given, plant: _Plant, key: str,
                      first: dict[str, ca.SX] | None = None
-                     ) -> tuple[list[ca.SX], list[tuple[ca.SX, float]]]:
+                     ) -> tuple[list[ca.SX], list[tuple[ca.SX, float]], list[_Margin]]:
     """
-    Return constraints with their numbers replaced by symbols, and these with their values.
+    Return constraints, with numbers that are symbols, their values, and values within bounds.
 
     `first`: symbols of x(0), besides those of the states.
     """
     firsts = first or {}
     names = plant.known | firsts
 
-    def read(index: int, text: object) -> tuple[ca.SX, list[tuple[ca.SX, float]]]:
-        where = f'{key}[{index}]'
+    def read(index: int, text: object) -> tuple[ca.SX, list[tuple[ca.SX, float]], list[_Margin]]:
+        where, limits = f'{key}[{index}]', list[float]()
+        if isinstance(text, Mapping):
+            text, *limits = _limited_row(text, plant, where)
         early = {name + FIRST: name for name in plant.states} if not firsts else {}
         for name in re.findall(r'\w+', text) if isinstance(text, str) else ():
             if name in early and name not in names:
@@ -488,11 +517,29 @@ def _end_constraints(given: Given, plant: _Plant, key: str,
         _states_only(row, plant, where)
         if not ca.depends_on(row, _column((plant.x | plant.free | firsts).values())):
             raise StatementError(f"{where}: '{_short(text)}' does not depend on any state")
-        return expressions.parse_lifted(text, names, where)
+        row, literals = expressions.parse_lifted(text, names, where)
+        if not limits:
+            return row, literals, []
+        value = ca.SX.sym(where)
+        if limits[0] == limits[1]:
+            return row - value, [*literals, (value, limits[0])], []
+        return row - value, literals, [(value, limits[0], limits[1])]
 
     with Faults() as faults:
         found = [faults.attempt(read, *each) for each in enumerate(read_list(given, key))]
-    return [row for row, _ in found], [each for _, literals in found for each in literals]
+    return ([row for row, *_ in found], [each for _, literals, _ in found for each in literals],
+            [each for *_, margins in found for each in margins])
+
+
+def _limited_row(entry: Given, plant: _Plant, where: str) -> tuple[Any, float, float]:
+    """Return the expression of a constraint, unread, and its bounds."""
+    check_keys(entry, ('expr', 'lower', 'upper'), where=where)
+    if entry.get('expr') is None:
+        raise StatementError(f'{where}: expr is missing')
+    low, high = evaluate_limits(entry.get('lower'), entry.get('upper'), plant.values, where)
+    if math.isinf(low) and math.isinf(high):
+        raise StatementError(f'{where}: wanted a lower or an upper bound, found neither')
+    return entry['expr'], low, high
 
 
 def _bounds(given: Given, key: str, names: tuple[str, ...],
@@ -523,15 +570,10 @@ def _path_constraints(given: Given, plant: _Plant) -> tuple[ca.SX, Array, Array]
         where = f'path_constraints[{index}]'
         entry = read_mapping(entry, where, 'a mapping such as {expr: v, upper: 1}, or a '
                              'comparison, v <= 1')
-        check_keys(entry, ('expr', 'lower', 'upper'), where=where)
-        if entry.get('expr') is None:
-            raise StatementError(f'{where}: expr is missing')
-        row = expressions.parse_expression(entry['expr'], plant.known, f'{where}.expr')
+        text, low, high = _limited_row(entry, plant, where)
+        row = expressions.parse_expression(text, plant.known, f'{where}.expr')
         if not ca.depends_on(row, names):
             raise StatementError(f'{where}.expr: depends on no state and no input')
-        low, high = evaluate_limits(entry.get('lower'), entry.get('upper'), plant.values, where)
-        if math.isinf(low) and math.isinf(high):
-            raise StatementError(f'{where}: wanted a lower or an upper bound, found neither')
         return row, low, high
 
     with Faults() as faults:
@@ -565,14 +607,19 @@ class _Start:
             between = faults.attempt(
                 _end_constraints, given, plant, 'boundary_constraints', self._first)
         self._rows, self._between = start[0], between[0]
-        self.literals = start[1] + between[1]
+        self.literals, self._margins = start[1] + between[1], start[2] + between[2]
         self.cost, self.rows = ca.SX(0), list[ca.SX]()
         self.keys = (*(f'initial_constraints[{k}]' for k in range(len(self._rows))),
                      *(f'boundary_constraints[{k}]' for k in range(len(self._between))),
                      *(f'periodic: {name}' for name in self._periodic))
 
-    def augment(self, time: ca.SX | None, guess: Guess) -> Augmentation:
-        """Return the states with the additional ones; `time`: its symbol, if it occurs."""
+    def augment(self, time: ca.SX | None, guess: Guess, margins: list[_Margin]) -> Augmentation:
+        """
+        Return the states with the additional ones.
+
+        :param time: its symbol, if it occurs.
+        :param margins: of the terminal constraints.
+        """
         plant, firsts = self._plant, {name: float(x[0]) for name, x in guess.x.items()}
         start = [_guessed(*box, firsts.get(name))
                  for name, box in zip(plant.states, self._x0, strict=True)]
@@ -581,6 +628,8 @@ class _Start:
             added.add(TIME, time, (0.0, 0.0, 0.0), 1.0)
         for name, box in self._free.items():
             added.add(name, plant.free[name], _guessed(*box, firsts.get(name)))
+        for symbol, lower, upper in margins + self._margins:
+            added.add(symbol.name(), symbol, _guessed(lower, upper, None))
         used = [name for name, symbol in self._first.items()
                 if any(ca.depends_on(row, symbol) for row in self._between)]
         first = added.keep_initial([self._cost, *self._rows, *(

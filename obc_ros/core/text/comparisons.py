@@ -3,8 +3,8 @@
 """
 Constraints that are written as comparisons: ``v <= 1``, ``-1 <= v <= 1``, ``p == 1``.
 
-They are rewritten in the form of a problem file: an expression with bounds along the path, an
-expression that is 0 at an end. What is no comparison stays as it is. < means <=.
+They are rewritten in the form of a problem file: an expression with bounds, or for an equation at
+an end an expression that is 0. What is no comparison stays as it is. < means <=.
 """
 
 from collections.abc import Collection, Mapping, Sequence
@@ -44,8 +44,6 @@ def state_row(key: str, row: Any, where: str, known: Collection[str] = ()) -> An
     :param known: names of numbers, that may be bounds.
     """
     if isinstance(row, (list, tuple)) and len(row) == 3:
-        if key != PATH:
-            raise StatementError(_name_remedy(key, where))
         return dict(zip(('expr', 'lower', 'upper'), row, strict=True))
     parts, signs = _split_text(row) if isinstance(row, str) else _split_expression(row)
     if not signs:
@@ -55,11 +53,16 @@ def state_row(key: str, row: Any, where: str, known: Collection[str] = ()) -> An
     if signs not in (['<'], ['<', '<'], ['==']):
         raise StatementError(f"{where}: '{quote(str(row), 40)}' is not one comparison, nor "
                              'lower <= expression <= upper')
-    if key == PATH:
-        return _bound(parts, signs, where, known)
-    if signs != ['==']:
-        raise StatementError(_name_remedy(key, where))
-    return _subtract(*parts)
+    if key != PATH and signs == ['==']:
+        return _subtract(*parts)
+    return _bound(parts, signs, where, known)
+
+
+def state_text(row: Mapping[str, Any]) -> str:
+    """Return a constraint with bounds as a comparison."""
+    low, high = row.get('lower'), row.get('upper')
+    left, right = '' if low is None else f'{low} <= ', '' if high is None else f' <= {high}'
+    return f"{left}{row['expr']}{right}"
 
 
 def _state_keys(given: Mapping[Any, Any], known: Collection[str], where: str) -> dict[Any, Any]:
@@ -116,9 +119,3 @@ def _read(part: Any) -> Any:
 
 def _subtract(first: Any, last: Any) -> Any:
     return first - last if isinstance(first, ca.SX) else f'{first} - ({last})'
-
-
-def _name_remedy(key: str, where: str) -> str:
-    start = ', or bounds in initial_state' if key == 'initial_constraints' else ''
-    return (f'{where}: wanted an equation, such as v == 1; write v <= 1 with a free parameter, '
-            f'free_parameters: {{s: [null, 1]}} and v == s{start}')

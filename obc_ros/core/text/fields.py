@@ -28,7 +28,7 @@ _OTHER_KEYS = {other: key for key, others in {
     'dynamics': ('f', 'ode', 'equations'),
     'running_cost': ('L', 'cost', 'objective', 'integrand', 'lagrange'),
     'terminal_cost': ('V', 'final_cost', 'mayer'),
-    'initial_state': ('x0', 'start', 'initial_conditions'),
+    'initial_state': ('x0', 'x_0', 'start', 'initial_conditions'),
     'terminal_constraints': ('xf', 'goal', 'target', 'end', 'final_state', 'terminal_state',
                              'final_constraints', 'final_conditions'),
     'input_bounds': ('u_bounds', 'input_limits', 'control_bounds'),

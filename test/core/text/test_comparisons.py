@@ -76,19 +76,56 @@ def test_equations_between_both_ends_and_in_phases():
 
 
 @pytest.mark.slow
-def test_the_remedy_states_an_inequality_at_the_end():
+@pytest.mark.parametrize(('rows', 'cost'), [
+    (['p >= 1'], 3), (['p >= 1', 'v <= 2'], 3), ([['p', 1, None], {'expr': 'v', 'upper': 1}], 4),
+    (lambda x: [x.p >= 1, (x.v, 0, 1)], 4), (['p - p_0 >= 1', 'v <= 1'], 4)])
+def test_an_inequality_at_the_end_holds(rows, cost):
     """The least effort to reach p >= 1 in 1 s, at any speed, is 3; at v <= 1 it is 4."""
-    found = [obc.solve(BASE, free_parameters={'s': [1, None], 'w': [None, most]},
-                       terminal_constraints=['p == s', 'v == w']) for most in (2, 1)]
-    assert [each.objective for each in found] == pytest.approx([3, 4], abs=1e-5)
+    found = obc.solve(BASE, terminal_constraints=rows)
+    assert found.status == 'solved' and found.objective == pytest.approx(cost, abs=1e-5)
+    assert list(found.x) == ['p', 'v'] and not found.free_parameters
+
+
+@pytest.mark.slow
+def test_inequalities_at_the_start_and_of_a_phase_hold():
+    """From v(0) <= 0 the least effort to p = 1 in 1 s is 3, from v(0) >= 1 it is 0."""
+    base = {key: value for key, value in BASE.items() if key != 'final_time'}
+    found = [obc.solve(base, **keys, initial_state={'p': 0, 'v': None}, initial_constraints=[
+        row]).objective for row in ('v <= 0', 'v >= 1') for keys in (
+            {'final_time': 1, 'terminal_constraints': ['p == 1']},
+            {'phases': [{'duration': 0.5, 'terminal_constraints': ['p >= -9']},
+                        {'duration': 0.5, 'terminal_constraints': ['p >= 1', 'v >= 1']}]})]
+    assert found == pytest.approx([3, 3, 0, 0], abs=1e-5)
+
+
+def test_equal_bounds_at_the_end_are_an_equation():
+    row = {'expr': 'p + v', 'lower': 1, 'upper': 1}
+    found, plain = (build_problem(BASE | {'terminal_constraints': [each]})
+                    for each in (row, 'p + v - 1'))
+    assert evaluate(found)[1] == evaluate(plain)[1] and found.n == plain.n
+
+
+def test_initial_values_at_the_end_make_a_boundary_constraint():
+    change = {'initial_state': {'p': 0, 'v': [-1, 1]}}
+    found, plain = (build_problem(BASE | change | each) for each in (
+        {'terminal_constraints': ['v == v_0', 'p - 1']},
+        {'terminal_constraints': ['p - 1'], 'boundary_constraints': ['v - v_0']}))
+    assert found.structure == plain.structure and found.ends == plain.ends
+
+
+@pytest.mark.parametrize('text', [2, '2', 'top - 1'])
+def test_a_number_is_a_given_final_time(text):
+    found = obc.Problem(BASE, final_time=text)
+    assert found.built.final_time.value == 2.0 and not found.built.final_time.free
+    assert found.statement['final_time'] == {'free': False, 'value': text}
 
 
 @pytest.mark.parametrize(('change', 'said'), [
-    ({'terminal_constraints': ['p <= 1']},
-     r'^terminal_constraints\[0\]: wanted an equation, such as v == 1; write v <= 1 with a free'),
-    ({'terminal_constraints': lambda x: [x.v, x.p <= 1]}, r'^terminal_constraints\[1\]: wanted'),
-    ({'terminal_constraints': lambda x: [(x.p, 0, 1)]}, r'^terminal_constraints\[0\]: wanted'),
-    ({'initial_constraints': ['v >= 0']}, 'or bounds in initial_state$'),
+    ({'terminal_constraints': [{'expr': 'p'}]}, r'^terminal_constraints\[0\]: wanted a lower or'),
+    ({'terminal_constraints': [{'upper': 1}]}, r'^terminal_constraints\[0\]: expr is missing'),
+    ({'terminal_constraints': ['2 <= p <= 1']}, r'^terminal_constraints\[0\]: the bounds cross'),
+    ({'terminal_constraints': ['u <= 1']}, r"^terminal_constraints\[0\]: 'u' is an input"),
+    ({'terminal_constraints': ['top <= 1']}, r"^terminal_constraints\[0\]: 'top' does not dep"),
     ({'path_constraints': ['1 <= v == 2']}, r"^path_constraints\[0\]: '1 <= v == 2' is not one"),
     ({'path_constraints': ['1 <= v >= 2']}, 'is not one comparison'),
     ({'path_constraints': ['1 >= v <= 2']}, 'is not one comparison'),
