@@ -77,6 +77,7 @@ class KeysOfTask(KeysForPeople, total=False):
     periodic: Sequence[str]
     path_constraints: Any
     final_time: Mapping[str, Any] | Expression
+    tables: Mapping[str, Any]
     initial_guess: Mapping[str, Any]
     method: str
 

@@ -47,7 +47,7 @@ class Problem(Tabulated):
     ----------
     problem : Problem, Answer, mapping, Path or str, optional
         A problem of which some keys are replaced; see `solve`.
-    name, system, states, inputs, parameters, free_parameters, dynamics, running_cost, \
+    name, system, states, inputs, parameters, free_parameters, tables, dynamics, running_cost, \
     terminal_cost, initial_cost, initial_state, initial_constraints, terminal_constraints, \
     boundary_constraints, periodic, input_bounds, state_bounds, path_constraints, final_time, \
     phases, initial_guess, method
@@ -79,6 +79,7 @@ class Problem(Tabulated):
             system: SystemLike = UNSET, states: Sequence[str] = UNSET,
             inputs: Sequence[str] = UNSET, parameters: Mapping[str, Any] = UNSET,
             free_parameters: Mapping[str, Any] = UNSET,
+            tables: Mapping[str, Any] = UNSET,
             dynamics: Mapping[str, Expression] | StatedFunction = UNSET,
             running_cost: Expression | StatedFunction = UNSET,
             terminal_cost: Expression | StatedFunction = UNSET,

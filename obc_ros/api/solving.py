@@ -49,6 +49,7 @@ def solve(problem: ProblemLike | None = None, *, name: str = UNSET,
           system: SystemLike = UNSET, states: Sequence[str] = UNSET,
           inputs: Sequence[str] = UNSET, parameters: Mapping[str, Any] = UNSET,
           free_parameters: Mapping[str, Any] = UNSET,
+          tables: Mapping[str, Any] = UNSET,
           dynamics: Mapping[str, Expression] | StatedFunction = UNSET,
           running_cost: Expression | StatedFunction = UNSET,
           terminal_cost: Expression | StatedFunction = UNSET,
@@ -95,7 +96,7 @@ def solve(problem: ProblemLike | None = None, *, name: str = UNSET,
         Keeps what is made for a problem, for problems that differ only in numbers: these are
         solved faster, from the solution of the nearest one, which may be another local minimum.
         Default: none is kept, so that the answer does not depend on earlier ones.
-    name, system, states, inputs, parameters, free_parameters, dynamics, running_cost, \
+    name, system, states, inputs, parameters, free_parameters, tables, dynamics, running_cost, \
     terminal_cost, initial_cost, initial_state, initial_constraints, terminal_constraints, \
     boundary_constraints, periodic, input_bounds, state_bounds, path_constraints, final_time, \
     phases, initial_guess

@@ -92,6 +92,9 @@ class Problem(Tabulated):
     :ivar has_clock: whether the first of the added states is the time.
     :ivar phases: what the states and the inputs are if the statement has phases; T is 1 then.
     :ivar ends: the keys of the statement that the rows of psi are from.
+    :ivar breaks: times in (0, T) of mesh points between which expressions are smooth, sorted [s].
+    :ivar edges: (K, 2), spans between two of `breaks`, too short to count, in which expressions
+        have a kink or jump, sorted [s].
     :ivar units: units by name, of states, inputs and parameters; for figures only.
     :ivar statement: the keys that it was built from, with the initial state by name and
         records of what functions returned.
@@ -128,6 +131,8 @@ class Problem(Tabulated):
     has_clock: bool = False
     phases: PhaseLayout | None = None
     ends: tuple[str, ...] = ()
+    breaks: Array = field(default_factory=lambda: np.zeros(0))
+    edges: Array = field(default_factory=lambda: np.zeros((0, 2)))
     units: Mapping[str, str] = field(default_factory=dict)
     statement: Mapping[Any, Any] = field(default_factory=dict, repr=False)
 
@@ -198,6 +203,11 @@ class Problem(Tabulated):
         """Return for which states x(0) is given, shape (n,)."""
         lower, upper = self.start_box
         return np.asarray(lower == upper)
+
+    def edges_in(self, t: Array) -> Mask:
+        """Return which intervals between times (N + 1,) are parts of `edges`."""
+        middle, (starts, ends) = 0.5 * (t[:-1] + t[1:]), self.edges.T
+        return np.asarray(np.searchsorted(starts, middle) > np.searchsorted(ends, middle))
 
     def pin_start(self, x: Array) -> 'Problem':
         """Return the problem whose x(0) is given: where it is free, that of a path, x (n,)."""

@@ -21,6 +21,7 @@ import casadi as ca
 import numpy as np
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.ocp.augmentation import Augmentation
+from obc_ros.core.ocp.data_tables import DataTables, read_tables
 from obc_ros.core.ocp.guess import Guess
 from obc_ros.core.ocp.method_names import get_method
 from obc_ros.core.ocp.phases import state_as_one_phase, state_each_phase
@@ -41,7 +42,7 @@ from obc_ros.core.text.errors import (
     StatementError,
     suggest_name,
 )
-from obc_ros.core.text.expressions import check_name, parse_number
+from obc_ros.core.text.expressions import check_name, Names, parse_number
 from obc_ros.core.text.fields import (
     check_keys,
     evaluate_limits,
@@ -64,7 +65,7 @@ from obc_ros.core.text.stated_functions import (
 from obc_ros.core.text.yaml_files import read_entries
 
 FOR_THE_SOLVER = (
-    'name', 'system', 'states', 'inputs', 'parameters', 'free_parameters', 'dynamics',
+    'name', 'system', 'states', 'inputs', 'parameters', 'free_parameters', 'tables', 'dynamics',
     'running_cost', 'terminal_cost', 'initial_cost', 'initial_state', 'initial_constraints',
     'terminal_constraints', 'boundary_constraints', 'periodic', 'input_bounds', 'state_bounds',
     'path_constraints', 'final_time', 'phases', 'initial_guess', 'method')
@@ -76,6 +77,7 @@ MAX_TEXT = 200_000     # characters of all expressions together
 MAX_VALUES = 10_000    # values of a guess
 LONGEST_UNIT = 40      # characters
 
+_Symbols = dict[str, ca.SX]
 _Margin = tuple[ca.SX, float, float]   # the value of an expression at an end, and its bounds
 
 
@@ -95,6 +97,7 @@ class _Plant:
     u_upper: Array
     free: dict[str, ca.SX]
     time: ca.SX | None
+    tables: DataTables
     units: dict[str, str] = field(default_factory=dict)
 
     @property
@@ -104,9 +107,16 @@ class _Plant:
         return self.x, self.u, self.p | self.free, self.time
 
     @property
-    def known(self) -> dict[str, ca.SX]:
-        return self.x | self.u | self.p | self.free | (
-            {} if self.time is None else {TIME: self.time})
+    def known(self) -> Names:
+        return _name_symbols(self.tables, self.x, self.u, self.p, self.free, self.time)
+
+
+def _name_symbols(tables: DataTables, x: _Symbols, u: _Symbols, p: _Symbols, free: _Symbols,
+                  time: ca.SX | None) -> Names:
+    """Return what expressions may contain."""
+    found = Names(x | u | p | free | ({} if time is None else {TIME: time}))
+    found.functions = tables.functions
+    return found
 
 
 def build_problem(mapping: object) -> Problem:
@@ -235,6 +245,10 @@ def _build_problem(given: Given) -> Problem:
         final_time = faults.attempt(_final_time, given, plant.values)
         more = faults.attempt(_Start, given, plant)
         guess = faults.attempt(_guess, given, plant, final_time)
+        if final_time:
+            breaks = faults.attempt(
+                plant.tables.find_breaks, plant.time, _column(plant.p.values()),
+                np.array([*plant.values.values()]), final_time)
     (psi, literals, margins), (path, path_lower, path_upper) = end, along
     (x_lower, x_upper), (u_lower, u_upper) = x_bounds, u_bounds
     time = plant.time if plant.time is not None and ca.depends_on(
@@ -258,7 +272,7 @@ def _build_problem(given: Given) -> Problem:
         x0=np.array(added.x0), start=added.start, added=added.count,
         free_parameters=tuple(plant.free), has_clock=time is not None, final_time=final_time,
         guess=guess, angles=plant.angles + (False,) * added.count,
-        method=method, units=plant.units, ends=ends,
+        method=method, units=plant.units, ends=ends, breaks=breaks[0], edges=breaks[1],
         statement=_record_functions(stated, given, plant),
         structure=_structure(functions, bounds, final_time, added.start))
     _defined_at_start(problem, functions)
@@ -362,7 +376,8 @@ def _own_plant(given: Given, faults: Faults) -> _Plant:
     p = {name: ca.SX.sym(name) for name in values}
     free = {name: ca.SX.sym(name) for name in free_names}
     time = _time((*states, *inputs, *p))
-    known = x | u | p | free | ({} if time is None else {TIME: time})
+    tables = read_tables(given, (*x, *u, *p, *free), faults)
+    known = _name_symbols(tables, x, u, p, free, time)
     equations = faults.attempt(_equations, given, x, u, p | free, time)
     if equations is None:
         equations = {}
@@ -374,7 +389,8 @@ def _own_plant(given: Given, faults: Faults) -> _Plant:
     unlimited = np.full(len(inputs), np.inf)
     return _Plant(
         states=states, inputs=inputs, angles=(False,) * len(states), x=x, u=u, p=p,
-        values=values, f=f, u_lower=-unlimited, u_upper=unlimited, free=free, time=time)
+        values=values, f=f, u_lower=-unlimited, u_upper=unlimited, free=free, time=time,
+        tables=tables)
 
 
 def _equations(given: Given, x: dict[str, ca.SX], u: dict[str, ca.SX], p: dict[str, ca.SX],
@@ -464,7 +480,8 @@ def _registered_plant(given: Given, faults: Faults) -> _Plant:
         x=dict(zip(system.state_names, ca.vertsplit(system.x), strict=True)),
         u=dict(zip(system.input_names, ca.vertsplit(system.u), strict=True)), p=p, values=values,
         f=system.xdot, u_lower=system.u_min, u_upper=system.u_max, free=found,
-        time=_time((*signals, *p)), units=system.units)
+        time=_time((*signals, *p)), tables=read_tables(given, (*signals, *p, *found), faults),
+        units=system.units)
 
 
 def _option(value: object, where: str) -> object:
@@ -502,7 +519,8 @@ def _end_constraints(given: Given, plant: _Plant, key: str,
     `first`: symbols of x(0), besides those of the states.
     """
     firsts = first or {}
-    names = plant.known | firsts
+    names = plant.known
+    names |= firsts
 
     def read(index: int, text: object) -> tuple[ca.SX, list[tuple[ca.SX, float]], list[_Margin]]:
         where, limits = f'{key}[{index}]', list[float]()

@@ -35,7 +35,7 @@ from obc_ros.core.solver.nlp.meter import Meter
 from obc_ros.core.solver.options import DEFAULTS, Options
 from obc_ros.core.solver.program_cache import Answered, ProgramCache
 from obc_ros.core.solver.trace import COLLOCATION, judge_path, Trace
-from obc_ros.core.solver.transcription.mesh import Mesh, Path
+from obc_ros.core.solver.transcription.mesh import keep_breaks, Mesh, Path
 from obc_ros.core.solver.transcription.program import (
     Nearby,
     ProblemScales,
@@ -204,6 +204,7 @@ class Bench:
             conditions.
         """
         problem, final = self.problem, self.problem.final_time
+        mesh = keep_breaks(problem, mesh, start.durations.sum())
         program = self.programs.transcription(problem, mesh.layout)
         known, durations = near or Nearby(), start.durations
         sizes = known.scales or self.programs.guesser.sizes(problem, start)
@@ -437,7 +438,8 @@ def build_bench(task: Task, *, with_arcs: bool = True, quick: bool = False) -> B
         known[problem.stated] = True
     return Bench(
         stated=problem, problem=smooth, programs=programs, whole=whole, meter=whole, quick=quick,
-        may_hold=with_arcs, intervals=programs.options.coarse.intervals,
+        may_hold=with_arcs and not problem.breaks.size,   # it moves mesh points
+        intervals=programs.options.coarse.intervals,
         typical=programs.options.coarse.iterations, stages=3 if bounded else 0,
         margin=np.zeros(problem.n + int(problem.path.numel())),
         pinned=pinned, end=np.where(known, x, np.nan), best=task.best)

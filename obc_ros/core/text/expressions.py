@@ -86,6 +86,12 @@ _COMPARISONS = {getattr(ca, f'OP_{name}') for name in (
     'LT', 'LE', 'EQ', 'NE', 'NOT', 'AND', 'OR', 'IF_ELSE_ZERO')}
 
 
+class Names(dict[str, ca.SX]):
+    """Symbols by name, and functions of one argument that a statement has itself."""
+
+    functions: Mapping[str, Callable[[ca.SX], ca.SX]] = {}
+
+
 def parse_expression(text: object, symbols: Mapping[str, ca.SX], where: str) -> ca.SX:
     """
     Return the scalar CasADi expression of a text or number.
@@ -323,6 +329,12 @@ class _Algebra:
     kind: str = 'symbolic'
     lifts: bool = False
 
+    @property
+    def functions(self) -> Mapping[str, _Function]:
+        """Return the known functions; `Names` has more of them."""
+        own = self.names.functions if isinstance(self.names, Names) else {}
+        return FUNCTIONS | {name: _Function(1, call, float) for name, call in own.items()}
+
 
 def _is_finite(value: Any) -> bool:
     if isinstance(value, ca.SX):
@@ -340,10 +352,11 @@ def _value(text: str, algebra: _Algebra, where: str) -> Any:
     exponents = _numbers_in_exponents(tree) if algebra.lifts else set()
     waiting: list[tuple[ast.expr, bool]] = [(tree, False)]
     values: list[Any] = []
+    functions = algebra.functions
     while waiting:
         node, ready = waiting.pop()
         piece = _short(text[node.col_offset:node.end_col_offset])
-        operands = _operands(node, piece, where)
+        operands = _operands(node, piece, where, functions)
         if operands and not ready:
             waiting.append((node, True))
             waiting.extend((operand, False) for operand in reversed(operands))
@@ -352,7 +365,7 @@ def _value(text: str, algebra: _Algebra, where: str) -> Any:
         del values[len(values) - len(operands):]
         try:
             value = (ca.SX(float(piece)) if node in exponents
-                     else _apply(node, arguments, algebra, where))
+                     else _apply(node, arguments, algebra, where, functions))
             fault = '' if _is_finite(value) else 'is not a finite number'
         except ZeroDivisionError:
             fault = 'divides by zero'
@@ -381,19 +394,20 @@ def _numbers_in_exponents(tree: ast.expr) -> set[ast.AST]:
     return found
 
 
-def _operands(node: ast.expr, piece: str, where: str) -> list[ast.expr]:
+def _operands(node: ast.expr, piece: str, where: str, functions: Mapping[str, _Function]
+              ) -> list[ast.expr]:
     """Return the operands of `node`; raise StatementError if it is not arithmetic."""
     if isinstance(node, ast.BinOp) and type(node.op) in _BINARY:
         return [node.left, node.right]
     if isinstance(node, ast.UnaryOp) and type(node.op) in _UNARY:
         return [node.operand]
     if isinstance(node, ast.Call):
-        if not isinstance(node.func, ast.Name) or node.func.id not in FUNCTIONS:
+        if not isinstance(node.func, ast.Name) or node.func.id not in functions:
             name = node.func.id if isinstance(node.func, ast.Name) else piece
             raise StatementError(f"{where}: '{_short(name)}' is not a function"
-                                 f"{_hint(name, FUNCTIONS)}; known functions: "
-                                 f"{', '.join(FUNCTIONS)}")
-        wanted = FUNCTIONS[node.func.id].arguments
+                                 f"{_hint(name, functions)}; known functions: "
+                                 f"{', '.join(functions)}")
+        wanted = functions[node.func.id].arguments
         if len(node.args) != wanted or node.keywords:
             raise StatementError(f"{where}: '{piece}': {node.func.id} takes {wanted} "
                                  f"argument{'s' * (wanted > 1)}")
@@ -406,15 +420,15 @@ def _operands(node: ast.expr, piece: str, where: str) -> list[ast.expr]:
                          'numbers, names, + - * / **, brackets and functions')
 
 
-def _apply(node: ast.expr, arguments: list[Any], algebra: _Algebra,
-           where: str) -> Any:
+def _apply(node: ast.expr, arguments: list[Any], algebra: _Algebra, where: str,
+           functions: Mapping[str, _Function]) -> Any:
     if isinstance(node, ast.BinOp):
         return _BINARY[type(node.op)](*arguments)
     if isinstance(node, ast.UnaryOp):
         return _UNARY[type(node.op)](*arguments)
     if isinstance(node, ast.Call):
         assert isinstance(node.func, ast.Name)
-        return getattr(FUNCTIONS[node.func.id], algebra.kind)(*arguments)
+        return getattr(functions[node.func.id], algebra.kind)(*arguments)
     if isinstance(node, ast.Constant):
         assert isinstance(node.value, (int, float))
         return algebra.constant(float(node.value))
@@ -423,11 +437,11 @@ def _apply(node: ast.expr, arguments: list[Any], algebra: _Algebra,
         return algebra.names[node.id]
     if node.id in CONSTANTS:
         return algebra.constant(CONSTANTS[node.id])
-    raise StatementError(_unknown(node.id, algebra.names, where))
+    raise StatementError(_unknown(node.id, algebra.names, where, functions))
 
 
-def _unknown(name: str, names: Collection[str], where: str) -> str:
-    if name in FUNCTIONS:
+def _unknown(name: str, names: Collection[str], where: str, functions: Collection[str]) -> str:
+    if name in functions:
         return f"{where}: the function '{name}' needs its argument in brackets"
     hint = _hint(name, [*names, *CONSTANTS])
     if name == 't':

@@ -8,6 +8,7 @@ stand for gigabytes.
 """
 
 from collections.abc import Hashable
+import csv
 import itertools
 from pathlib import Path
 import re
@@ -141,7 +142,52 @@ def read_entries(path: str | Path) -> list[tuple[str, FileEntry]]:
         2``. A mapping without `name` gets that of the file, with its number in a list. An entry
         that is not a mapping is returned as an error.
     """
-    return _list_entries(read_yaml(path), str(path), Path(path).stem)
+    found = _list_entries(read_yaml(path), str(path), Path(path).stem)
+    return [(where, _insert_data(entry, where, Path(path).parent)) for where, entry in found]
+
+
+def _insert_data(entry: FileEntry, where: str, folder: Path) -> FileEntry:
+    """Return an entry with the numbers of the CSV files that its tables name."""
+    tables = entry.get('tables') if isinstance(entry, dict) else None
+    if not isinstance(entry, dict) or not isinstance(tables, dict):
+        return entry
+    try:
+        return {**entry, 'tables': {
+            name: _read_columns(table, f'{where}: tables.{quote(str(name))}', folder)
+            if isinstance(table, dict) and 'file' in table else table
+            for name, table in tables.items()}}
+    except StatementError as error:
+        return error
+
+
+def _read_columns(table: dict[str, Any], where: str, folder: Path) -> dict[str, Any]:
+    """Return a table with two columns of a file, by default the first ones, in its place."""
+    file = table['file']
+    if not isinstance(file, str) or Path(file).is_absolute() or '..' in Path(file).parts:
+        raise StatementError(f'{where}.file: wanted the name of a file beside this one, found '
+                             f'{describe_type(file)}')
+    try:
+        with open(folder / file, encoding='utf-8-sig', newline='') as lines:
+            text = lines.read(MAX_BYTES + 1)
+    except (OSError, ValueError) as error:   # ValueError: it is no text
+        words = error.strerror if isinstance(error, OSError) else 'it is no text'
+        raise StatementError(f'{where}.file: {quote(file)} cannot be read: {words}') from None
+    if len(text) > MAX_BYTES:
+        raise StatementError(f'{where}.file: longer than {MAX_BYTES} bytes')
+    rows = [row for row in csv.reader(text.splitlines()) if row]
+    known = [name.strip() for name in rows[0]] if rows else []
+    columns = table.get('columns', known[:2])
+    if not isinstance(columns, list) or len(columns) != 2 or not all(
+            name in known for name in columns):
+        raise StatementError(f'{where}.columns: wanted two of {quote(", ".join(known), 200)}, '
+                             f'found {quote(str(columns))}')
+    try:
+        numbers = [[float(row[known.index(name)]) for row in rows[1:]] for name in columns]
+    except (ValueError, IndexError):
+        raise StatementError(f'{where}.file: a row of {quote(file)} has no number for '
+                             f'{" or ".join(columns)}') from None
+    return {key: value for key, value in table.items() if key not in ('file', 'columns')} | {
+        'argument': numbers[0], 'value': numbers[1]}
 
 
 def read_text_entries(text: str) -> list[tuple[str, FileEntry]]:

@@ -444,9 +444,10 @@ class _Judge:
             self.problem, self.points, np.append(first, len(self.points.x) - 1),
             InputScales(self.scales.u, self.scales.H)))
         samples = gap[:, :1] if self.solution.interpolation == 'zoh' else gap[:, [0, -1]]
+        samples = samples[~self.problem.edges_in(self.solution.t)[self.rows]]   # beside it
         loss = float(self.intervals.h @ (gap @ (np.array([7, 32, 12, 32, 7]) / 90)))
         scale = max(self.scales.cost, 1e-3 * self.scales.H * self.duration)
-        return max(float(samples.max()) / self.scales.H, 10.0 * loss / scale)
+        return max(float(samples.max(initial=0.0)) / self.scales.H, 10.0 * loss / scale)
 
     def _transversality(self, upper: Mask, lower: Mask) -> float:
         q, solution = self.problem.q, self.solution
@@ -485,7 +486,15 @@ class _Judge:
         error = np.abs(H - np.column_stack([given[self.rows], given[self.rows + 1]]))
         if self.solution.interpolation == 'zoh':
             H, error = H[:, 0], error[:, 0]
+        else:
+            H = self._without_edges(H)
         return float(max(np.ptp(H), error.max()) / self.scales.H)
+
+    def _without_edges(self, H: Array) -> Array:
+        """Return H (K, 2) at the ends of intervals, less its changes across edges."""
+        over = self.problem.edges_in(self.solution.t)[self.rows]
+        change = np.cumsum(np.where(over, H[:, 1] - H[:, 0], 0.0))
+        return np.column_stack([H[:, 0] - np.append(0.0, change[:-1]), H[:, 1] - change])
 
     def _final_time(self) -> float:
         final, T = self.problem.final_time, float(self.solution.t[-1])

@@ -87,6 +87,11 @@ def measure_loss(problem: Problem, integrator: CostateIntegrator, course: Extrem
     moved = course.lam * (course.x_end - course.x) / np.maximum(h, 1e-300)[:, None]
     size = np.max(np.abs(energy[0] - moved.sum(axis=1)) + np.abs(moved).sum(axis=1))
     H = np.nan_to_num(energy.T.reshape(len(lost), -1) / max(size, 1e-300))
+    over = problem.edges_in(course.t[::course.parts])
+    H[over] = H[over, :1]
+    change = np.where(over, energy[1, course.parts - 1::course.parts] - energy[
+        0, ::course.parts], 0.0) / max(size, 1e-300)
+    H = H - np.append(0.0, np.cumsum(change)[:-1])[:, None]
     kinks = list[float]()
     for bound in (problem.u_lower, problem.u_upper):
         a, b = targets[0] - bound, targets[1] - bound

@@ -250,7 +250,8 @@ def may_have_kinks(state: State) -> bool:
     """Return whether the kinks of free inputs are looked for, once in a descent."""
     bench, layout = state.bench, state.outcome.mesh.layout
     return state.extremal is None and not any(state.switching) and not (
-        bench.stated.constrained or bench.programs.twin or len(layout.phases) > 1 or layout.stages)
+        bench.stated.constrained or bench.stated.breaks.size or bench.programs.twin
+        or len(layout.phases) > 1 or layout.stages)
 
 
 def solve_on_kinks(state: State) -> State | str:

@@ -125,7 +125,7 @@ class _Reader:
         """Return whether second derivatives are constant and the gradient is continuous."""
         slope = ca.gradient(expression, self.z)
         return not (ca.depends_on(ca.jacobian(slope, self.z), self._all) or Instructions(
-            ca.Function('slope', [self._all], [slope])).have(ca.OP_SIGN))
+            ca.Function('slope', [self._all], [slope])).have(ca.OP_SIGN, ca.OP_LE, ca.OP_LT))
 
     def _quadratic(self, expression: ca.SX) -> Shape:
         """Return the shape of an expression with constant second derivatives."""

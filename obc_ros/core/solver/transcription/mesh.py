@@ -176,6 +176,29 @@ def build_uniform_mesh(problem: Problem, intervals: int, stages: int, mode: str 
     return Mesh(layout, np.full(intervals, 1.0 / intervals), np.zeros((1, problem.m)))
 
 
+def keep_breaks(problem: Problem, mesh: Mesh, duration: float) -> Mesh:
+    """
+    Return a mesh of one phase with points where expressions are not smooth in the time.
+
+    Points close to them, and within edges, are left out. Meshes of several phases remain
+    as they are.
+
+    :param duration: T [s], an initial guess of it if it is free.
+    """
+    breaks = problem.breaks[problem.breaks < duration * (1 - 1e-9)] / duration
+    if not breaks.size or len(mesh.layout.phases) > 1:
+        return mesh
+    points = np.cumsum(mesh.fractions)[:-1]
+    points = points[~problem.edges_in(duration * np.repeat(points, 2))[::2]]
+    gaps = np.diff(np.concatenate([[0.0], points, [1.0]]))
+    away = np.abs(points - breaks[np.clip(np.searchsorted(
+        0.5 * (breaks[1:] + breaks[:-1]), points), 0, len(breaks) - 1)])
+    kept = points[away > 0.3 * np.minimum(gaps[1:], gaps[:-1])]
+    fractions = np.diff(np.concatenate([[0.0], np.sort(np.append(kept, breaks)), [1.0]]))
+    phase = replace(mesh.layout.phases[0], intervals=len(fractions))
+    return replace(mesh, layout=replace(mesh.layout, phases=(phase,)), fractions=fractions)
+
+
 def split(mesh: Mesh, counts: Index) -> Mesh:
     """Cut the intervals of a mesh into equal parts, `counts` (N,) of each."""
     number = np.bincount(mesh.layout.phase_of, weights=counts).astype(int)
