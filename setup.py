@@ -161,7 +161,10 @@ def describe() -> dict[str, Any]:
                 'cmdclass': {'build_py': BuildInterfaces, 'editable_wheel': EditableWheel}}
     return {'packages': find_namespace_packages(include=['obc_ros', 'obc_ros.*']),
             'data_files': [('share/obc_ros/benchmarks',
-                            sorted(map(str, Path('benchmarks').glob('*.py'))))],
+                            sorted(map(str, Path('benchmarks').glob('*.py')))),
+                           ('share/obc_ros/docs/gallery',
+                            [str(path) for path in sorted(Path('docs/gallery').iterdir())
+                             if path.suffix in ('.ipynb', '.json', '.png', '.py')])],
             'cmdclass': {'build_py': BuildPure}}
 
 

@@ -29,7 +29,8 @@ extensions = ['myst_nb' if util.find_spec('myst_nb') else 'myst_parser', *(
     name for name in ('sphinx_copybutton',) if util.find_spec(name))]
 nb_execution_mode = 'off'
 # What rosdoc2 adds of its own says nothing that is not here.
-exclude_patterns = ['_*', '[A-Z]*', 'action', 'msg', 'srv']
+# The notebooks of the gallery are downloads: its pages have the same programs.
+exclude_patterns = ['_*', '[A-Z]*', 'action', 'msg', 'srv', 'gallery/*.ipynb']
 
 myst_enable_extensions = ['deflist', 'dollarmath']
 myst_heading_anchors = 3
@@ -53,7 +54,10 @@ rosdoc2_settings = {'allow_other_extensions': True, 'enable_autodoc': False,
 
 
 def list_others(app: Any, page: str, source: list[str]) -> None:
-    """Add to some pages the contents of their folder."""
+    """Add to some pages the contents of their folder; let those of the gallery offer notebooks."""
+    if page.startswith('gallery/'):
+        source[0] = source[0].replace(f']({page.partition("/")[2]}.ipynb)',
+                                      f'](path:{page.partition("/")[2]}.ipynb)')
     if page in ('gallery', 'derivations', 'development/index'):
         folder = page.split('/')[0]
         named = re.findall(rf'\]\((?:{folder}/)?([^/]*)\.md\)', source[0])  # in their order

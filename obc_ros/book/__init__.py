@@ -1,3 +1,3 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""The command `obc gallery`: examples of the book, by running nodes; exercise sheets, slides."""
+"""The command `obc gallery`: examples of the book, kept or by running nodes; sheets, slides."""

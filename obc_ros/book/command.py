@@ -3,7 +3,7 @@
 """
 `obc gallery`: examples, theorems and exercises of chapter 2 and beyond, by running nodes.
 
-Exercise sheets and slides need no ROS 2.
+Without ROS 2, it shows the results that the package has with it.
 
 ``DIR/index.html`` is the page, ``DIR/NAME.png`` the figure of an entry, ``DIR/gallery.json`` the
 numbers. The page shows the PNG files; ``--format`` adds PDF and SVG. Results of other entries in
@@ -11,10 +11,13 @@ DIR are kept. Loops are recorded in ``DIR/recordings``.
 """
 
 import argparse
-from collections.abc import Collection
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 import sys
+from typing import Any
 
+from obc_ros.api.figures.files import FORMATS
+from obc_ros.book.kept import read_kept, show_kept
 from obc_ros.cli import results
 from obc_ros.cli.processes import lock_folder
 from obc_ros.cli.terminal import Parser
@@ -54,33 +57,37 @@ def run(args: argparse.Namespace) -> int:
         return 2
     if args.sheet or args.check or args.slides:
         return _teach(args)
-    require_ros('the gallery')
-    from obc_ros.book.chapter.all import ENTRIES  # matplotlib takes a second
-    known = {entry.name: entry for entry in ENTRIES}
+    kept = read_kept()
     # For one version, the names of examples before `example-` was part of them.
-    args.names = [f'example-{name}' if f'example-{name}' in known else name for name in args.names]
-    unknown = [name for name in args.names if name not in known]
+    args.names = [f'example-{name}' if f'example-{name}' in kept else name for name in args.names]
+    unknown = [name for name in args.names if name not in kept]
     if unknown:
-        print(f"obc gallery: no entry '{quote(unknown[0])}'{_suggest(unknown[0], known)}; "
-              f"there are {', '.join(known)}", file=sys.stderr)
+        print(f"obc gallery: no entry '{quote(unknown[0])}'{_suggest(unknown[0], kept)}; "
+              f"there are {', '.join(kept)}", file=sys.stderr)
         return 2
-    chosen = [entry for name, entry in known.items() if not args.names or name in args.names]
+    chosen = [record for name, record in kept.items() if not args.names or name in args.names]
     if args.list:
-        width = max(len(entry.name) for entry in chosen)
-        print('\n'.join(f'{entry.name:{width}}  {entry.title}' for entry in chosen))
+        width = max(len(record['name']) for record in chosen)
+        print('\n'.join(f'{record["name"]:{width}}  {record["title"]}' for record in chosen))
         return 0
-    from obc_ros.book.records import work_and_write  # imports ROS
+    if any(each not in FORMATS[:1] for each in args.format):
+        require_ros('--format')
     with lock_folder(args.out):
-        return work_and_write(chosen, args.out, list(known),
-                              tuple(dict.fromkeys(('png', *args.format))))
+        return show_kept(chosen, args.out) if explain_missing_ros() else _compute(chosen, args)
 
 
 def list_entries() -> list[str]:
-    """Return the names of the entries; none without ROS 2."""
-    if explain_missing_ros():
-        return []
+    """Return the names of the entries."""
+    return list(read_kept())
+
+
+def _compute(chosen: Sequence[Mapping[str, Any]], args: argparse.Namespace) -> int:
     from obc_ros.book.chapter.all import ENTRIES  # matplotlib takes a second
-    return [entry.name for entry in ENTRIES]
+    from obc_ros.book.records import work_and_write  # imports ROS
+    names = [record['name'] for record in chosen]
+    return work_and_write([entry for entry in ENTRIES if entry.name in names], args.out,
+                          [entry.name for entry in ENTRIES],
+                          tuple(dict.fromkeys(('png', *args.format))))
 
 
 def _teach(args: argparse.Namespace) -> int:

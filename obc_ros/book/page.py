@@ -8,27 +8,28 @@ character or {group} an index or a power, and names of functions are upright. Ba
 code.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 import html
 import re
 from typing import Any
 
 Record = Mapping[str, Any]
 
-_TERMINALS = ('<p>From the folder of this page, every <code>ros2 run</code> in a terminal of '
-              'its own{}; without a ROS 2 installation with <code>obc</code> in place of '
-              '<code>ros2</code>:</p>')
+_TERMINALS = ('<p>After <code>obc gallery</code> with ROS 2, from the folder of this page, every '
+              '<code>ros2 run</code> in a terminal of its own{}; without a ROS 2 installation '
+              'with <code>obc</code> in place of <code>ros2</code>:</p>')
 _SERVER = ', and <code>ros2 run obc_ros trajectory_server</code> in another'
-ERRORS = ('The error is the difference divided by the reference, or by 1 if the reference is '
-          'below 1 (unless it is marked as relative). Of several values the one with the largest '
-          'error is shown.')
+ERRORS = ('An error is the difference divided by the reference, or by 1 if the reference is '
+          'below 1 (unless it is marked as relative).')
+ASKED = ('asked', 'result', 'reference')
+VERIFIED = ('quantity', 'numbers', 'largest error', 'source of the reference')
 _PARTS = re.compile(r'(\$[^$]*\$|`[^`]*`)')
 _TOKEN = re.compile(r'([_^])(\{[^}]*\}|.)|(&\w+;)|([A-Za-z]+)|([\u0370-\u03ff])|(.)', re.DOTALL)
 _UPRIGHT = ('arg', 'asin', 'atan', 'cos', 'cosh', 'diag', 'exp', 'for', 'if', 'ln', 'max', 'min',
             'rank', 'sat', 'sgn', 'sin', 'sinh', 'tan')
 
 _STYLE = """
-:root { --ink: #1b1f24; --soft: #57606a; --line: #d0d7de; --back: #f6f8fa; --good: #1a7f37;
+:root { --ink: #1b1f24; --soft: #57606a; --line: #d0d7de; --back: #f6f8fa;
   --bad: #b42318; --book: #0b4f79; }
 * { box-sizing: border-box; }
 body { margin: 0; color: var(--ink); background: #fff;
@@ -38,7 +39,10 @@ header { padding-top: 40px; }
 h1 { font-size: 34px; line-height: 1.2; margin: 0 0 8px; }
 h2 { font-size: 25px; line-height: 1.25; margin: 0; }
 header p, .source { color: var(--soft); }
-nav table { font-size: 15px; }
+nav { display: grid; grid-template-columns: repeat(auto-fill, minmax(158px, 1fr)); gap: 22px 18px;
+  margin-top: 24px; font-size: 15px; line-height: 1.35; }
+nav img { display: block; width: 100%; height: 118px; object-fit: cover; object-position: 0 0;
+  border: 1px solid var(--line); margin-bottom: 6px; }
 article { border-top: 2px solid var(--ink); margin-top: 44px; padding-top: 14px; }
 .source { margin: 2px 0 10px; font-style: italic; }
 sub, sup { line-height: 0; font-size: 75%; }
@@ -48,14 +52,14 @@ table { border-collapse: collapse; width: 100%; margin: 12px 0; font-size: 15px;
 th { text-align: left; border-bottom: 1.5px solid var(--ink); font-weight: 600; }
 td, th { padding: 4px 10px 4px 0; vertical-align: top; }
 td { border-bottom: 1px solid var(--line); }
-td.number { font-variant-numeric: tabular-nums; white-space: nowrap; }
-.good { color: var(--good); font-weight: 600; } .bad { color: var(--bad); font-weight: 600; }
+.bad { color: var(--bad); font-weight: 600; }
 .erratum { border-left: 5px solid var(--book); background: var(--back); padding: 10px 16px;
   margin: 14px 0; }
 .erratum p { margin: 4px 0; }
 code, pre { font: 13.5px/1.45 'DejaVu Sans Mono', Menlo, Consolas, monospace; }
 pre { background: var(--back); border: 1px solid var(--line); padding: 10px 12px; margin: 8px 0;
   white-space: pre-wrap; overflow-wrap: anywhere; }
+details { margin: 8px 0; overflow-x: auto; }
 details > summary { cursor: pointer; font-weight: 600; }
 a { color: var(--book); text-decoration: none; } a:hover { text-decoration: underline; }
 footer { color: var(--soft); font-size: 14px; margin-top: 50px; padding-bottom: 40px; }
@@ -86,8 +90,7 @@ def render_page(records: Sequence[Record]) -> str:
         f'<title>obc_ros: gallery</title>\n<style>{_STYLE}</style>\n</head>\n<body>\n'
         f'<header>\n{head}\n</header>\n<nav>\n{_contents(records)}\n</nav>\n<main>\n'
         + '\n'.join(map(_article, records)) + '\n</main>\n<footer>\n<p>'
-        + format_markup(f'{ERRORS} `obc gallery` made this page. The numbers are in '
-                        '`gallery.json`, recordings of the loops in `recordings`.')
+        + format_markup('`obc gallery` made this page. The numbers are in `gallery.json`.')
         + '</p>\n</footer>\n</body>\n</html>\n')
 
 
@@ -107,22 +110,20 @@ def format_scientific(text: str) -> str:
     return f'${digits}·10^{{{int(exponent)}}}$' if exponent else f'${digits}$'
 
 
-def show_number(value: float | None) -> str:
-    """Return a number with ten significant digits."""
-    return '-' if value is None else format_markup(format_scientific(f'{value:.10g}'))
+def show_values(values: Any) -> str:
+    """Return a number, or a list of lists of numbers, with six significant digits, as markup."""
+    if isinstance(values, list):
+        return f'[{", ".join(map(show_values, values))}]'
+    return format_scientific(f'{values:.6g}')
 
 
 def _contents(records: Sequence[Record]) -> str:
-    rows = '\n'.join(
-        f'<tr><td><a href="#{_anchor(each)}">{html.escape(each["label"])}</a></td>'
-        f'<td><a href="#{_anchor(each)}">{format_markup(each["title"])}</a></td>'
-        f'<td class="number">{sum(row["values"] for row in each["rows"])}</td>'
-        f'<td class="number">{_error(each)}</td><td class="number">{each["seconds"]:.1f} s</td>'
-        f'<td>{_verdict(each["holds"])}</td></tr>'
+    return '\n'.join(
+        f'<a href="#{_anchor(each)}">'
+        + ''.join(f'<img src="{name}" alt="" loading="lazy">' for name in each['figures'][:1])
+        + f'<b>{html.escape(each["label"])}</b> {format_markup(each["title"])}'
+        + ('' if each['holds'] else ' <span class="bad">does not hold</span>') + '</a>'
         for each in records)
-    return ('<table>\n<tr><th>entry</th><th></th><th>numbers</th><th>largest error</th>'
-            f'<th>time</th><th></th></tr>\n{rows}\n'
-            '</table>')
 
 
 def _article(record: Record) -> str:
@@ -130,57 +131,71 @@ def _article(record: Record) -> str:
              f'<h2>{html.escape(record["label"])}: {format_markup(record["title"])}</h2>',
              f'<p class="source">{format_markup(record["source"])}</p>',
              *(f'<p>{format_markup(each)}</p>' for each in record['statement'])]
-    if record['erratum']:
-        finding = f'<p>{format_markup(record["finding"])}</p>' if record['finding'] else ''
-        parts.append('<div class="erratum"><p><b>Erratum.</b> '
-                     f'{format_markup(record["erratum"])}</p>{finding}</div>')
+    if record['program']:
+        name = record['name']
+        parts.append(f'<pre>{html.escape(record["program"])}</pre>\n<p>It prints:</p>\n'
+                     f'<pre>{html.escape(record["output"])}</pre>\n<p>Download: '
+                     f'<a href="{name}.py">Python</a>, <a href="{name}.ipynb">notebook</a></p>')
+        parts.append(_table(ASKED, map(list_asked, record['asked'])))
     if record['message']:
         parts.append(f'<p class="bad">{html.escape(record["message"])}</p>')
     shown = html.escape(f'{record["label"]}: {strip_markup(record["title"])}')
     parts += [f'<figure><img src="{name}" alt="Figure of {shown}"></figure>'
               for name in record['figures']]
     parts += [f'<p>{format_markup(each)}</p>' for each in record['notes']]
+    if record['erratum']:
+        finding = f'<p>{format_markup(record["finding"])}</p>' if record['finding'] else ''
+        parts.append('<div class="erratum"><p><b>Erratum.</b> '
+                     f'{format_markup(record["erratum"])}</p>{finding}</div>')
+    return '\n'.join([*parts, *_folded(record), '</article>'])
+
+
+def _folded(record: Record) -> Iterator[str]:
     if record['rows']:
-        parts.append(_table(record['rows']))
+        yield (f'<details><summary>Verification: {summarize(record)}</summary>\n'
+               f'<p>{ERRORS}</p>\n' + _table(VERIFIED, map(list_verified, record['rows']))
+               + '\n</details>')
     if record['commands']:
         server = _SERVER if any('/trajectory_server/' in each for each in record['commands']) \
             else ''
         commands = '\n'.join(f'<pre>{html.escape(each)}</pre>' for each in record['commands'])
-        parts.append(f'<details open><summary>Run it</summary>\n{_TERMINALS.format(server)}\n'
-                     f'{commands}\n</details>')
-    return '\n'.join([*parts, '</article>'])
+        yield (f'<details><summary>Commands of ROS 2</summary>\n{_TERMINALS.format(server)}\n'
+               f'{commands}\n</details>')
 
 
-def _table(rows: Sequence[Record]) -> str:
-    lines = '\n'.join(
-        f'<tr><td>{format_markup(row["what"])}{_many(row)}</td>'
-        f'<td class="number">{show_number(row["measured"])}</td>'
-        f'<td class="number">{show_number(row["exact"])}</td>'
-        f'<td class="number {"good" if row["holds"] else "bad"}">{format_error(row["error"])}'
-        f'{" <small>(relative)</small>" if row["relative"] else ""}</td>'
-        f'<td>{format_markup(row["by"])}</td></tr>' for row in rows)
-    return ('<table>\n<tr><th>quantity</th><th>result</th><th>reference</th><th>error</th>'
-            f'<th>source of the reference</th></tr>\n{lines}\n</table>')
+def summarize(record: Record) -> str:
+    """Return how many numbers of an entry are compared, and their largest error, as HTML."""
+    rows = record['rows']
+    errors = [row['error'] for row in rows]
+    worst = format_markup(format_error(None if None in errors else max(errors)))
+    return f'{sum(row["values"] for row in rows)} numbers, largest error {worst}'
 
 
-def _many(row: Record) -> str:
-    return f' <small>({row["values"]} values)</small>' if row['values'] > 1 else ''
+def list_asked(asked: Record) -> tuple[str, ...]:
+    """Return the cells of what an entry asks for, in the markup of this page."""
+    return (asked['what'], show_values(asked['value']),
+            f'{asked["by"]}: {show_values(asked["exact"])}')
 
 
-def _error(record: Record) -> str:
-    errors = [row['error'] for row in record['rows']]
-    return '' if not errors else format_error(None if None in errors else max(errors))
+def list_verified(row: Record) -> tuple[str, ...]:
+    """Return the cells of a compared quantity, in the markup of this page."""
+    relative = ' (relative)' if row['relative'] else ''
+    wrong = '' if row['holds'] else ' does not hold'
+    return (row['what'], str(row['values']), format_error(row['error']) + relative + wrong,
+            row['by'])
+
+
+def _table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    lines = '\n'.join('<tr>' + ''.join(f'<td>{format_markup(each)}</td>' for each in row) + '</tr>'
+                      for row in rows)
+    return (f'<table>\n<tr>{"".join(f"<th>{each}</th>" for each in head)}</tr>\n{lines}\n'
+            '</table>')
 
 
 def format_error(value: float | None) -> str:
-    """Return an error with two significant digits."""
-    return ('infinite' if value is None else format_markup(format_scientific(f'{value:.1e}'))
-            if value
+    """Return an error with two significant digits, in the markup of this page."""
+    return ('infinite' if value is None else format_scientific(f'{value:.1e}') if value
             else '0')
-
-
-def _verdict(holds: bool) -> str:
-    return '<span class="good">holds</span>' if holds else '<span class="bad">does not hold</span>'
 
 
 def _anchor(record: Record) -> str:

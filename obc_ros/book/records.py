@@ -4,7 +4,6 @@
 
 from collections.abc import Sequence
 from contextlib import ExitStack
-import json
 from pathlib import Path
 import sys
 import time
@@ -13,19 +12,13 @@ from typing import Any
 from obc_ros.api.figures.files import FORMATS, save_figure
 from obc_ros.api.figures.style import STYLE
 from obc_ros.book.entry import GalleryEntry
-from obc_ros.book.page import render_page, strip_markup
+from obc_ros.book.kept import print_records, read_program, write_records
 from obc_ros.book.runner import Desk
 from obc_ros.cli.client import serve_client
 from obc_ros.cli.processes import Children, isolate, reserve_domain
-from obc_ros.cli.results import write as write_json
 from obc_ros.cli.ros_graph import ServerLostError
-from obc_ros.cli.terminal import InterruptedByUserError, print_table, show_progress
+from obc_ros.cli.terminal import InterruptedByUserError, show_progress
 from obc_ros.core.text.errors import ObcError
-from obc_ros.core.text.json_values import convert_to_json
-from obc_ros.core.text.tables import format_residual, format_value
-
-HEADER = ('entry', '', 'numbers', 'largest error: result', 'reference', 'error', 'time')
-COLOURS = {'holds': 'green', 'does not hold': 'red'}
 
 
 def work_and_write(chosen: Sequence[GalleryEntry], out: Path, order: Sequence[str],
@@ -41,8 +34,8 @@ def work_and_write(chosen: Sequence[GalleryEntry], out: Path, order: Sequence[st
         status = 1
     if not records:
         return status
-    write_record(out, records, order)
-    _show(records)
+    write_records(out, records, order)
+    print_records(records)
     print(f'{len(records)} entries in {time.monotonic() - begun:.1f} s: '
           f'{out / "index.html"}')
     return status or int(not all(record['holds'] for record in records))
@@ -73,7 +66,7 @@ def work(entry: GalleryEntry, desk: Desk, out: Path, formats: Sequence[str] = FO
         'name': entry.name, 'label': label(entry.name), 'title': entry.title,
         'source': entry.source, 'statement': list(entry.statement), 'erratum': entry.erratum,
         'in_book': entry.in_book, 'finding': '', 'notes': [], 'rows': [], 'figures': [],
-        'message': '', 'holds': False}
+        'message': '', 'holds': False, **read_program(entry.name)}
     try:
         with matplotlib.rc_context(STYLE):
             answer = entry.run(desk)
@@ -97,44 +90,3 @@ def label(name: str) -> str:
     """Return the name of an entry as in the book, or as a heading."""
     kind, _, number = name.rpartition('-')
     return f'{(kind or "example").capitalize().replace("-", " ")} {number}'
-
-
-def write_record(out: Path, records: Sequence[dict[str, Any]], order: Sequence[str]) -> None:
-    """Write ``gallery.json`` and ``index.html``, keeping the records of other entries."""
-    before = out / 'gallery.json'
-    try:
-        known = json.loads(before.read_text(encoding='utf-8'))['entries']
-        found = {record['name']: record for record in known if record['name'] in order}
-        render_page(known)
-    except (OSError, ValueError, KeyError, TypeError, AttributeError):  # none, or another format
-        found = {}
-    found |= {record['name']: convert_to_json(record) for record in records}
-    entries = [found[name] for name in order if name in found]
-    write_json(out, 'gallery', {'entries': entries})
-    (out / 'index.html').write_text(render_page(entries), encoding='utf-8')
-
-
-def _verdict(record: dict[str, Any]) -> str:
-    return 'holds' if record['holds'] else 'does not hold'
-
-
-def _show(records: Sequence[dict[str, Any]]) -> None:
-    print_table(HEADER, [_row(record) for record in records], COLOURS)
-    for record in records:
-        if record['message']:
-            print(f'{record["name"]}: {record["message"]}')
-        for row in record['rows']:
-            if not row['holds']:
-                print(f'{record["name"]}: {strip_markup(row["what"])}: {row["measured"]:.10g}, '
-                      f'reference {row["exact"]:.10g}, error {row["error"]:.1e}')
-
-
-def _row(record: dict[str, Any]) -> tuple[str, ...]:
-    rows = record['rows']
-    took = f'{record["seconds"]:.1f} s'
-    if not rows:
-        return record['name'], _verdict(record), '', '', '', '', took
-    worst = max(rows, key=lambda row: row['error'])
-    return (record['name'], _verdict(record), str(sum(row['values'] for row in rows)),
-            format_value(worst['measured']), format_value(worst['exact']),
-            format_residual(worst['error']), took)

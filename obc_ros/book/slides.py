@@ -13,6 +13,7 @@ import html
 import json
 from pathlib import Path
 
+from obc_ros.book.kept import find_kept
 from obc_ros.book.page import format_markup, Record, strip_markup
 from obc_ros.core.text.errors import ObcError
 
@@ -64,11 +65,17 @@ go(now);
 
 
 def write_slides(folder: Path, names: Sequence[str]) -> Path:
-    """Write ``slides.html`` of some entries of a gallery, or all, and return the file."""
+    """
+    Write ``slides.html`` of some entries of a gallery, or all, and return the file.
+
+    If the folder has no results, they are those that the package has with it.
+    """
     path = folder / 'slides.html'
+    results = folder if (folder / 'gallery.json').exists() else find_kept()
     try:
-        slides = _read_slides(folder, names)
+        slides = _read_slides(results, names)
         if slides:
+            folder.mkdir(parents=True, exist_ok=True)
             path.write_text(_write_page(slides), encoding='utf-8')
     except OSError as error:
         raise ObcError(f'{error.filename}: {error.strerror}; obc gallery --out DIR writes the '
@@ -76,7 +83,7 @@ def write_slides(folder: Path, names: Sequence[str]) -> Path:
     except (ValueError, KeyError, TypeError) as error:
         raise ObcError(f'{folder / "gallery.json"} is not of obc gallery') from error
     if not slides:
-        raise ObcError(f'{folder} has no figures of these entries; obc gallery computes them')
+        raise ObcError(f'{results} has no figures of these entries; obc gallery writes them')
     return path
 
 

@@ -19,6 +19,7 @@ from obc_ros.book import runner as desks
 from obc_ros.book.chapter.all import ENTRIES
 from obc_ros.book.entries import linear, regulators, vehicle
 from obc_ros.book.entry import ComparedRow, EntryResult, GalleryEntry
+from obc_ros.book.kept import write_records
 from obc_ros.book.loop import publish, UnansweredError, write_service_call
 from obc_ros.cli.client import serve_client
 from obc_ros.cli.obc import main, parse
@@ -132,10 +133,11 @@ def test_the_command_writes_page_figures_and_numbers(tmp_path: Path, domain: int
     assert all(each['holds'] for each in known)
     assert all(each['seconds'] > 0 for each in known)
     assert {path.name for path in folder.iterdir()} >= {
-        'index.html', 'example-2.2.png', 'exercise-2.9.png'}
+        'index.html', *(f'{name}.{ending}' for name in ('example-2.2', 'exercise-2.9')
+                        for ending in ('png', 'py', 'ipynb'))}
     parsed = PageReader()
     parsed.feed((folder / 'index.html').read_text())
-    assert parsed.images == ['example-2.2.png', 'exercise-2.9.png']
+    assert parsed.images == ['example-2.2.png', 'exercise-2.9.png'] * 2   # contents and articles
     assert not parsed.foreign
     assert not parsed.open
 
@@ -239,15 +241,14 @@ def test_an_unwritable_folder_is_reported(tmp_path: Path, capsys: pytest.Capture
 @pytest.mark.parametrize('text', ['', '[]', '{"entries": 3}', '{"entries": [{"name": "2.2"}]}'])
 def test_a_corrupt_record_file_is_replaced(text: str, tmp_path: Path) -> None:
     (tmp_path / 'gallery.json').write_text(text)
-    gallery.write_record(tmp_path, [], ['2.1', '2.2'])
+    write_records(tmp_path, [], ['2.1', '2.2'])
     assert json.loads((tmp_path / 'gallery.json').read_text()) == {'entries': []}
 
 
-@pytest.mark.parametrize(('value', 'html'), [
-    (0.25, '0.25'), (-1.5e-9, '\u22121.5\u00b710<sup>\u22129</sup>'), (None, '-'),
-    (4e20, '4\u00b710<sup>20</sup>')])
-def test_numbers_are_shown_in_html(value: float | None, html: str) -> None:
-    assert page.show_number(value) == html
+@pytest.mark.parametrize(('value', 'markup'), [
+    (0.25, '$0.25$'), (-1.5e-9, '$-1.5·10^{-9}$'), ([[4e20, 1]], '[[$4·10^{20}$, $1$]]')])
+def test_numbers_and_lists_are_shown_as_markup(value: object, markup: str) -> None:
+    assert page.show_values(value) == markup
 
 
 @pytest.mark.parametrize(('text', 'html'), [

@@ -44,7 +44,6 @@ def test_the_gallery_does_one_thing_at_a_time(tmp_path, monkeypatch, capsys, fir
     assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.ros
 def test_names_choose_what_is_listed(capsys):
     assert main(['gallery', 'exercise-2.10', '2.3', '--list']) == 0
     assert [line.split()[0] for line in capsys.readouterr().out.splitlines()] == [

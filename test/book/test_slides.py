@@ -105,9 +105,12 @@ def test_results_of_another_format_are_refused(tmp_path, capsys, content):
     assert 'gallery.json is not of obc gallery' in capsys.readouterr().err
 
 
-def test_without_results_the_way_to_them_is_said(tmp_path, capsys, gallery):
-    assert main(['gallery', '--slides', '--out', str(tmp_path / 'none')]) == 1
-    assert 'No such file or directory; obc gallery --out DIR writes' in capsys.readouterr().err
+def test_without_results_of_the_folder_those_of_the_package_are_shown(tmp_path):
+    assert main(['gallery', 'example-2.5', '--slides', '--out', str(tmp_path / 'new')]) == 0
+    assert len(read(tmp_path / 'new').images) == 3
+
+
+def test_without_a_figure_the_way_to_it_is_said(capsys, gallery):
     assert main(['gallery', 'exercise-2.9', '--slides', '--out', str(gallery)]) == 1
     assert 'has no figures of these entries' in capsys.readouterr().err
     (gallery / '2.5.png').unlink()

@@ -54,7 +54,6 @@ def test_bash_completes(tmp_path, monkeypatch, scripts, words, found):
 
 
 @pytest.mark.slow
-@pytest.mark.ros
 def test_names_of_the_gallery_are_completed(scripts):
     assert 'gallery' in find_subcommands()
     for shell in SHELLS:

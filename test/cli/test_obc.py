@@ -116,9 +116,21 @@ def test_a_command_without_ros_says_what_it_needs(name, pure, capsys):
     assert told.out == ''
 
 
-def test_the_gallery_without_ros_has_sheets_only(pure, tmp_path, capsys):
-    assert obc.main(['gallery']) == 1
-    assert capsys.readouterr().err.startswith('obc gallery: the gallery needs ROS 2, and obc_ros')
+def test_the_gallery_without_ros_has_the_results_of_the_package(pure, tmp_path, capsys):
+    out = tmp_path / 'gallery'
+    assert obc.main(['gallery', '2.4', 'example-2.5', '--out', str(out)]) == 0
+    table, _, last = capsys.readouterr().out.rstrip().rpartition('\n')
+    assert [line.split()[:2] for line in table.splitlines()[-2:]] == [
+        ['example-2.4', 'holds'], ['example-2.5', 'holds']]
+    assert last.startswith('2 entries, computed before at commit ')
+    assert {path.name for path in out.iterdir()} == {
+        'index.html', 'gallery.json', 'example-2.5-inputs.png', 'example-2.5-flight.png',
+        *(f'example-2.{k}.{ending}' for k in (4, 5) for ending in ('png', 'py', 'ipynb'))}
+    assert obc.main(['gallery', '--format', 'pdf', '--out', str(out)]) == 1
+    assert capsys.readouterr().err.startswith('obc gallery: --format needs ROS 2, and obc_ros')
+
+
+def test_sheets_need_no_ros(pure, tmp_path):
     assert obc.main(['gallery', '--sheet', str(tmp_path / 'sheet.yaml')]) == 0
     assert obc.main(['gallery', '--check', str(tmp_path / 'sheet.yaml')]) == 0
 

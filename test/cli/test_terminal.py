@@ -193,8 +193,6 @@ def test_names_of_benchmarks_are_suggested(capsys):
     assert "no benchmark 'startp' (did you mean 'startup'?)" in capsys.readouterr().err
 
 
-@pytest.mark.slow
-@pytest.mark.ros
 def test_names_of_the_gallery_are_suggested(capsys):
     assert main(['gallery', 'excercise-2.7']) == 2
     assert "(did you mean 'exercise-2.7'?)" in capsys.readouterr().err

@@ -18,7 +18,7 @@ import pytest
 ROOT = Path(__file__).resolve().parents[2]
 # What is not of the sources: environments, builds, results.
 NO_SOURCES = shutil.ignore_patterns(
-    '.*', 'build', 'docs', 'install', 'log', 'out', 'test', '*.egg-info', '__pycache__')
+    '.*', 'build', 'install', 'log', 'out', 'test', '*.egg-info', '__pycache__')
 # A workspace may have an older setuptools than pyproject.toml requires; pip brings the right one.
 builds = pytest.mark.skipif(int(metadata.version('setuptools').partition('.')[0]) < 77,
                             reason='setuptools is older than 77')
@@ -116,7 +116,9 @@ def test_the_pure_wheel_has_the_modules_and_nothing_compiled(unpacked, tmp_path)
     assert 'obc_ros/py.typed' in names
     assert not [each for each in names if each.endswith(('.so', '.pyd', '.dll', '.dylib'))]
     assert any(each.endswith('.dist-info/licenses/LICENSE') for each in names)
-    assert any(each.endswith('/data/share/obc_ros/benchmarks/timing.py') for each in names)
+    for shared in ('benchmarks/timing.py', *(f'docs/gallery/{name}' for name in (
+            'gallery.json', 'example-2.4.png', 'example-2.4.py', 'example-2.4.ipynb'))):
+        assert any(each.endswith(f'/data/share/obc_ros/{shared}') for each in names), shared
     required = [each for each in head.get_all('Requires-Dist') if 'extra' not in each]
     assert required == [*build_backend.DEPENDENCIES]
     unpack('zipfile', wheel, tmp_path / 'site')
