@@ -15,7 +15,7 @@ import yaml
 
 KEYS = ['name', 'status', 'message', 'remark', 'objective', 't', 'x', 'u', 'lam',
         'free_parameters', 'interpolation', 'switching_times', 'certificate', 'optimality',
-        'attempts', 'solve_time', 'build_time', 'iterations']
+        'attempts', 'solve_time', 'build_time', 'first_path_time', 'iterations']
 SCALAR = {
     'name': 'scalar', 'states': ['x'], 'inputs': ['u'], 'dynamics': {'x': 'u'},
     'running_cost': 'u**2', 'terminal_cost': 'x**2', 'initial_state': {'x': 1},
@@ -39,7 +39,8 @@ def check_malformed(answer: Any) -> None:
     assert answer['status'] == 'malformed'
     assert answer['message']
     assert answer['objective'] is None
-    assert answer['certificate'] == {'holds': False, 'residuals': {}, 'tolerances': {}}
+    assert answer['certificate'] == {
+        'holds': False, 'excess': None, 'residuals': {}, 'tolerances': {}}
     assert answer['optimality'] == {'kind': '', 'reason': '', 'starts': 0, 'minima': []}
 
 

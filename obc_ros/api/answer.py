@@ -69,7 +69,7 @@ class Answer:
 
     @property
     def status(self) -> str:
-        """Return 'solved', 'infeasible', 'not_converged', 'timed_out', 'cancelled', ..."""
+        """Return 'solved', 'feasible', 'infeasible', 'not_converged', 'timed_out', ..."""
         return self.solution.status.value
 
     @property
@@ -260,6 +260,7 @@ class Answer:
             'switching_times': self.switching_times.tolist(),
             'certificate': {
                 'holds': solution.certified,
+                'excess': certificate.excess,
                 'residuals': {str(key): float(certificate.residuals[key])
                               for key in certificate.tolerances},
                 'tolerances': {str(key): float(value)
@@ -269,6 +270,7 @@ class Answer:
                          for each in solution.attempts],
             'solve_time': solution.solve_time if worked else None,
             'build_time': solution.build_time if worked else None,
+            'first_path_time': solution.first_path_time,
             'iterations': solution.iterations}
         plain: dict[str, Any] = convert_to_json(entries)
         return plain

@@ -80,6 +80,7 @@ class KeysOfTask(KeysForPeople, total=False):
     tables: Mapping[str, Any]
     initial_guess: Mapping[str, Any]
     method: str
+    accept: str
 
 
 def choose_given(values: Mapping[str, Any], keys: Collection[str]) -> dict[str, Any]:

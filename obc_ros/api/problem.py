@@ -50,7 +50,7 @@ class Problem(Tabulated):
     name, system, states, inputs, parameters, free_parameters, tables, dynamics, running_cost, \
     terminal_cost, initial_cost, initial_state, initial_constraints, terminal_constraints, \
     boundary_constraints, periodic, input_bounds, state_bounds, path_constraints, final_time, \
-    phases, initial_guess, method
+    phases, initial_guess, method, accept
         The keys of a problem file. `dynamics`, `running_cost` and `path_constraints` may be
         functions of (x, u) or (x, u, p), `terminal_cost` and `terminal_constraints` of (x) or
         (x, p); each returns what the key has in a file, with expressions in place of texts.
@@ -93,7 +93,7 @@ class Problem(Tabulated):
             final_time: Mapping[str, Any] | Expression = UNSET,
             phases: Sequence[Mapping[str, Any]] = UNSET,
             initial_guess: Mapping[str, Any] | Answer = UNSET, method: str = UNSET,
-            **others: Unpack[KeysOfPlant]) -> None:
+            accept: str = UNSET, **others: Unpack[KeysOfPlant]) -> None:
         keys = choose_given(locals(), FOR_THE_SOLVER)
         self._set(as_statement(problem, {**keys, **others}))
 

@@ -32,7 +32,7 @@ from obc_ros.core.numerics.vectorized import VectorizedFunction
 from obc_ros.core.ocp import problem as ocp
 from obc_ros.core.ocp.augmentation import hide_added_states
 from obc_ros.core.ocp.certificate import certificate
-from obc_ros.core.ocp.method_names import get_method
+from obc_ros.core.ocp.method_names import get_accepted, get_method
 from obc_ros.core.ocp.solution import Certificate, Report, Solution, Status
 from obc_ros.core.ocp.statement import FOR_THE_SOLVER, replace_functions
 from obc_ros.core.solver import solve as solver
@@ -41,7 +41,8 @@ from obc_ros.core.solver.program_cache import Cache
 from obc_ros.core.text.errors import describe_type, StatementError
 from obc_ros.core.text.recorded_functions import pack_statement
 
-_KEYS = tuple(key for key in FOR_THE_SOLVER if key != 'method')   # an argument by itself
+_ARGUMENTS = 'method', 'accept'   # by themselves
+_KEYS = tuple(key for key in FOR_THE_SOLVER if key not in _ARGUMENTS)
 _INTERPOLATIONS = 'linear', 'zoh'
 
 
@@ -63,7 +64,7 @@ def solve(problem: ProblemLike | None = None, *, name: str = UNSET,
           final_time: Mapping[str, Any] | Expression = UNSET,
           phases: Sequence[Mapping[str, Any]] = UNSET,
           initial_guess: Mapping[str, Any] | Answer = UNSET,
-          method: str = '', time_limit: float = 60.0,
+          method: str = '', accept: str = '', time_limit: float = 60.0,
           options: Mapping[str, Any] | Iterable[str] = (), report: Report | None = None,
           isolated: bool = False, cache: Cache | None = None, **others: Unpack[KeysOfPlant]
           ) -> Answer:
@@ -82,6 +83,10 @@ def solve(problem: ProblemLike | None = None, *, name: str = UNSET,
     method : str
         'auto', 'riccati', 'time_optimal', 'reeds_shepp', 'transcription', 'arcs' or 'indirect';
         empty: that of the problem.
+    accept : str
+        Which answer ends the search. 'certified': a solution whose certificate holds; 'path': the
+        first path that meets all constraints; 'best': a certified solution, or the best path that
+        meets all constraints when the time is up. Empty: that of the problem, or 'certified'.
     options : mapping or iterable of str
         Numbers that steer the search, for experts: ``{'multistart.most': 20}`` or
         ``['multistart.most=20']``. ``obc solve --list-options`` lists them.
@@ -108,8 +113,9 @@ def solve(problem: ProblemLike | None = None, *, name: str = UNSET,
     -------
     Answer
         ``status`` is 'solved' only if the certificate holds, and 'infeasible' only if that is
-        proved; otherwise it is 'not_converged', 'timed_out' or 'cancelled', with the reason in
-        ``message``.
+        proved. It is 'feasible' if `accept` allows a path that meets all constraints and has no
+        certificate of optimality. Otherwise it is 'not_converged', 'timed_out' or 'cancelled',
+        with the reason in ``message``.
 
     Raises
     ------
@@ -123,16 +129,17 @@ def solve(problem: ProblemLike | None = None, *, name: str = UNSET,
                ] if isinstance(options, Mapping) else list(options)
     chosen = read_options(written)
     get_method(method)
+    get_accepted(accept)
     if cache is not None and not isinstance(cache, Cache):
         raise StatementError(f'cache: wanted a Cache, found {describe_type(cache)}')
     if isolated and cache is not None:
         raise StatementError('isolated: another process keeps nothing in a cache')
     if isolated:
         return _solve_isolated(problem, keys, report, time_limit,
-                               {'method': method, 'options': written})
+                               {'method': method, 'accept': accept, 'options': written})
     stated = as_problem(problem, keys)
-    solution = solver.solve(stated.built, method=method, time_limit=time_limit,
-                            report=report, cache=cache, options=chosen)
+    solution = solver.solve(stated.built, method=method, accept=accept,
+                            time_limit=time_limit, report=report, cache=cache, options=chosen)
     return Answer(stated.name, stated.states, stated.inputs,
                   hide_added_states(stated.built, solution), stated.built,
                   str(stated.statement.get('title') or ''))

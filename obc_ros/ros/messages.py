@@ -341,7 +341,7 @@ def build_lqr_design(fields: Mapping[str, Any]) -> LqrDesign:
                         for name, value in fields.items()})
 
 
-def build_certificate_message(conditions: Mapping[str, Mapping[str, float]] | None) -> Certificate:
+def build_certificate_message(conditions: Mapping[str, Any] | None) -> Certificate:
     """Return the message of a certificate; without conditions, an empty one."""
     if conditions is None:
         return Certificate(sentence='there is no solution to certify')

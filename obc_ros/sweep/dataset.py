@@ -19,7 +19,9 @@ from numpy.typing import NDArray
 from obc_ros.core.text.errors import ObcError
 from obc_ros.sweep.axes import SAMPLE
 
-STATUSES = ('solved', 'infeasible', 'not_converged', 'timed_out', 'cancelled', 'malformed', 'died')
+STATUSES = ('solved', 'infeasible', 'not_converged', 'timed_out', 'cancelled', 'malformed', 'died',
+            'feasible')
+WITH_ANSWER = 'solved', 'feasible'   # the latter only if the problem accepts it
 NOT_SOLVED_YET = -1
 OPTIMUM_NAMES = ('unknown', 'local', 'global')
 

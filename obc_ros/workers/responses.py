@@ -35,7 +35,11 @@ def respond(answer: RequestAnswer) -> Packet:
         return kept
     message = '; the best path so far: '.join(
         filter(None, (answer.message, kept.plain.get('message'))))
-    return Packet({**kept.plain, 'status': STATUS[answer.outcome], 'message': message},
+    status = STATUS[answer.outcome]
+    if kept.plain.get('status') == 'feasible' and answer.outcome in (
+            RequestOutcome.TIMED_OUT, RequestOutcome.DIED):
+        status = 'feasible'   # such a path is accepted
+    return Packet({**kept.plain, 'status': status, 'message': message},
                   kept.arrays)
 
 
@@ -45,7 +49,7 @@ def unpack_solution(packet: Packet) -> Solution:
     optimality = plain.get('optimality')
     numbers: dict[str, Any] = {**packet.arrays, **{name: plain[name] for name in (
         'objective', 'interpolation', 'method', 'iterations', 'build_time', 'solve_time',
-        'free_parameters', 'remark')
+        'free_parameters', 'remark', 'first_path_time')
         if name in plain}}
     return Solution(
         status=Status(plain['status']), message=plain['message'], **numbers,

@@ -4,6 +4,7 @@
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import asdict
+from typing import Any
 
 from obc_ros.core.ocp.augmentation import hide_added_states, name_attempts
 from obc_ros.core.ocp.problem import Problem
@@ -61,7 +62,8 @@ def solve_statement(request: Packet, time_limit: float, report: Report, keep: Ke
     Return the solution of a statement, packed.
 
     :param request: ``statement``, ``method`` (empty: that of the statement) and ``cache_size``;
-        optional are ``functions`` (see `recorded_functions`), ``options`` and ``max_intervals``.
+        optional are ``accept`` (as ``method``), ``functions`` (see `recorded_functions`),
+        ``options`` and ``max_intervals``.
     :param time_limit, report, keep: see `answer_by`.
     """
     plain = request.plain
@@ -71,6 +73,7 @@ def solve_statement(request: Packet, time_limit: float, report: Report, keep: Ke
     solution = solve(problem, method=plain['method'], time_limit=time_limit,
                      report=report, cache=get_cache(plain['cache_size']),
                      max_intervals=plain.get('max_intervals', MAX_INTERVALS),
+                     accept=plain.get('accept', ''),
                      keep=lambda path: keep(pack_solution(problem, path, system)),
                      note=lambda attempts: keep(pack_attempts(name_attempts(problem, attempts))),
                      options=options)
@@ -115,6 +118,7 @@ def pack_solution(problem: Problem, solution: Solution, system: str) -> Packet:
          'objective': float(solution.objective), 'interpolation': solution.interpolation,
          'method': solution.method, 'iterations': int(solution.iterations),
          'build_time': float(solution.build_time), 'solve_time': float(solution.solve_time),
+         'first_path_time': float(solution.first_path_time),
          'system': system, 'states': problem.shown_states, 'inputs': problem.shown_inputs,
          'free_parameters': dict(solution.free_parameters),
          'certificate': pack_certificate(solution.certificate),
@@ -128,12 +132,13 @@ def pack_attempts(attempts: Iterable[Attempt]) -> Packet:
     return Packet({'attempts': [asdict(attempt) for attempt in attempts]})
 
 
-def pack_certificate(certificate: Certificate | None) -> dict[str, dict[str, float]] | None:
-    """Return residuals and tolerances as plain data."""
+def pack_certificate(certificate: Certificate | None) -> dict[str, Any] | None:
+    """Return residuals, tolerances and the estimate of the excess as plain data."""
     if certificate is None:
         return None
-    return {name: {key: float(value) for key, value in getattr(certificate, name).items()}
-            for name in ('residuals', 'tolerances')}
+    return {'excess': float(certificate.excess), **{
+        name: {key: float(value) for key, value in getattr(certificate, name).items()}
+        for name in ('residuals', 'tolerances')}}
 
 
 answer = answer_by({'solve': solve_statement})

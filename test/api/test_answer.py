@@ -26,11 +26,12 @@ import pytest
 
 T = np.array([0.0, 1.0, 2.0])
 CERTIFICATE = Certificate({Condition.DYNAMICS: 1e-9, Condition.COST: math.inf},
-                          {Condition.DYNAMICS: 1e-6, Condition.COST: 1e-6})
+                          {Condition.DYNAMICS: 1e-6, Condition.COST: 1e-6}, 0.25)
 SOLUTION = Solution(
     Status.SOLVED, 'solved', 2.0, T, np.column_stack([T, 1 - T]), T[:, None] + 0.5,
     np.column_stack([T + 3, 4 * T]), 0 * T, certificate=CERTIFICATE, method='time_optimal',
     switching_times=np.array([1.0]), iterations=3, build_time=0.25, solve_time=0.5,
+    first_path_time=0.125,
     optimality=Optimality('local', 'a search', 2, (2.0, 2.5)),
     attempts=(Attempt(1, 0, 'mesh', '', 0, 5, math.nan, 0.1, Verdict.REJECTED, 'a reason'),))
 ANSWER = Answer('least time', ('p', 'v'), ('u',), SOLUTION)
@@ -92,13 +93,14 @@ def test_the_json_has_the_documented_entries():
         'objective': 2.0, 't': [0.0, 1.0, 2.0], 'x': {'p': [0.0, 1.0, 2.0], 'v': [1.0, 0.0, -1.0]},
         'u': {'u': [0.5, 1.5, 2.5]}, 'lam': {'p': [3.0, 4.0, 5.0], 'v': [0.0, 4.0, 8.0]},
         'free_parameters': {}, 'interpolation': 'linear', 'switching_times': [1.0],
-        'certificate': {'holds': False, 'residuals': {'dynamics': 1e-9, 'cost': None},
+        'certificate': {'holds': False, 'excess': 0.25,
+                        'residuals': {'dynamics': 1e-9, 'cost': None},
                         'tolerances': {'dynamics': 1e-6, 'cost': 1e-6}},
         'optimality': {'kind': 'local', 'reason': 'a search', 'starts': 2, 'minima': [2.0, 2.5]},
         'attempts': [{'number': 1, 'parent': 0, 'method': 'mesh', 'what': '', 'begun': 0,
                       'work': 5, 'cost': None, 'loss': 0.1, 'verdict': 'rejected',
                       'why': 'a reason'}],
-        'solve_time': 0.5, 'build_time': 0.25, 'iterations': 3}
+        'solve_time': 0.5, 'build_time': 0.25, 'first_path_time': 0.125, 'iterations': 3}
 
 
 def test_the_json_without_a_path_is_empty():
@@ -106,9 +108,10 @@ def test_the_json_without_a_path_is_empty():
         'name': 'least time', 'status': 'malformed', 'message': 'states: missing',
         'remark': '', 'objective': None, 't': [], 'x': {}, 'u': {}, 'lam': {},
         'free_parameters': {}, 'interpolation': 'linear',
-        'switching_times': [], 'certificate': {'holds': False, 'residuals': {}, 'tolerances': {}},
+        'switching_times': [],
+        'certificate': {'holds': False, 'excess': None, 'residuals': {}, 'tolerances': {}},
         'optimality': {'kind': '', 'reason': '', 'starts': 0, 'minima': []}, 'attempts': [],
-        'solve_time': None, 'build_time': None, 'iterations': 0}
+        'solve_time': None, 'build_time': None, 'first_path_time': None, 'iterations': 0}
 
 
 @given(st.lists(st.tuples(any_float, any_float, any_float), min_size=1, max_size=5), any_float,

@@ -47,6 +47,14 @@ def test_without_an_answer_the_response_has_the_reason_and_the_best_path(outcome
     assert kept.arrays is path.arrays
 
 
+@pytest.mark.parametrize(('outcome', 'status'), [
+    (RequestOutcome.TIMED_OUT, 'feasible'), (RequestOutcome.DIED, 'feasible'),
+    (RequestOutcome.CANCELLED, 'cancelled')])
+def test_a_path_that_is_accepted_is_the_answer_when_the_time_is_up(outcome, status):
+    path = Packet({'status': 'feasible', 'message': 'cost 2'}, {'t': np.arange(3.0)})
+    assert respond(RequestAnswer(outcome, 'the reason', path)).plain['status'] == status
+
+
 def test_what_was_tried_is_kept_in_the_words_of_the_statement(monkeypatch):
     """Only the names of a joined problem tell phases apart: a lost worker leaves no such name."""
     statement = {

@@ -38,7 +38,7 @@ class Question(Asked):
     A problem of a file, and its answer.
 
     `solution` is None if nobody has worked on the problem; `columns` are the names of its states
-    and inputs. `method` and `options` are those of the command line.
+    and inputs. `method`, `accept` and `options` are those of the command line.
     """
 
     kind: ClassVar[str] = 'solve'
@@ -46,6 +46,7 @@ class Question(Asked):
 
     mapping: dict[str, Any] = field(default_factory=dict)
     method: str = ''
+    accept: str = ''
     options: Sequence[str] = ()
     solution: Solution | None = None
     columns: tuple[Sequence[str], Sequence[str]] = ((), ())
@@ -67,7 +68,7 @@ class Question(Asked):
     def make_request(self) -> Packet:
         """Return the request to a worker."""
         return Packet({'statement': self.mapping, 'method': self.method,
-                       'options': list(self.options), 'cache_size': 0})
+                       'accept': self.accept, 'options': list(self.options), 'cache_size': 0})
 
     def take_response(self, response: Packet) -> None:
         """Keep the solution that a worker has found."""

@@ -14,7 +14,7 @@ from obc_ros.api.figures.files import save_figure
 from obc_ros.cli import results
 from obc_ros.cli.ask.batch import answer_all, Question
 from obc_ros.cli.terminal import get_width, Parser, print_table
-from obc_ros.core.ocp.method_names import get_method, NAMES
+from obc_ros.core.ocp.method_names import ACCEPTED, get_method, NAMES
 from obc_ros.core.ocp.solution import Condition, Optimality, Solution
 from obc_ros.core.text.errors import StatementError
 from obc_ros.core.text.example_files import choose_file
@@ -22,7 +22,7 @@ from obc_ros.core.text.tables import format_value
 from obc_ros.workers.pool import LONGEST_LIMIT, TIME_LIMIT
 
 HEADER = ('problem', 'status', 'cost', 'certificate', 'optimum', 'method', 'time')
-STATUS_COLOURS = dict.fromkeys(('solved', 'holds'), 'green') | dict.fromkeys(
+STATUS_COLOURS = {'solved': 'green', 'holds': 'green', 'feasible': 'yellow'} | dict.fromkeys(
     ('infeasible', 'not_converged', 'timed_out', 'cancelled', 'malformed'), 'red')
 
 VANISHING_COST = 1e-6   # to which the certificate compares the error of a cost of 0
@@ -37,6 +37,11 @@ def add_arguments(parser: Parser) -> None:
                              f'{TIME_LIMIT:g}, or that of the server)')
     parser.add_argument('--method', metavar='NAME', type=_method,
                         help=f"{', '.join(NAMES)}; overrides the key 'method' of the files")
+    parser.add_argument('--accept', choices=ACCEPTED, default='',
+                        help='path: end at the first path that meets all constraints; best: end '
+                             'at the time limit with the best one if none is certified by then '
+                             "(default: the key 'accept' of the files, or certified)")
+    parser.limit('--accept', without=['--server'])
     parser.add_argument('--option', metavar='NAME=VALUE', type=_option, action='append',
                         default=[], dest='options',
                         help='a number that steers the search, as multistart.most=20; for experts')
@@ -59,10 +64,15 @@ def run(args: argparse.Namespace) -> int:
             _print_trees(asked)
     finally:  # also if the reader of a pipe has closed it
         results.save_answers(asked, args, _draw)
-    return results.get_exit_status(
-        question.status if question.status != 'solved' or (
-            question.solution and question.solution.certified) else 'unanswered'
-        for question in asked)
+    return results.get_exit_status(map(_get_ending, asked))
+
+
+def _get_ending(question: Question) -> str:
+    """Return a status for the exit status: a path is an answer if it was asked for."""
+    if question.status == 'feasible':
+        return 'solved'
+    certified = question.solution and question.solution.certified
+    return question.status if question.status != 'solved' or certified else 'unanswered'
 
 
 def _seconds(text: str) -> float:
@@ -111,7 +121,8 @@ class _ListOptions(argparse.Action):
 def _read(args: argparse.Namespace) -> list[Question]:
     asked = results.read_questions(Question, map(choose_file, args.files))
     for question in asked:
-        question.method, question.options = args.method or '', args.options
+        question.method, question.accept = args.method or '', args.accept
+        question.options = args.options
     if args.json or args.plot or args.trace:
         import_module('obc_ros.api.answer')  # while the worker starts
     return asked

@@ -28,6 +28,7 @@ from obc_ros.core.text.errors import DynamicsError, ObcError, quote, StatementEr
 from obc_ros.core.text.example_files import choose_file
 from obc_ros.sweep.axes import make_axes, make_draws, parse_axes, parse_draws
 from obc_ros.sweep.cluster.connection import explain_exposure
+from obc_ros.sweep.dataset import WITH_ANSWER
 
 HEADER = ('status', 'points', 'share')
 SHOWN = 5           # messages of points that are not solved
@@ -94,7 +95,7 @@ def run(args: argparse.Namespace) -> int:
         print(f'obc sweep: {why}; {sweep.done} of {sweep.question.points} points are done; the '
               'same command with --resume solves the others', file=sys.stderr)
         return 1
-    return int(sweep.statuses['solved'] < sweep.question.points)
+    return int(sum(sweep.statuses[status] for status in WITH_ANSWER) < sweep.question.points)
 
 
 def _ask(args: argparse.Namespace) -> tuple[Sweep, Workers]:

@@ -85,6 +85,7 @@ class Problem(Tabulated):
     :ivar angles: for each state, whether it wraps; used for guesses only.
     :ivar structure: equal for two problems that differ only in numbers.
     :ivar method: method to solve it with, one of `method_names.NAMES`.
+    :ivar accept: answer that ends the search, one of `method_names.ACCEPTED`.
     :ivar start: None if x(0) = x0.
     :ivar added: number of the states, the last ones, that the statement does not have: the time,
         free parameters, initial values. See `augmentation`.
@@ -125,6 +126,7 @@ class Problem(Tabulated):
     angles: tuple[bool, ...] = ()
     structure: str = ''
     method: str = 'auto'
+    accept: str = 'certified'
     start: FreeStart | None = None
     added: int = 0
     free_parameters: tuple[str, ...] = ()

@@ -28,6 +28,7 @@ class Status(StrEnum):
     """How a request ended."""
 
     SOLVED = 'solved'
+    FEASIBLE = 'feasible'   # a path that meets all constraints, without certificate of optimality
     INFEASIBLE = 'infeasible'
     NOT_CONVERGED = 'not_converged'
     TIMED_OUT = 'timed_out'
@@ -64,10 +65,14 @@ class Certificate(Tabulated):
     `residuals` and `tolerances` share their keys: each `Condition` (FINAL_TIME for a free T only),
     or each `KktCondition` for a minimum of finitely many variables. A residual that cannot be
     computed is infinite. Both have no unit.
+
+    :ivar excess: estimate of how far the cost is above that of the nearest local minimum, in units
+        of the cost; see `certificate`. nan: there is none.
     """
 
     residuals: Mapping[str, float]
     tolerances: Mapping[str, float]
+    excess: float = math.nan
 
     @property
     def holds(self) -> bool:
@@ -93,6 +98,18 @@ class Certificate(Tabulated):
     def faults(self) -> tuple[str, ...]:
         """Return the conditions for being a path of the problem that fail."""
         return tuple(key for key in _FEASIBLE if not self.residuals[key] <= self.tolerances[key])
+
+    @property
+    def unmet(self) -> tuple[str, ...]:
+        """Return the conditions that fail."""
+        return tuple(key for key in self.tolerances
+                     if not self.residuals[key] <= self.tolerances[key])
+
+    @property
+    def largest_violation(self) -> str:
+        """Return the condition for being a path that is nearest to its tolerance, in words."""
+        key = max(_FEASIBLE, key=self._size)
+        return f'{key}, {self.residuals[key]:.1e} of {self.tolerances[key]:.0e}'
 
     @property
     def sentence(self) -> str:
@@ -213,6 +230,8 @@ class Solution(Tabulated):
     :ivar switching_times: times at which an input jumps or changes its arc [s].
     :ivar method: method that found it, one of `method_names.NAMES`.
     :ivar build_time, solve_time: wall-clock times for building and for solving programs [s].
+    :ivar first_path_time: wall-clock time after which the first path was found whose certificate
+        shows that it meets all constraints [s]; nan if there was none.
     :ivar certificate: None if there is no path.
     :ivar optimality: None for a solution without a certificate that passes.
     :ivar attempts: what was tried, at most `MOST_ATTEMPTS`; the most detailed are left out first.
@@ -239,6 +258,7 @@ class Solution(Tabulated):
     iterations: int = 0
     build_time: float = 0.0
     solve_time: float = 0.0
+    first_path_time: float = math.nan
     certificate: Certificate | None = None
     optimality: Optimality | None = None
     attempts: tuple[Attempt, ...] = ()

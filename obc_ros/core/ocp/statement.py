@@ -23,7 +23,7 @@ from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.ocp.augmentation import Augmentation
 from obc_ros.core.ocp.data_tables import DataTables, read_tables
 from obc_ros.core.ocp.guess import Guess
-from obc_ros.core.ocp.method_names import get_method
+from obc_ros.core.ocp.method_names import get_accepted, get_method
 from obc_ros.core.ocp.phases import state_as_one_phase, state_each_phase
 from obc_ros.core.ocp.problem import FinalTime, FreeStart, Problem
 from obc_ros.core.systems import registry
@@ -68,7 +68,7 @@ FOR_THE_SOLVER = (
     'name', 'system', 'states', 'inputs', 'parameters', 'free_parameters', 'tables', 'dynamics',
     'running_cost', 'terminal_cost', 'initial_cost', 'initial_state', 'initial_constraints',
     'terminal_constraints', 'boundary_constraints', 'periodic', 'input_bounds', 'state_bounds',
-    'path_constraints', 'final_time', 'phases', 'initial_guess', 'method')
+    'path_constraints', 'final_time', 'phases', 'initial_guess', 'method', 'accept')
 
 FIRST = '_0'   # ends the name of x(0) in boundary_constraints
 TIME = 't'   # name of the time in expressions, unless the statement gives it another meaning
@@ -229,6 +229,7 @@ def _build_problem(given: Given) -> Problem:
     with Faults(given) as faults:
         name = faults.attempt(_name, given)
         method = faults.attempt(get_method, given.get('method'))
+        accept = faults.attempt(get_accepted, given.get('accept'))
         plant = faults.attempt(
             _own_plant if given.get('system') is None else _registered_plant, given, faults)
         if not plant:
@@ -272,7 +273,8 @@ def _build_problem(given: Given) -> Problem:
         x0=np.array(added.x0), start=added.start, added=added.count,
         free_parameters=tuple(plant.free), has_clock=time is not None, final_time=final_time,
         guess=guess, angles=plant.angles + (False,) * added.count,
-        method=method, units=plant.units, ends=ends, breaks=breaks[0], edges=breaks[1],
+        method=method, accept=accept, units=plant.units, ends=ends, breaks=breaks[0],
+        edges=breaks[1],
         statement=_record_functions(stated, given, plant),
         structure=_structure(functions, bounds, final_time, added.start))
     _defined_at_start(problem, functions)

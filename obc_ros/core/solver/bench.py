@@ -17,6 +17,7 @@ import numpy as np
 from obc_ros.core.numerics.arrays import Array, Mask
 from obc_ros.core.ocp.certificate import certificate
 from obc_ros.core.ocp.certificate.cost_summands import Summands
+from obc_ros.core.ocp.method_names import BEST, CERTIFIED, PATH
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.ocp.solution import Solution, Verdict
 from obc_ros.core.solver.adjoint.bvp_solution import BoundaryValues
@@ -48,21 +49,32 @@ from obc_ros.core.solver.transcription.program import (
 
 class BestPath:
     """
-    Tells of each path of a problem that is better than those before, should this process end.
+    The best path of a problem so far, and whether it ends the search.
 
     A certified path is better than a feasible one, and this better than one that is not feasible.
     Among equals the lower cost decides, or the smaller largest residual if none is feasible.
+
+    :param accept: one of `method_names.ACCEPTED`; with PATH the first feasible path stops `meter`.
+    :param tell: called with each path that is better than those before, should this process end.
+    :ivar path: the best feasible one; None: there is none.
+    :ivar first: time after which the first feasible one was found [s]; nan: there is none.
     """
 
-    def __init__(self, problem: Problem, tell: Callable[[Solution], None]) -> None:
-        self._problem, self._tell = problem, tell
+    def __init__(self, problem: Problem, meter: Meter, accept: str = CERTIFIED,
+                 tell: Callable[[Solution], None] | None = None) -> None:
+        self.accept, self.first = accept, math.nan
+        self.path: Solution | None = None
+        self._problem, self._meter, self._tell = problem, meter, tell
         self._rank = (False, False, -math.inf)
-        self._begun, self._next = math.nan, time.monotonic()
+        self._origin = self._next = time.monotonic()
+        self._begun = math.nan
 
     def is_due(self, problem: Problem) -> bool:
         """Return whether an intermediate path of a problem should be certified and taken now."""
         now = time.monotonic()
-        self._begun = now if problem is self._problem and now >= self._next else math.nan
+        wanted = self.accept == PATH or now >= self._next and (
+            self._tell is not None or self.accept == BEST)
+        self._begun = now if problem is self._problem and wanted else math.nan
         return not math.isnan(self._begun)
 
     def take(self, problem: Problem, found: Solution) -> None:
@@ -72,10 +84,15 @@ class BestPath:
             return
         feasible, worst = certificate.feasible, certificate.residuals[certificate.worst]
         rank = certificate.holds, feasible, -(found.objective if feasible else worst)
-        if rank > self._rank:
-            self._rank = rank
-            self._tell(found)
         now = time.monotonic()
+        if feasible and self.path is None:
+            self.first = now - self._origin
+        if rank > self._rank:
+            self._rank, self.path = rank, found if feasible else None
+            if self._tell is not None:
+                self._tell(found)
+        if feasible and self.accept == PATH:
+            self._meter.accept()
         judging = 0.0 if math.isnan(self._begun) else now - self._begun
         # Certifying takes at most a twentieth of the time, twice a second at most.
         self._next = now + max(0.5, judging / 0.05)
@@ -91,7 +108,7 @@ class Task:
     :ivar programs: programs and functions built for the structure of the problem.
     :ivar meter: limits of iterations, work and time.
     :ivar time_limit: as the caller has given it [s], for messages.
-    :ivar best: receives intermediate paths.
+    :ivar best: receives the paths that are certified.
     """
 
     problem: Problem
@@ -99,6 +116,11 @@ class Task:
     meter: Meter
     time_limit: float = math.inf
     best: BestPath | None = None
+
+    @property
+    def accepts_paths(self) -> bool:
+        """Return whether a path without certificate of optimality is an answer."""
+        return self.best is not None and self.best.accept != CERTIFIED
 
     @property
     def options(self) -> Options:
@@ -378,11 +400,15 @@ class Bench:
         if self.meter.stopped:   # to certify a path far from a solution may take long
             return Candidate(found, record)
         found = replace(found, certificate=certificate.certify(problem, found))
+        self.take(found)
+        return Candidate(found, record)
+
+    def take(self, found: Solution) -> None:
+        """Note a path of the stated problem that has a certificate."""
         if found.feasible:
             self.trace.found(found.objective, found.certified)
         if self.best:
-            self.best.take(problem, found)
-        return Candidate(found, record)
+            self.best.take(self.stated, found)
 
     def record(self, outcome: TranscriptionOutcome,
                extremal: BoundaryValues | None = None) -> Answered:
@@ -392,10 +418,12 @@ class Bench:
             margin=self.margin, options=self.options.neighbour,
             extremal=extremal if len(outcome.path.durations) == 1 else None)
 
-    def keep(self, outcome: TranscriptionOutcome, extremal: BoundaryValues | None = None) -> None:
+    def keep(self, outcome: TranscriptionOutcome, extremal: BoundaryValues | None = None
+             ) -> Candidate | None:
         """Certify an intermediate outcome and pass it on, if the caller wants such paths."""
         if self.best and outcome.converged and self.best.is_due(self.stated):
-            self.certify(outcome, extremal)
+            return self.certify(outcome, extremal)
+        return None
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,12 +9,14 @@ import math
 import casadi as ca
 import numpy as np
 from obc_ros.core.ocp.certificate.certificate import certify
+from obc_ros.core.ocp.method_names import CERTIFIED
 from obc_ros.core.ocp.problem import Problem
-from obc_ros.core.ocp.solution import Condition, Solution, Status, Verdict
+from obc_ros.core.ocp.solution import Certificate, Condition, Solution, Status, Verdict
 from obc_ros.core.ocp.wording import format_number
 from obc_ros.core.solver.bench import Task
 from obc_ros.core.solver.diagnosis.explanation import explain, judge_reason
 from obc_ros.core.solver.diagnosis.unboundedness import explain_larger_inputs
+from obc_ros.core.solver.proofs.contradictions import explain_contradiction
 from obc_ros.core.solver.proofs.existence import advise_bounds, find_constant_cost
 from obc_ros.core.solver.proofs.optimality import add_optimality
 from obc_ros.core.solver.search import search
@@ -29,6 +31,9 @@ def conclude(task: Task, found: Solution) -> Solution:
     is no minimum; and the reason is looked for if the result is not certified.
     """
     problem, meter = task.problem, task.meter
+    if meter.stopped:
+        found = _choose_best(task, found)
+        meter.resume()
     late = meter.stopped and (meter.stopped == 'cancelled' or not np.isfinite(found.objective))
     if found.status is not Status.INFEASIBLE and (found.certificate or not late):
         found = certify_solution(problem, found)
@@ -68,18 +73,59 @@ def _uncertified(found: Solution) -> str:
     fault = describe_fault(certificate)
     if not certificate.feasible:
         return fault
-    return f'cost {found.objective:.8g}, not certified because {fault}'
+    return (f'cost {found.objective:.8g}, not certified because {fault}; '
+            f'{_describe_path(certificate)}')
 
 
-def mark_unfinished(path: Solution) -> Solution:
-    """Return an intermediate path as not converged, with the reason in words."""
-    words = (f'cost {path.objective:.8g}, the certificate passes, but the search for a path of '
-             'lower cost was not finished' if path.certified else _uncertified(path))
-    return replace(path, status=Status.NOT_CONVERGED, message=words, optimality=None)
+def _describe_path(certificate: Certificate) -> str:
+    """Return in words how well a feasible path meets the constraints, and the excess cost."""
+    words = ('the path meets all constraints (nearest to its tolerance: '
+             f'{certificate.largest_violation})')
+    if math.isnan(certificate.excess):
+        return words
+    return (f'{words}; its cost is above that of the nearest local minimum by about '
+            f'{certificate.excess:.2g} (estimate)')
+
+
+def mark_unfinished(path: Solution, accept: str = CERTIFIED) -> Solution:
+    """Return an intermediate path as not converged or feasible, with the reason in words."""
+    accepted = accept != CERTIFIED and path.feasible
+    if path.certified:
+        words = (f'cost {path.objective:.8g}, the certificate passes, but the search for a path '
+                 'of lower cost was not finished')
+        status = Status.FEASIBLE if accepted else Status.NOT_CONVERGED
+        return replace(path, status=status, message=words, optimality=None)
+    if accepted and path.certificate:
+        return _mark_feasible(path, path.certificate)
+    return replace(path, status=Status.NOT_CONVERGED, message=_uncertified(path), optimality=None)
+
+
+def _mark_feasible(path: Solution, certificate: Certificate) -> Solution:
+    """Return a path that meets all constraints as such, with what is not shown in words."""
+    unmet = certificate.unmet
+    verb = 'does' if len(unmet) == 1 else 'do'
+    words = (f'cost {path.objective:.8g}, no certificate of optimality: {", ".join(unmet)} {verb} '
+             f'not hold; {_describe_path(certificate)}')
+    return replace(path, status=Status.FEASIBLE, optimality=None, certificate=certificate,
+                   message=words)
+
+
+def _choose_best(task: Task, found: Solution) -> Solution:
+    """Return the best feasible path of a search that was stopped, or what it has found."""
+    best = task.best.path if task.best else None
+    if best is None or found.certified or found.status is Status.INFEASIBLE or (
+            found.feasible and found.objective <= best.objective):
+        return found
+    return replace(best, method=found.method, optimality=found.optimality)
 
 
 def _without_least(task: Task, found: Solution, sentence: str) -> Solution:
     """Return a solution without its certificate, since larger inputs may lower the cost."""
+    if task.accepts_paths and found.certificate and task.meter.stopped != 'cancelled':
+        # How much less another input costs is not known.
+        found = _mark_feasible(found, replace(found.certificate, excess=math.nan, residuals={
+            **found.certificate.residuals, Condition.MINIMUM: math.inf}))
+        return replace(found, message=f'{sentence}; {found.message}')
     none = Solution(Status.NOT_CONVERGED, sentence, method=found.method)
     ended = _ended(task, none)
     if ended.status is Status.INFEASIBLE:
@@ -104,6 +150,11 @@ def _ended(task: Task, found: Solution) -> Solution:
         return replace(found, status=Status.CANCELLED, message=f'cancelled on request{path}')
     if found.status in (Status.SOLVED, Status.INFEASIBLE):
         return found
+    if task.accepts_paths and found.certificate and found.feasible:
+        known = meter.trace.find_verdict('contradiction')
+        if not known and (reason := explain_contradiction(problem)):
+            return Solution(Status.INFEASIBLE, reason)
+        return _mark_feasible(found, found.certificate)
     if meter.stopped == 'timed_out':
         advice = advise_bounds(problem)
         return replace(found, status=Status.TIMED_OUT, message=(

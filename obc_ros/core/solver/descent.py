@@ -11,6 +11,7 @@ of the cost to first order. 'Relative excess' is this loss over |J|.
 from dataclasses import replace
 
 import numpy as np
+from obc_ros.core.ocp.method_names import PATH
 from obc_ros.core.ocp.solution import Verdict
 from obc_ros.core.solver.adjoint.costates import Extremal
 from obc_ros.core.solver.bench import Bench, Candidate, State
@@ -121,7 +122,9 @@ class _Descent:
         attempt.end(Verdict.ACCEPTED, cost=outcome.objective, loss=above,
                     what=outcome.mesh.layout.describe())
         if not self._is_worth_a_certificate(number, course, above):
-            bench.keep(outcome, self._state.extremal)
+            kept = bench.keep(outcome, self._state.extremal)
+            if kept and bench.best and bench.best.accept == PATH:   # a path, not an optimum
+                try_improvements(DescentStage.VIOLATED, replace(self._state, best=kept))
             return above
         found, best = bench.certify(outcome, self._state.extremal), self._state.best
         attempt.end(*judge_path(found.solution), cost=outcome.objective, loss=above)

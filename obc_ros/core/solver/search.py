@@ -68,6 +68,8 @@ def _descend(coarse: CoarseResult, pool: StartPool) -> tuple[Candidate, Bench, l
     if not outcomes or not np.all(np.isfinite(outcomes[0].path.x)):
         return Candidate(Solution(Status.NOT_CONVERGED, (
             'no path was found from any initial guess'))), bench, []
+    if bench.best and bench.best.path and bench.meter.stopped == 'accepted':
+        return Candidate(bench.best.path), bench, []
     bench = replace(bench, meter=_budget(coarse))
     if bench.quick:
         return descend(bench, outcomes[0]), bench, []
@@ -76,6 +78,8 @@ def _descend(coarse: CoarseResult, pool: StartPool) -> tuple[Candidate, Bench, l
             reason := explain_contradiction(bench.stated)):
         # The discretised problem may have paths although the stated one has none.
         return Candidate(Solution(Status.INFEASIBLE, reason)), bench, []
+    if bench.meter.stopped and (bench.meter.stopped == 'accepted' or not first.certified):
+        return first, bench, []
     explored = explore_starts(
         bench, pool, first, outcomes[0].objective, outcomes[1:], sound=coarse.sound)
     return explored.best, bench, explored.minima

@@ -11,11 +11,12 @@ and decides the status. Without one, the reason is looked for (`conclusion`).
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
+import math
 import time
 
 import casadi as ca
 import numpy as np
-from obc_ros.core.ocp.method_names import get_method
+from obc_ros.core.ocp.method_names import get_accepted, get_method
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.ocp.solution import Attempt, MAX_INTERVALS, Report, Solution, Status, Verdict
 from obc_ros.core.solver.bench import Bench, BestPath, Candidate, State, Task
@@ -46,7 +47,7 @@ Refine = Callable[[Bench, Candidate], Candidate]
 @np.errstate(all='ignore')   # the certificate rejects a path with an overflow
 def solve(problem: Problem, *, method: str = '', time_limit: float = 60.0,
           report: Report | None = None, cache: Cache | None = None,
-          max_intervals: int = MAX_INTERVALS,
+          max_intervals: int = MAX_INTERVALS, accept: str = '',
           keep: Callable[[Solution], None] | None = None,
           note: Callable[[tuple[Attempt, ...]], None] | None = None,
           options: Options = DEFAULTS) -> Solution:
@@ -59,15 +60,20 @@ def solve(problem: Problem, *, method: str = '', time_limit: float = 60.0,
     :param report: called as report(phase, iteration, cost, infeasibility); True cancels.
     :param cache: keeps what is built for the structure, for later problems that have it.
     :param max_intervals: maximum number of intervals of a mesh.
+    :param accept: one of ACCEPTED; that of the problem if left out. With 'path', the search ends
+        at the first path that meets all constraints; with 'best', at the time limit with the best
+        one, or earlier with a certified solution.
     :param keep: called with each path that is better than those before, with status
-        'not_converged'. Its message contains the cost and the condition that fails. For a caller
-        that must return a path if this process is killed.
+        'not_converged', or 'feasible' if it is accepted. Its message contains the cost and the
+        condition that fails. For a caller that must return a path if this process is killed.
     :param note: called with the attempts so far when another one begins, for the same caller.
     :param options: numbers that steer the search.
     :return: 'solved' only if every residual of the certificate is within its tolerance;
-        'infeasible' only if infeasibility is proved; otherwise 'not_converged', 'timed_out' or
-        'cancelled', with the reason in `message`, and with the best path if there is one.
-    :raises StatementError: if the method is unknown.
+        'infeasible' only if infeasibility is proved; 'feasible' only if `accept` allows it and the
+        certificate shows that the path meets all constraints; otherwise 'not_converged',
+        'timed_out' or 'cancelled', with the reason in `message`, and with the best path if there
+        is one.
+    :raises StatementError: if the method is unknown, or what to accept.
     """
     name, begun = get_method(method or problem.method), time.monotonic()
     # Time for the certificate, and with state constraints for a path within them.
@@ -76,16 +82,19 @@ def solve(problem: Problem, *, method: str = '', time_limit: float = 60.0,
         kept = min(kept, options.budget.least)
     meter = Meter(time_limit - kept, report, max_intervals, kept=kept)
     problem, programs = (cache or Cache(1)).prepared(problem, options)
-    best = None if keep is None else BestPath(problem, lambda path: keep(replace(
-        mark_unfinished(path), attempts=meter.trace.attempts())))
+    accepted = get_accepted(accept or problem.accept)
+    best = BestPath(problem, meter, accepted, keep and (lambda path: keep(replace(
+        mark_unfinished(path, accepted), attempts=meter.trace.attempts(),
+        first_path_time=best.first))))
     if note is not None:
         meter.trace.watch(lambda: note(meter.trace.attempts()))
     task = Task(problem, programs, meter, time_limit, best)
     found = conclude(task, METHODS[name](task))
-    built = programs.take_build_time()
+    built, took = programs.take_build_time(), time.monotonic() - begun
+    first = best.first if best.path else took if found.feasible else math.nan
     return replace(found, method=found.method or name, iterations=meter.iterations,
-                   attempts=meter.trace.attempts(), build_time=built,
-                   solve_time=time.monotonic() - begun - built)
+                   attempts=meter.trace.attempts(), build_time=built, solve_time=took - built,
+                   first_path_time=first)
 
 
 def solve_automatically(task: Task) -> Solution:

@@ -14,6 +14,7 @@ inputs that corrects the defects (`defect_correction`), since the costates do no
 The module is long because all residuals share the scaling factors (`_Scales`).
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
 
@@ -78,7 +79,7 @@ def certify(problem: Problem, solution: Solution) -> Certificate:
         return Certificate(dict.fromkeys(keys, np.inf), tolerances)
     found = judge.residuals()
     return Certificate({key: float(found[key]) if np.isfinite(found[key]) else np.inf
-                        for key in keys}, tolerances)
+                        for key in keys}, tolerances, judge.excess)
 
 
 class _Functions:
@@ -137,6 +138,7 @@ class _Judge:
 
     def __init__(self, problem: Problem, solution: Solution, functions: _Functions) -> None:
         self.problem, self.solution, self.functions = problem, solution, functions
+        self.excess = np.nan   # of the last residuals
         self.p = problem.p_value
         self.duration = float(solution.t[-1] - solution.t[0])
         self.rows = np.flatnonzero(np.diff(solution.t) > 0)
@@ -180,26 +182,27 @@ class _Judge:
         allowed = TOLERANCES[Condition.COSTATE]
         if (self.replay.converged and allowed < found[Condition.COSTATE]
                 and not found[Condition.COSTATE] > allowed * self.growth()):
-            ahead = self.replay, self.lam_defect, self.points, self.scales
+            ahead = self.replay, self.lam_defect, self.points, self.scales, self.excess
             self.replay, self.lam_defect = self.costates_from(back=True)
             self.points = self._points()
             self.scales = self._scales()
             other = self._residuals() if self.replay.converged else found
             if other[Condition.COSTATE] < found[Condition.COSTATE]:
                 return other
-            self.replay, self.lam_defect, self.points, self.scales = ahead
+            self.replay, self.lam_defect, self.points, self.scales, self.excess = ahead
         return found
 
     def _residuals(self) -> dict[str, float]:
         with np.errstate(all='ignore'):
             excess, upper_active, lower_active = self._bounds()
-            return {
+            largest, loss = self._gap()
+            found: dict[str, float] = {
                 Condition.DYNAMICS: self._dynamics(),
                 Condition.START: self._start(),
                 Condition.END: self._end(),
                 Condition.BOUNDS: excess,
                 Condition.COSTATE: self._costate(upper_active, lower_active),
-                Condition.MINIMUM: self._minimum(),
+                Condition.MINIMUM: self._minimum(largest, loss),
                 Condition.TRANSVERSALITY: max(
                     self._transversality(upper_active[-1], lower_active[-1]),
                     self._start_transversality(upper_active[0], lower_active[0])),
@@ -207,6 +210,15 @@ class _Judge:
                 Condition.FINAL_TIME: self._final_time(),
                 Condition.COST: self._cost(),
             }
+            self.excess = self._excess(loss, found)
+        return found
+
+    def _excess(self, loss: float, found: Mapping[str, float]) -> float:
+        """Return the estimate of the excess cost, see docs/certificate.md; nan if infinite."""
+        excess = loss + self._owed() + self.scales.lam * (
+            found[Condition.COSTATE] + found[Condition.TRANSVERSALITY]
+        ) + self.scales.H * self.duration * found[Condition.FINAL_TIME]
+        return float(excess) if np.isfinite(excess) else np.nan
 
     def _points(self) -> Points:
         """Return H, its derivatives and its terms at the quarters of all intervals."""
@@ -438,16 +450,20 @@ class _Judge:
             column = self.functions.path_x(x, u, self.p)[0][:, (row - n)*n:(row - n + 1)*n]
         return np.asarray(column * (self.scales.x / self.scales.lam))
 
-    def _minimum(self) -> float:
+    def _gap(self) -> tuple[float, float]:
+        """Return the largest H - min H at a sample, and the integral of H - min H."""
         first = np.arange(len(self.rows)) * (PARTS + 1)
         gap = self._by_interval(self.functions.minimum.gap(
             self.problem, self.points, np.append(first, len(self.points.x) - 1),
             InputScales(self.scales.u, self.scales.H)))
         samples = gap[:, :1] if self.solution.interpolation == 'zoh' else gap[:, [0, -1]]
         samples = samples[~self.problem.edges_in(self.solution.t)[self.rows]]   # beside it
-        loss = float(self.intervals.h @ (gap @ (np.array([7, 32, 12, 32, 7]) / 90)))
+        weights = np.array([7, 32, 12, 32, 7]) / 90
+        return float(samples.max(initial=0.0)), float(self.intervals.h @ (gap @ weights))
+
+    def _minimum(self, largest: float, loss: float) -> float:
         scale = max(self.scales.cost, 1e-3 * self.scales.H * self.duration)
-        return max(float(samples.max(initial=0.0)) / self.scales.H, 10.0 * loss / scale)
+        return max(largest / self.scales.H, 10.0 * loss / scale)
 
     def _transversality(self, upper: Mask, lower: Mask) -> float:
         q, solution = self.problem.q, self.solution
@@ -509,11 +525,7 @@ class _Judge:
 
     def _cost(self) -> float:
         J = float(self.replay.cost.sum() + self.end[0][0, 0])
-        error, lam = abs(J - self.solution.objective), self.solution.lam
-        # The first-order cost of correcting the errors of start, path and end.
-        owed = abs(float(lam[0] @ self._missed_at_start() + np.sum(lam[1:] * self._jumps())))
-        if self.problem.q:
-            owed = float(np.abs(self._nu()) @ np.abs(self.end[2][0])) + owed
+        error = abs(J - self.solution.objective)
         # Whether an input is at a bound during an interval.
         held, near = self.intervals, ACTIVE * self.scales.u
         bang = any(bool(np.any((np.abs(held.ua - bound) <= near) & (
@@ -521,7 +533,15 @@ class _Judge:
                 self.problem.u_lower, self.problem.u_upper))
         abnormal = _ABNORMAL * self.scales.lam if bang else 0.0
         unit = max(self.scales.spent, abnormal, self.least)
-        return max(error / self.scales.cost, _OF_COST * (error + owed) / unit)
+        return max(error / self.scales.cost, _OF_COST * (error + self._owed()) / unit)
+
+    def _owed(self) -> float:
+        """Return the first-order cost of correcting the errors of start, path and end."""
+        lam = self.solution.lam
+        owed = abs(float(lam[0] @ self._missed_at_start() + np.sum(lam[1:] * self._jumps())))
+        if self.problem.q:
+            owed += float(np.abs(self._nu()) @ np.abs(self.end[2][0]))
+        return owed
 
     def _jumps(self) -> Array:
         """Return the defects of x, (N - 1, n): each sample less the end of the replay to it."""

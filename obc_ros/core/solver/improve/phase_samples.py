@@ -129,6 +129,7 @@ def certify_samples(bench: Bench, program: PhasedProgram, found: Phased) -> Solu
         # More samples are tried while that halves a residual of up to 100 times its tolerance.
         if certificate.holds or worst not in BY_SAMPLES or off > min(100.0, before / 2):
             break
+    bench.take(answer)
     return answer
 
 

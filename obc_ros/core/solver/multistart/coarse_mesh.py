@@ -107,7 +107,7 @@ def _solve_first(bench: Bench, pool: StartPool) -> tuple[Bench, list[Transcripti
             bench.keep(outcome)
         if outcome.converged and bench.programs.convex(bench.problem):
             return bench, found   # a convex program has no other minimum
-        if number == 1 and not (bench.quick and good):
+        if number == 1 and not (bench.quick and good or bench.meter.stopped):
             around = try_starts(
                 StartStage.FIRST_OUTCOME, bench, pool, Known(outcome=outcome)).wanted
         # After half a second `starts` guesses are enough, with and without a path.

@@ -17,8 +17,8 @@ class Meter:
     machine.
 
     :param whole, work: for a part of the work: what it is a part of, and its budget.
-    :ivar stopped: '' while work goes on, then 'cancelled', 'timed_out' or, for a part of the work,
-        'spent'.
+    :ivar stopped: '' while work goes on, then 'cancelled', 'timed_out', 'accepted' or, for a part
+        of the work, 'spent'.
     :ivar iterations, most: so far, and at which the present solve ends. `stopped` stays '' then.
     :ivar effort: work of the solves that led to outcomes, from `credit`: by it a search compares
         how much its parts took. Failed attempts before a second one, phases and other parts are
@@ -43,6 +43,14 @@ class Meter:
     def stopped(self) -> str:
         """Return why work is to stop, '' while it goes on."""
         return (self._whole.stopped if self._whole else '') or self._reason
+
+    def accept(self) -> None:
+        """Stop work because a path was found that the caller accepts."""
+        self._reason = self._reason or 'accepted'
+
+    def resume(self) -> None:
+        """Allow work on the path that was accepted, such as on its certificate."""
+        self._reason = '' if self._reason == 'accepted' else self._reason
 
     def limit(self, iterations: int, each: int = 1) -> None:
         """
