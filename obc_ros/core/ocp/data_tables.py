@@ -20,7 +20,7 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-from obc_ros.core.numerics.arrays import Array
+from obc_ros.core.numerics.arrays import Array, optimize
 from obc_ros.core.ocp.problem import FinalTime
 from obc_ros.core.text.errors import (
     DependentError,
@@ -38,6 +38,7 @@ METHODS = 'linear', 'cubic', 'steps'
 # of the interval of a kink or a jump, no part of which ends there.
 _LATE, _AROUND = 1e-6, (-0.4e-6, 0.6e-6)
 _FORM = '{t: [0, 1, 2], value: [3, 5, 4], method: linear}'
+_SAMPLES = 2001   # at which changes of sign are looked for
 _ROUNDING = 1e-9   # of the range of a table: so far outside of it counts as inside
 
 
@@ -98,13 +99,40 @@ class DataTable:
 @dataclass
 class DataTables:
     """
-    The tables of a statement, and their uses in its expressions.
+    The tables of a statement, and the uses of what is not smooth in the time.
 
-    `functions` are called with an argument, and return the value of a table.
+    :ivar signals: symbols of the states, the inputs and the free parameters.
+    :ivar functions: the tables, max, min, sign and if, with their numbers of arguments.
     """
 
-    functions: dict[str, Callable[[ca.SX], ca.SX]] = field(default_factory=dict)
+    signals: ca.SX
+    functions: dict[str, tuple[int, Callable[..., ca.SX]]] = field(init=False)
     _uses: list[tuple[DataTable, ca.SX]] = field(default_factory=list)
+    _switches: list[ca.SX] = field(default_factory=list)
+    _jumps: bool = False
+
+    def __post_init__(self) -> None:
+        self.functions = {'max': (2, self._larger), 'min': (2, lambda a, b: -self._larger(-a, -b)),
+                          'sign': (1, lambda a: 2 * self._step(a) - 1),
+                          'if_': (3, self._choose)}
+
+    def _larger(self, a: ca.SX, b: ca.SX) -> ca.SX:
+        if ca.depends_on(a - b, self.signals):
+            return (a + b + ca.fabs(a - b)) / 2
+        self._switches.append(a - b)
+        return ca.fmax(a, b)
+
+    def _choose(self, a: ca.SX, b: ca.SX, c: ca.SX) -> ca.SX:
+        return c + self._step(a) * (b - c)
+
+    def _step(self, a: ca.SX) -> ca.SX:
+        if ca.depends_on(a, self.signals):
+            raise StatementError(
+                'sign and if may switch with the time only, not with states or inputs; write '
+                'max(a, b) for a kink, state phases, or (1 + tanh(a/e))/2 with a small number e')
+        self._switches.append(a)
+        self._jumps = True
+        return a >= 0
 
     def add(self, table: DataTable) -> None:
         """Add a table."""
@@ -112,7 +140,7 @@ class DataTables:
             self._uses.append((table, argument))
             return table.evaluate(argument)
 
-        self.functions[table.name] = use
+        self.functions[table.name] = 1, use
 
     def find_breaks(self, time: ca.SX | None, p: ca.SX, values: Array, final: FinalTime
                     ) -> tuple[Array, Array]:
@@ -134,12 +162,36 @@ class DataTables:
                     inside = (spans[:, 0] > 0) & (spans[:, 1] < final.latest)
                     found.append((t if table.method == 'cubic' else spans)[inside].ravel())
                     width = max(width, table.shortest / abs(line[1]) * _LATE)
+        if self._jumps and final.free:
+            raise StatementError('sign and if need a given final time; write final_time: 5')
+        if self._switches:
+            t = _find_roots(self._switches, time, p, values, final.latest)
+            found.append((t[:, None] + final.latest / _SAMPLES * np.array(_AROUND)).ravel())
+            width = max(width, final.latest / _SAMPLES * _LATE)
         # What is closer than the width of a span is one edge.
         times = np.unique(np.concatenate(found))
         groups = np.split(times, np.flatnonzero(np.diff(times) > 2 * width) + 1)
         edges = [group[[0, -1]] for group in groups if len(group) > 1]
         return np.concatenate([group[[0, -1]][:len(group)] for group in groups if group.size] or [
             times]), np.reshape(edges, (-1, 2))
+
+
+def _find_roots(switches: list[ca.SX], time: ca.SX | None, p: ca.SX, values: Array,
+                latest: float) -> Array:
+    """Return where expressions of the time change their sign in (0, T), seen in `_SAMPLES`."""
+    symbols = ca.vertcat(p) if time is None else ca.vertcat(time, p)
+    known = {each.element_hash() for each in ca.vertsplit(symbols)}
+    roots = []
+    for each in switches:
+        if time is None or any(s.element_hash() not in known for s in ca.symvar(each)):
+            continue   # numbers that were replaced: it is seen twice
+        value = ca.Function('switch', [time, p], [each])
+        t = np.linspace(0.0, latest, _SAMPLES)
+        y = value.map(len(t))(t[None], np.tile(values[:, None], len(t))).full()[0]
+        roots += [optimize.brentq(lambda s, of=value: float(of(s, values)), t[k], t[k + 1],
+                                  xtol=1e-15 * latest) for k in np.flatnonzero(y[:-1] * y[1:] < 0)]
+        roots += t[1:-1][(y[1:-1] == 0) & (y[:-2] * y[2:] < 0)].tolist()
+    return np.unique(roots)
 
 
 def _find_line(table: DataTable, argument: ca.SX, time: ca.SX, p: ca.SX, values: Array,
@@ -176,14 +228,14 @@ def _find_line(table: DataTable, argument: ca.SX, time: ca.SX, p: ca.SX, values:
     return start, rate
 
 
-def read_tables(given: Given, names: Sequence[str], faults: Faults) -> DataTables:
+def read_tables(given: Given, names: Sequence[str], signals: ca.SX, faults: Faults) -> DataTables:
     """Return the tables of a statement, whose errors go to `faults`; `names`: of its symbols."""
-    tables = DataTables()
+    tables = DataTables(signals)
     for name, entry in (faults.attempt(read_section, given, 'tables') or {}).items():
         if table := faults.attempt(_read_table, name, entry, names):
             tables.add(table)
         else:
-            tables.functions[str(name)] = _refuse
+            tables.functions[str(name)] = 1, _refuse
     return tables
 
 

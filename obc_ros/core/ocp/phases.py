@@ -189,7 +189,7 @@ class _Joined:
     def __init__(self, given: Given, phases: list[Given],
                  states: tuple[str, ...], inputs: tuple[str, ...], own: Collection[Any]) -> None:
         self._given, self._phases, self._states, self._inputs = given, phases, states, inputs
-        self._timed = 't' not in {*states, *inputs, *own}
+        self._timed, self._ended = (each not in {*states, *inputs, *own} for each in 'tT')
         self._parameters = dict(read_section(given, 'parameters'))
         self._free = dict(read_section(given, 'free_parameters'))
         self._guess: dict[str, dict[str, Any]] = {'states': {}, 'inputs': {}, 'parameters': {}}
@@ -275,6 +275,8 @@ class _Joined:
             name = found[0]
             if name == 't' and timed and self._timed:
                 return time
+            if name == 'T' and timed and self._ended:
+                return f"({' + '.join(_indexed(_DURATION, j) for j in range(len(self._phases)))})"
             return _indexed(name, k) if name in names else name
 
         return _IDENTIFIER.sub(rename, text)

@@ -71,6 +71,7 @@ FOR_THE_SOLVER = (
     'path_constraints', 'final_time', 'phases', 'initial_guess', 'method', 'accept')
 
 FIRST = '_0'   # ends the name of x(0) in boundary_constraints
+END = 'T'   # name of the final time in expressions, unless the statement gives it another meaning
 TIME = 't'   # name of the time in expressions, unless the statement gives it another meaning
 
 MAX_TEXT = 200_000     # characters of all expressions together
@@ -98,6 +99,7 @@ class _Plant:
     free: dict[str, ca.SX]
     time: ca.SX | None
     tables: DataTables
+    end: ca.SX | None = field(default_factory=lambda: ca.SX.sym(END))
     units: dict[str, str] = field(default_factory=dict)
 
     @property
@@ -108,13 +110,14 @@ class _Plant:
 
     @property
     def known(self) -> Names:
-        return _name_symbols(self.tables, self.x, self.u, self.p, self.free, self.time)
+        return _name_symbols(self.tables, self.x, self.u, self.p, self.free, self.time, self.end)
 
 
 def _name_symbols(tables: DataTables, x: _Symbols, u: _Symbols, p: _Symbols, free: _Symbols,
-                  time: ca.SX | None) -> Names:
-    """Return what expressions may contain."""
-    found = Names(x | u | p | free | ({} if time is None else {TIME: time}))
+                  time: ca.SX | None, end: ca.SX | None) -> Names:
+    """Return what expressions may contain; a name of the statement hides t and T."""
+    found = Names(({} if end is None else {END: end}) | x | u | p | free | (
+        {} if time is None else {TIME: time}))
     found.functions = tables.functions
     return found
 
@@ -244,7 +247,7 @@ def _build_problem(given: Given) -> Problem:
         u_bounds = faults.attempt(_bounds, given, 'input_bounds', plant.inputs, plant.values,
                                   plant.u_lower, plant.u_upper)
         final_time = faults.attempt(_final_time, given, plant.values)
-        more = faults.attempt(_Start, given, plant)
+        more = faults.attempt(_Start, given, replace(plant, end=None))
         guess = faults.attempt(_guess, given, plant, final_time)
         if final_time:
             breaks = faults.attempt(
@@ -252,11 +255,16 @@ def _build_problem(given: Given) -> Problem:
                 np.array([*plant.values.values()]), final_time)
     (psi, literals, margins), (path, path_lower, path_upper) = end, along
     (x_lower, x_upper), (u_lower, u_upper) = x_bounds, u_bounds
-    time = plant.time if plant.time is not None and ca.depends_on(
-        ca.vertcat(plant.f, L, V, path, *psi), plant.time) else None
+    plant, (L, V, path, *psi), held = _insert_end(plant, [L, V, path, *psi], final_time)
+    margins = margins + held
+    time = plant.time if plant.time is not None and (held or ca.depends_on(
+        ca.vertcat(plant.f, L, V, path, *psi), plant.time)) else None
     added = more.augment(time, guess, margins)
-    ends = (*(f'terminal_constraints[{k}]' for k in range(len(psi))), *more.keys)
-    V, psi, literals = V + more.cost, [*psi, *more.rows], [*literals, *more.literals]
+    # A free T is t at the end.
+    stops = [] if plant.time is None else [plant.time - end for end, *_ in held]
+    ends = (*(f'terminal_constraints[{k}]' for k in range(len(psi))), *more.keys,
+            *('final_time' for _ in stops))
+    V, psi, literals = V + more.cost, [*psi, *more.rows, *stops], [*literals, *more.literals]
     unlimited = np.full(added.count, np.inf)
     x, u = _column(added.x.values()), _column(plant.u.values())
     p = _column([*plant.p.values(), *(symbol for symbol, _ in literals)])
@@ -279,6 +287,20 @@ def _build_problem(given: Given) -> Problem:
         structure=_structure(functions, bounds, final_time, added.start))
     _defined_at_start(problem, functions)
     return problem
+
+
+def _insert_end(plant: _Plant, expressions: list[ca.SX], final: FinalTime
+                ) -> tuple[_Plant, list[ca.SX], list[_Margin]]:
+    """Return a plant and expressions with T: a number, or a free value and its bounds."""
+    if plant.end is None or not ca.depends_on(ca.vertcat(plant.f, *expressions), plant.end):
+        return plant, expressions, []
+    if final.free:
+        if plant.time is None:
+            raise StatementError("final_time: T is free, but the statement gives the name 't' "
+                                 'another meaning, so that T cannot be in expressions')
+        return plant, expressions, [(plant.end, final.lower, final.upper)]
+    f, *found = ca.substitute([plant.f, *expressions], [plant.end], [ca.SX(final.value)])
+    return replace(plant, f=f), found, []
 
 
 def _call_each(given: Given, plant: _Plant, faults: Faults) -> Given:
@@ -378,8 +400,9 @@ def _own_plant(given: Given, faults: Faults) -> _Plant:
     p = {name: ca.SX.sym(name) for name in values}
     free = {name: ca.SX.sym(name) for name in free_names}
     time = _time((*states, *inputs, *p))
-    tables = read_tables(given, (*x, *u, *p, *free), faults)
-    known = _name_symbols(tables, x, u, p, free, time)
+    tables = read_tables(given, (*x, *u, *p, *free), _column((x | u | free).values()), faults)
+    end = ca.SX.sym(END)
+    known = _name_symbols(tables, x, u, p, free, time, end)
     equations = faults.attempt(_equations, given, x, u, p | free, time)
     if equations is None:
         equations = {}
@@ -392,7 +415,7 @@ def _own_plant(given: Given, faults: Faults) -> _Plant:
     return _Plant(
         states=states, inputs=inputs, angles=(False,) * len(states), x=x, u=u, p=p,
         values=values, f=f, u_lower=-unlimited, u_upper=unlimited, free=free, time=time,
-        tables=tables)
+        tables=tables, end=end)
 
 
 def _equations(given: Given, x: dict[str, ca.SX], u: dict[str, ca.SX], p: dict[str, ca.SX],
@@ -482,8 +505,9 @@ def _registered_plant(given: Given, faults: Faults) -> _Plant:
         x=dict(zip(system.state_names, ca.vertsplit(system.x), strict=True)),
         u=dict(zip(system.input_names, ca.vertsplit(system.u), strict=True)), p=p, values=values,
         f=system.xdot, u_lower=system.u_min, u_upper=system.u_max, free=found,
-        time=_time((*signals, *p)), tables=read_tables(given, (*signals, *p, *found), faults),
-        units=system.units)
+        time=_time((*signals, *p)), units=system.units, tables=read_tables(
+            given, (*signals, *p, *found), ca.vertcat(system.x, system.u, *found.values()),
+            faults))
 
 
 def _option(value: object, where: str) -> object:

@@ -18,7 +18,13 @@ import re
 from typing import Any, NamedTuple
 
 import casadi as ca
-from obc_ros.core.text.errors import describe_type, quote, StatementError, suggest_name
+from obc_ros.core.text.errors import (
+    DependentError,
+    describe_type,
+    quote,
+    StatementError,
+    suggest_name,
+)
 from obc_ros.core.text.symbol_guards import LARGER, rewrite_operations, SMALLER
 
 MAX_LENGTH = 20_000   # characters
@@ -54,7 +60,9 @@ _UNARY: dict[type[ast.unaryop], Callable[[Any], Any]] = {
 }
 _TOKEN = re.compile(
     r'(?P<number>(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?(?P<tail>\w*))'
-    r'|(?P<name>[A-Za-z_]\w*)|(?P<operator>\*\*|[-+*/])|(?P<bracket>[(),])', re.ASCII)
+    r'|(?P<name>[A-Za-z_]\w*)|(?P<operator>\*\*|[-+*/])|(?P<bracket>[(),])|(?P<sign>[<>]=?)',
+    re.ASCII)
+_CHOICE = 'if_'   # if(a < b, c, d), which is no name of Python
 # Of a scalar of NumPy in f'{value!r}' or in a list: its type is left out.
 _NUMPY = re.compile(r'(?<![\w.])(np\.(?:float|u?int)\d*)\(([^()]*)\)', re.ASCII)
 _BEFORE_SIGN = ('(', ',', '+', '-', '*', '/', '**')
@@ -87,9 +95,9 @@ _COMPARISONS = {getattr(ca, f'OP_{name}') for name in (
 
 
 class Names(dict[str, ca.SX]):
-    """Symbols by name, and functions of one argument that a statement has itself."""
+    """Symbols by name, and a statement's own functions with their numbers of arguments."""
 
-    functions: Mapping[str, Callable[[ca.SX], ca.SX]] = {}
+    functions: Mapping[str, tuple[int, Callable[..., ca.SX]]] = {}
 
 
 def parse_expression(text: object, symbols: Mapping[str, ca.SX], where: str) -> ca.SX:
@@ -238,6 +246,7 @@ def _parse(text: str, where: str) -> tuple[str, ast.expr]:
         raise StatementError(f'{where}: the expression is empty')
     # Line ends in brackets or in a folded YAML scalar have no meaning.
     text = _unwrap(re.sub(r'[ \t\r\n]+', ' ', text).strip(' '))
+    text = re.sub(r'\bif *\(', f'{_CHOICE}(', text)
     _scan(text, where)
     try:
         return text, ast.parse(text, mode='eval').body
@@ -268,7 +277,7 @@ def _scan(text: str, where: str) -> None:
             position += 1
             continue
         token = _TOKEN.match(text, position)
-        if token is None:
+        if token is None or token['sign'] and f'{_CHOICE}(' not in text:
             raise StatementError(f'{where}: {_foreign(text, position)}')
         if token['tail']:
             number = token.group().removesuffix(token['tail'])
@@ -333,7 +342,8 @@ class _Algebra:
     def functions(self) -> Mapping[str, _Function]:
         """Return the known functions; `Names` has more of them."""
         own = self.names.functions if isinstance(self.names, Names) else {}
-        return FUNCTIONS | {name: _Function(1, call, float) for name, call in own.items()}
+        return FUNCTIONS | {name: _Function(count, call, float)
+                            for name, (count, call) in own.items()}
 
 
 def _is_finite(value: Any) -> bool:
@@ -371,8 +381,10 @@ def _value(text: str, algebra: _Algebra, where: str) -> Any:
             fault = 'divides by zero'
         except OverflowError:
             fault = 'is too large for a double'
-        except StatementError:
-            raise
+        except StatementError as error:   # one of a statement's own function has no place
+            if isinstance(error, DependentError) or str(error).startswith(where):
+                raise
+            raise StatementError(f'{where}: {error}') from None
         except ValueError:
             fault = 'is undefined'
         if fault:
@@ -408,6 +420,12 @@ def _operands(node: ast.expr, piece: str, where: str, functions: Mapping[str, _F
                                  f"{_hint(name, functions)}; known functions: "
                                  f"{', '.join(functions)}")
         wanted = functions[node.func.id].arguments
+        if node.func.id == _CHOICE:
+            if len(node.args) != wanted or not isinstance(
+                    chosen := node.args[0], ast.Compare) or len(chosen.ops) > 1:
+                raise StatementError(f"{where}: '{piece.replace(_CHOICE, 'if')}': write "
+                                     'if(a < b, c, d)')
+            return [chosen.left, *chosen.comparators, *node.args[1:]]
         if len(node.args) != wanted or node.keywords:
             raise StatementError(f"{where}: '{piece}': {node.func.id} takes {wanted} "
                                  f"argument{'s' * (wanted > 1)}")
@@ -428,6 +446,11 @@ def _apply(node: ast.expr, arguments: list[Any], algebra: _Algebra, where: str,
         return _UNARY[type(node.op)](*arguments)
     if isinstance(node, ast.Call):
         assert isinstance(node.func, ast.Name)
+        if len(arguments) > functions[node.func.id].arguments:   # a < b, c, d
+            assert isinstance(node.args[0], ast.Compare)
+            low, high, *rest = arguments
+            less = isinstance(node.args[0].ops[0], ast.Lt | ast.LtE)
+            arguments = [high - low if less else low - high, *rest]
         return getattr(functions[node.func.id], algebra.kind)(*arguments)
     if isinstance(node, ast.Constant):
         assert isinstance(node.value, (int, float))

@@ -7,10 +7,12 @@ import numpy as np
 import obc_ros as obc
 from obc_ros.core.numerics.enclosures.interval_arithmetic import enclose_outputs
 from obc_ros.core.ocp.data_tables import DataTable
-from obc_ros.core.ocp.statement import build_problem
+from obc_ros.core.ocp.statement import build_problem, load_file
 from obc_ros.core.solver.transcription.mesh import build_uniform_mesh, keep_breaks
 from obc_ros.core.text.errors import StatementError
+from obc_ros.core.text.example_files import find_example
 import pytest
+from scipy import optimize, sparse
 from scipy.interpolate import CubicSpline
 
 T, Y = np.arange(9.0), np.array([3.0, 1, 4, 1, 5, 2, 6, 5, 3])
@@ -149,3 +151,101 @@ def test_a_wrong_table_is_refused_in_words(change, said):
     with pytest.raises(StatementError, match=said) as error:
         build_problem(change)
     assert '\n' not in str(error.value)
+
+def program(day, per, tangents):
+    """
+    Return the least cost of the example as a linear program, by the implicit midpoint rule.
+
+    Squares are the largest of their tangents, hence lower bounds.
+    """
+    N, price, outside = 96 * per, day['tables']['price'], day['tables']['outside']
+    h, k = 24 / N, np.arange(N)
+    prices = np.repeat(price['value'], per)
+    weather = CubicSpline(outside['t'], outside['value'])((k + 0.5) * h)
+    first = dict(zip(('P', 'c', 'd', 'Ti', 'E'), (0, N, 2 * N, 3 * N, 4 * N + 1), strict=True))
+    squares = 5 * N + 2
+    cost, bounds = np.zeros(squares + 5 * N), np.full((squares + 5 * N, 2), [-np.inf, np.inf])
+    bounds[squares:, 0] = 0.0
+
+    def rows(*parts):
+        entries = [(np.full(N, factor), (k, at + k)) for at, factor in parts]
+        return sum(sparse.coo_matrix(each, (N, len(cost))) for each in entries)
+
+    for name, sign, most in (('P', 1, 4), ('c', 1, 1.5), ('d', -1, 1.5)):
+        cost[first[name] + k], bounds[first[name] + k] = sign * prices * h, (0, most)
+    for name, value in (('Ti', 20), ('E', 2)):
+        bounds[[first[name], first[name] + N]] = value
+    half, (Ti, E) = 0.25 / 4 * h / 2, (first['Ti'], first['E'])
+    equations = sparse.vstack([
+        rows((Ti + 1, 1 + half), (Ti, half - 1), (first['P'], -0.75 * h)),
+        rows((E + 1, 1.0), (E, -1.0), (first['c'], -0.95 * h), (first['d'], h / 0.95))])
+    limits, values = [], []
+    for j, (name, weight, middle, low, high) in enumerate((
+            ('P', 0.02, 0, 0, 4), ('c', 0.02, 0, 0, 1.5), ('d', 0.02, 0, 0, 1.5),
+            ('Ti', 0.02, 21, 17, 25), ('E', 0.01, 2.5, -1, 6))):
+        cost[squares + j * N + k] = weight * h
+        for at in np.linspace(low, high, tangents) - middle:
+            of = [(first[name], 2 * at)] if j < 3 else [(first[name], at), (first[name] + 1, at)]
+            limits.append(rows(*of, (squares + j * N, -1.0)))
+            values.append(np.full(N, at**2 + 2 * at * middle))
+    found = optimize.linprog(
+        cost, sparse.vstack(limits).tocsc(), np.concatenate(values), equations.tocsc(),
+        np.concatenate([2 * half * weather, np.zeros(N)]), bounds, method='highs')
+    assert found.status == 0
+    return found.fun
+
+
+@pytest.mark.slow
+def test_a_day_of_prices_costs_what_a_linear_program_finds():
+    """The tangents lose at most 3.6e-3: weight times a quarter of their distances squared."""
+    day, = load_file(find_example('house_and_battery'))
+    found = obc.solve(day)
+    assert found.status == 'solved'
+    assert -1e-3 < found.objective - program(day, 1, 61) < 3.6e-3 + 1e-3
+
+
+MOVE = {'states': ['p'], 'inputs': ['u'], 'dynamics': {'p': 'u'}, 'initial_state': [0],
+        'running_cost': 'u**2', 'terminal_constraints': ['p - 1'], 'final_time': 2}
+FREE = {'final_time': {'free': True, 'lower': 0.1, 'upper': 20}}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(('price', 'whole'), [
+    ('1 + max(t - 1, 0)', 1 + np.log(2)), ('2 - min(t, 1)', np.log(2) + 1),
+    ('2 + sign(t - 0.7)', 0.7 + 1.3 / 3), ('2 + sign(sin(3*t))', np.pi / 9 + 2 - np.pi / 3),
+    ('if(0.5 < t, 3, 1)', 1), ('if (t >= s, if(t < 1.75, 1, 2), 3)', 0.5 + 0.25 + 0.125)])
+def test_what_switches_with_the_time_is_exact(price, whole):
+    """`whole` is the integral of 1/price; its reciprocal is the least cost."""
+    found = obc.solve(MOVE, running_cost=f'({price})*u**2', parameters={'s': 1.5})
+    assert found.status == 'solved' and found.objective == pytest.approx(1 / whole, rel=1e-6)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(('change', 'cost'), [
+    ({'running_cost': '(1 + T)*u**2'}, 1.5), ({'terminal_constraints': ['p - T']}, 2),
+    ({'terminal_cost': 'T**2'}, 4.5), ({'dynamics': {'p': 'u*t/T'}}, 1.5),
+    ({'dynamics': {'p': 'T*u'}, 'parameters': {'T': 3}}, 1 / 18),   # the name is taken
+    ({'running_cost': 'u**2 + T/4'} | FREE, 2**(-1 / 3) + 2**(2 / 3) / 4),
+    ({'terminal_cost': 'T**2/4'} | FREE, 2**(-1 / 3) + 2**(2 / 3) / 4),
+    ({'running_cost': 'T*u**2', 'final_time': None, 'phases': [{'duration': 1}] * 2}, 1)])
+def test_the_final_time_is_a_name(change, cost):
+    """The least integral of u^2 to p(T) = 1 is 1/T; 1/T + T^2/4 is least at T^3 = 2."""
+    found = obc.solve(MOVE | change)
+    assert found.status == 'solved' and found.objective == pytest.approx(cost, rel=1e-6)
+    assert not found.free_parameters
+
+
+@pytest.mark.parametrize(('cost', 'said'), [
+    ('sign(u)', '^running_cost: sign and if may switch with the time only'),
+    ('if(p < 1, 1, 2)*u**2', '^running_cost: sign and if may switch with the time only'),
+    ('if(t, 1, 2)', r"'if\(t, 1, 2\)': write if\(a < b, c, d\)$"),
+    ('if(t < 1, 2)', r'write if\(a < b, c, d\)$'), ('if(t < 1 < 2, 1, 2)', 'write if'),
+    ('(t < 1)*u**2', 'comparisons and assignments are not supported'),
+    ('if(t < 1, t < 2, 1)', "'t < 2' is not arithmetic")])
+def test_what_cannot_switch_is_refused_in_words(cost, said):
+    with pytest.raises(StatementError, match=said):
+        build_problem(MOVE | {'running_cost': cost})
+    with pytest.raises(StatementError, match='^sign and if need a given final time'):
+        build_problem(MOVE | FREE | {'running_cost': 'sign(t - 1)*u**2'})
+    with pytest.raises(StatementError, match="^boundary_constraints.* unknown name 'T'"):
+        build_problem(MOVE | {'boundary_constraints': ['p - p_0 - T']})
