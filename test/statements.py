@@ -163,6 +163,10 @@ FAULTS = [
     ('initial_guess.states.h', [1, math.nan], r'^initial_guess\.states\.h: nan'),
     ('initial_guess.inputs.u', {'a': 1}, r'^initial_guess\.inputs\.u: .* found a mapping'),
     ('initial_guess.final_time', -1, r'^initial_guess\.final_time: .* > 0'),
+    ('starts', {'states': {'h': 1}}, '^starts: wanted a list, found a mapping'),
+    ('starts', [{}, 3], r'^starts\[1\]: wanted a mapping'),
+    ('starts', [{'states': {'w': 1}}], r"^starts\[0\]\.states\.w: 'w' is not one of the states"),
+    ('starts', [{'inputs': {'u': []}}], r'^starts\[0\]\.inputs\.u: the list is empty'),
     # Systems
     ('system', 'aircraft', '^states: the system defines it already'),
 ]

@@ -79,6 +79,7 @@ class KeysOfTask(KeysForPeople, total=False):
     final_time: Mapping[str, Any] | Expression
     tables: Mapping[str, Any]
     initial_guess: Mapping[str, Any]
+    starts: Sequence[Mapping[str, Any]]
     method: str
     accept: str
 

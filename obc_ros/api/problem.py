@@ -50,13 +50,14 @@ class Problem(Tabulated):
     name, system, states, inputs, parameters, free_parameters, tables, dynamics, running_cost, \
     terminal_cost, initial_cost, initial_state, initial_constraints, terminal_constraints, \
     boundary_constraints, periodic, input_bounds, state_bounds, path_constraints, final_time, \
-    phases, initial_guess, method, accept
+    phases, initial_guess, starts, method, accept
         The keys of a problem file. `dynamics`, `running_cost` and `path_constraints` may be
         functions of (x, u) or (x, u, p), `terminal_cost` and `terminal_constraints` of (x) or
         (x, p); each returns what the key has in a file, with expressions in place of texts.
         `system` may be a name, a `System`, a file, the keys of one, or a system of python-control;
         `initial_state` also a list in the order of the states, or a point of `Answer.at`;
-        `initial_guess` also an answer.
+        `initial_guess` also an answer. `starts` is a list of further initial guesses, which the
+        search tries besides its own, before it compares the minima.
     **others
         Other keys that a file may have, such as `title` and `units`.
 
@@ -92,7 +93,8 @@ class Problem(Tabulated):
             path_constraints: Sequence[Mapping[str, Any] | Expression] | StatedFunction = UNSET,
             final_time: Mapping[str, Any] | Expression = UNSET,
             phases: Sequence[Mapping[str, Any]] = UNSET,
-            initial_guess: Mapping[str, Any] | Answer = UNSET, method: str = UNSET,
+            initial_guess: Mapping[str, Any] | Answer = UNSET,
+            starts: Sequence[Mapping[str, Any] | Answer] = UNSET, method: str = UNSET,
             accept: str = UNSET, **others: Unpack[KeysOfPlant]) -> None:
         keys = choose_given(locals(), FOR_THE_SOLVER)
         self._set(as_statement(problem, {**keys, **others}))
@@ -221,21 +223,24 @@ def as_statement(value: object, keys: Mapping[str, Any]) -> dict[str, Any]:
 def _read_answers(statement: Mapping[str, Any]) -> dict[str, Any]:
     """Return a statement with numbers in place of an answer and of a point of one."""
     found = dict(statement)
-    start, guess = found.get('initial_state'), found.get('initial_guess')
+    start, guess, starts = map(found.get, ('initial_state', 'initial_guess', 'starts'))
     if isinstance(start, PathPoint):
         if np.ndim(start.t):
             raise StatementError('initial_state: wanted a point at one time, found one at '
                                  f'{np.size(start.t)} times')
         found['initial_state'] = start.x
     if isinstance(guess, Answer):
-        found['initial_guess'] = _make_guess(guess)
+        found['initial_guess'] = _make_guess(guess, 'initial_guess')
+    if isinstance(starts, (list, tuple)):
+        found['starts'] = [_make_guess(each, f'starts[{k}]') if isinstance(each, Answer) else each
+                           for k, each in enumerate(starts)]
     return found
 
 
-def _make_guess(answer: Answer) -> dict[str, Any]:
+def _make_guess(answer: Answer, key: str) -> dict[str, Any]:
     """Return the path of an answer as an initial guess."""
     if not answer.has_path or answer.problem is not None and answer.problem.phases is not None:
-        raise StatementError('initial_guess: wanted an answer with a path, without phases')
+        raise StatementError(f'{key}: wanted an answer with a path, without phases')
     t = answer.t
     times = np.linspace(t[0], t[-1], _GUESSED)
     return {key: {name: np.interp(times, t, values).tolist() for name, values in columns.items()}

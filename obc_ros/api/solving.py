@@ -64,6 +64,7 @@ def solve(problem: ProblemLike | None = None, *, name: str = UNSET,
           final_time: Mapping[str, Any] | Expression = UNSET,
           phases: Sequence[Mapping[str, Any]] = UNSET,
           initial_guess: Mapping[str, Any] | Answer = UNSET,
+          starts: Sequence[Mapping[str, Any] | Answer] = UNSET,
           method: str = '', accept: str = '', time_limit: float = 60.0,
           options: Mapping[str, Any] | Iterable[str] = (), report: Report | None = None,
           isolated: bool = False, cache: Cache | None = None, **others: Unpack[KeysOfPlant]
@@ -104,7 +105,7 @@ def solve(problem: ProblemLike | None = None, *, name: str = UNSET,
     name, system, states, inputs, parameters, free_parameters, tables, dynamics, running_cost, \
     terminal_cost, initial_cost, initial_state, initial_constraints, terminal_constraints, \
     boundary_constraints, periodic, input_bounds, state_bounds, path_constraints, final_time, \
-    phases, initial_guess
+    phases, initial_guess, starts
         The keys of a problem file: the problem, or changes of it; see `Problem`.
     **others
         Other keys that a file may have, such as `title` and `units`.

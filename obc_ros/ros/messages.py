@@ -128,8 +128,9 @@ def _read_field(where: str, name: str, value: Any, kind: str) -> Any:
 
 def build_problem_message(mapping: Mapping[str, Any], guess: Guess) -> OptimalControlProblem:
     """Return the message of a valid statement, with the initial guess of its problem."""
-    if mapping.get('tables'):
-        raise StatementError('tables: a message has none; solve the problem without a server')
+    for key in ('tables', 'starts'):
+        if mapping.get(key):
+            raise StatementError(f'{key}: a message has none; solve the problem without a server')
     if mapping.get('phases'):
         return _build_fields(OptimalControlProblem, mapping, 'final_time', 'initial_guess')
     message = _build_fields(OptimalControlProblem, mapping, 'initial_guess')

@@ -13,10 +13,13 @@ import casadi as ca
 import numpy as np
 import obc_ros as obc
 import obc_ros.core
+from obc_ros.core.ocp.structure import make_differentiable
+from obc_ros.core.solver.transcription.absolute_values import build_smooth_twin
 from obc_ros.core.text.errors import StatementError
 from obc_ros.core.text.example_files import find_example
 from obc_ros.workers.pool import Pool
 import pytest
+from scipy import optimize
 
 LEAST_TIME = {
     'name': 'least_time', 'states': ['p', 'v'], 'inputs': ['u'], 'dynamics': {'p': 'v', 'v': 'u'},
@@ -325,6 +328,45 @@ def test_an_answer_does_not_depend_on_the_one_before():
     assert cached.objective == pytest.approx(alone.objective, rel=1e-6)
     with pytest.raises(StatementError, match='^cache: wanted a Cache, found a mapping'):
         obc.solve(problem, cache={})
+
+
+# With x(1) = c and constant u the cost is c^2/2 - 40 exp(-400 (c - 5)^2): minima near 0 and 5.
+WELL = {'states': ['x'], 'inputs': ['u'], 'dynamics': {'x': 'u'}, 'running_cost': 'u**2/2',
+        'terminal_cost': '-40*exp(-400*(x - 5)**2)', 'initial_state': [0],
+        'final_time': {'free': False, 'value': 1}}
+
+
+@pytest.mark.parametrize('isolated', [False, pytest.param(True, marks=pytest.mark.slow)])
+def test_a_start_leads_to_the_minimum_that_the_search_does_not_find(isolated):
+    near_5 = optimize.minimize_scalar(lambda c: c**2/2 - 40*np.exp(-400*(c - 5)**2),
+                                      bounds=(4.9, 5.1), options={'xatol': 1e-9})
+    start, poor = {'states': {'x': [0, 4.95]}, 'inputs': {'u': 4.95}}, {'states': {'x': [0, -3]}}
+    alone = obc.solve(WELL)
+    assert (alone.status, alone.objective) == ('solved', pytest.approx(0, abs=1e-9))
+    answer = obc.solve(WELL, starts=[start, poor], isolated=isolated)
+    assert (answer.status, answer.objective) == ('solved', pytest.approx(near_5.fun, rel=1e-9))
+    tried = [each.what for each in answer.solution.attempts if each.method == 'initial guess']
+    assert tried[:3] == ['straight line', 'starts[0]', 'starts[1]']
+    again = obc.solve(obc.Problem(WELL, starts=[answer]), isolated=isolated)
+    assert again.objective == pytest.approx(near_5.fun, rel=1e-9)
+
+
+def test_a_start_of_an_input_under_abs_is_split_at_its_kink():
+    problem = obc.Problem(WELL, running_cost='abs(u - 1)', starts=[{'inputs': {'u': [3, -2]}}])
+    twin = build_smooth_twin(make_differentiable(problem.built))
+    u = twin.problem(problem.built).starts[0].u
+    assert {name: values.tolist() for name, values in u.items()} == {'u#+': [2, 0], 'u#-': [0, 3]}
+
+
+def test_starts_are_tried_although_a_neighbour_was_solved():
+    cache, start = obc.Cache(), {'states': {'x': [0, 4.95]}, 'inputs': {'u': 4.95}}
+    assert obc.solve(WELL, cache=cache).objective == pytest.approx(0, abs=1e-9)
+    assert obc.solve(WELL, cache=cache, starts=[start]).objective < -27
+
+
+def test_a_start_without_a_path_is_refused_in_words():
+    with pytest.raises(StatementError, match=r'^starts\[0\]: wanted an answer with a path'):
+        obc.Problem(WELL, starts=[obc.solve(WELL, terminal_constraints=['x - 1', 'x - 2'])])
 
 
 @pytest.mark.slow

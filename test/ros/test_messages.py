@@ -267,6 +267,12 @@ def test_a_refused_problem_has_no_trajectory():
         status='malformed', message='why', certificate=response.certificate)
 
 
+def test_starts_are_not_left_out_of_a_message_silently():
+    mapping = {**problems.read('lq_scalar_unit'), 'starts': [{}]}
+    with pytest.raises(StatementError, match='^starts: a message has none'):
+        messages.build_problem_message(mapping, build_problem(mapping).guess)
+
+
 def test_a_guess_is_read_from_names_and_values():
     message = OptimalControlProblem()
     message.initial_guess.states = [NamedValues(name='x', values=[1.0, 2.0])]

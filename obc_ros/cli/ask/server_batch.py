@@ -11,7 +11,6 @@ from obc_ros.action import SolveOptimalControl
 from obc_ros.cli.ask.batch import Batch, Question
 from obc_ros.cli.client import Client, connect_client
 from obc_ros.cli.terminal import Lines, show_progress
-from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.text.errors import DynamicsError, StatementError
 from obc_ros.ros.messages import build_problem_message, read_solution
 
@@ -23,16 +22,20 @@ def answer_by_server(server: str, asked: Sequence[Question], time_limit: float) 
     :param time_limit: of each problem [s]; 0: that of the server.
     """
     with show_progress() as lines:
-        if problems := dict(_build_problems(asked, lines)):
+        if messages := dict(_build_messages(asked, time_limit, lines)):
             with connect_client(server) as client:
-                ServerBatch(client, problems, time_limit, lines).work()
+                ServerBatch(client, messages, lines).work()
 
 
-def _build_problems(asked: Sequence[Question], lines: Lines
-                    ) -> Iterator[tuple[Question, Problem]]:
+def _build_messages(asked: Sequence[Question], time_limit: float, lines: Lines
+                    ) -> Iterator[tuple[Question, Any]]:
     for question in asked:
         try:
-            yield question, question.build_problem()
+            problem = question.build_problem()
+            yield question, SolveOptimalControl.Goal(
+                problem=build_problem_message(problem.statement, problem.guess),
+                method=question.method or problem.method, time_limit=time_limit,
+                options=list(question.options))
         except (StatementError, DynamicsError) as error:
             question.end('malformed', str(error))
             lines.end(question.label)
@@ -51,10 +54,9 @@ class Goal:
 class ServerBatch(Batch):
     """Problems that one server solves."""
 
-    def __init__(self, client: Client, problems: Mapping[Question, Problem], time_limit: float,
-                 lines: Lines) -> None:
-        super().__init__(list(problems), lines)
-        self._client, self._problems, self._time_limit = client, problems, time_limit
+    def __init__(self, client: Client, messages: Mapping[Question, Any], lines: Lines) -> None:
+        super().__init__(list(messages), lines)
+        self._client, self._messages = client, messages
         self._goals: dict[Question, Goal] = {}
         self._action = client.action()
         self._workers: int = client.parameter('workers')
@@ -72,16 +74,11 @@ class ServerBatch(Batch):
 
     def send(self, entry: Question) -> None:
         """Send a problem as a goal."""
-        problem = self._problems[entry]
-        goal = SolveOptimalControl.Goal(
-            problem=build_problem_message(problem.statement, problem.guess),
-            method=entry.method or problem.method, time_limit=self._time_limit,
-            options=list(entry.options))
-
         def report(message: Any) -> None:
             self.report(entry, message.feedback.phase)
 
-        self._goals[entry] = Goal(self._action.send_goal_async(goal, report))
+        self._goals[entry] = Goal(self._action.send_goal_async(
+            self._messages[entry], report))
 
     def wait(self, check: bool = True) -> None:
         """Spin until a problem has a result; without `check`, for one event."""

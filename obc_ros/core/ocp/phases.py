@@ -32,7 +32,8 @@ Rename = Callable[[str], str]
 # What a phase may have for itself; in its absence that of the file holds.
 _SHARED = 'dynamics', 'running_cost', 'path_constraints', 'input_bounds', 'state_bounds'
 _OWN = 'name', 'duration', 'link', 'terminal_cost', 'terminal_constraints', 'initial_guess'
-_UNUSED = 'system', 'final_time', 'periodic', 'boundary_constraints', 'initial_guess'
+_UNUSED = ('system', 'final_time', 'periodic', 'boundary_constraints', 'initial_guess',
+           'starts')
 _DURATION = 'duration'
 _IDENTIFIER = re.compile(r'(?<![\w.])[A-Za-z_]\w*', re.ASCII)
 _INDEXED = re.compile(r'\b([A-Za-z_]\w*?)__(\d+)(_0\b|\(0\)|\b)', re.ASCII)

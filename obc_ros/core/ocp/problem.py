@@ -82,6 +82,7 @@ class Problem(Tabulated):
         of it.
     :ivar x_lower, x_upper, u_lower, u_upper, path_lower, path_upper: bounds; -inf and inf for
         none.
+    :ivar starts: further initial guesses, which a search tries besides its own.
     :ivar angles: for each state, whether it wraps; used for guesses only.
     :ivar structure: equal for two problems that differ only in numbers.
     :ivar method: method to solve it with, one of `method_names.NAMES`.
@@ -123,6 +124,7 @@ class Problem(Tabulated):
     path_upper: Array
     final_time: FinalTime
     guess: Guess = field(default_factory=Guess)
+    starts: tuple[Guess, ...] = ()
     angles: tuple[bool, ...] = ()
     structure: str = ''
     method: str = 'auto'

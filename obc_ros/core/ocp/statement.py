@@ -68,7 +68,7 @@ FOR_THE_SOLVER = (
     'name', 'system', 'states', 'inputs', 'parameters', 'free_parameters', 'tables', 'dynamics',
     'running_cost', 'terminal_cost', 'initial_cost', 'initial_state', 'initial_constraints',
     'terminal_constraints', 'boundary_constraints', 'periodic', 'input_bounds', 'state_bounds',
-    'path_constraints', 'final_time', 'phases', 'initial_guess', 'method', 'accept')
+    'path_constraints', 'final_time', 'phases', 'initial_guess', 'starts', 'method', 'accept')
 
 FIRST = '_0'   # ends the name of x(0) in boundary_constraints
 END = 'T'   # name of the final time in expressions, unless the statement gives it another meaning
@@ -248,7 +248,9 @@ def _build_problem(given: Given) -> Problem:
                                   plant.u_lower, plant.u_upper)
         final_time = faults.attempt(_final_time, given, plant.values)
         more = faults.attempt(_Start, given, replace(plant, end=None))
-        guess = faults.attempt(_guess, given, plant, final_time)
+        guess = faults.attempt(_guess, given.get('initial_guess'), plant, final_time)
+        starts = [faults.attempt(_guess, each, plant, final_time, f'starts[{k}]') for k, each in
+                  enumerate(faults.attempt(read_list, given, 'starts') or ())]
         if final_time:
             breaks = faults.attempt(
                 plant.tables.find_breaks, plant.time, _column(plant.p.values()),
@@ -280,7 +282,7 @@ def _build_problem(given: Given) -> Problem:
         p_value=np.array([*plant.values.values(), *(value for _, value in literals)]),
         x0=np.array(added.x0), start=added.start, added=added.count,
         free_parameters=tuple(plant.free), has_clock=time is not None, final_time=final_time,
-        guess=guess, angles=plant.angles + (False,) * added.count,
+        guess=guess, starts=tuple(starts), angles=plant.angles + (False,) * added.count,
         method=method, accept=accept, units=plant.units, ends=ends, breaks=breaks[0],
         edges=breaks[1],
         statement=_record_functions(stated, given, plant),
@@ -823,27 +825,33 @@ def _positive(value: float, where: str) -> float:
     return value
 
 
-def _guess(given: Given, plant: _Plant, final_time: FinalTime | None) -> Guess:
-    entry = read_section(given, 'initial_guess')
-    check_keys(entry, ('states', 'inputs', 'parameters', 'final_time'), where='initial_guess')
+def _guess(value: object, plant: _Plant, final_time: FinalTime | None,
+           key: str = 'initial_guess') -> Guess:
+    entry = _section(value, key)
+    check_keys(entry, ('states', 'inputs', 'parameters', 'final_time'), where=key)
     final = entry.get('final_time')
     if final is not None:
-        final = _positive(parse_number(final, plant.values, 'initial_guess.final_time'),
-                          'initial_guess.final_time')
+        where = f'{key}.final_time'
+        final = _positive(parse_number(final, plant.values, where), where)
         if final_time and final_time.free:
             final = min(max(final, final_time.lower), final_time.upper)
-    return Guess(x=_profiles(entry, 'states', plant.states, plant.values) | _profiles(
-        entry, 'parameters', tuple(plant.free), plant.values),
-                 u=_profiles(entry, 'inputs', plant.inputs, plant.values), final_time=final)
+    x, parameters, u = (
+        _profiles(entry.get(kind), f'{key}.{kind}', names, plant.values) for kind, names in (
+            ('states', plant.states), ('parameters', tuple(plant.free)), ('inputs', plant.inputs)))
+    return Guess(x | parameters, u, final)
 
 
-def _profiles(entry: Given, key: str, names: tuple[str, ...],
+def _section(value: object, key: str) -> Given:
+    return {} if value is None else read_mapping(value, key)
+
+
+def _profiles(entry: object, key: str, names: tuple[str, ...],
               values: Mapping[str, float]) -> dict[str, Array]:
     found = {}
-    for name, value in read_section(entry, key, where=f'initial_guess.{key}').items():
-        where = f'initial_guess.{key}.{_short(name)}'
+    for name, value in _section(entry, key).items():
+        where = f'{key}.{_short(name)}'
         if name not in names:
-            raise _unknown(name, names, where, f'one of the {key}')
+            raise _unknown(name, names, where, f"one of the {key.rpartition('.')[2]}")
         several = isinstance(value, (list, tuple))
         numbers = list_of(value if several else [value], where, most=MAX_VALUES)
         if not numbers:

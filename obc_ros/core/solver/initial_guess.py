@@ -273,11 +273,11 @@ class Guesser:
         """
         Yield initial guesses without end, the most promising first.
 
-        These are the line, lines that are bent randomly, and paths integrated under the inputs of
-        the line or random ones around them. If T is free, it is varied, too; a constant, such as a
-        free parameter, is drawn from its bounds. `spans` returns the
-        ranges of states (n,) and inputs (m,) on the paths found so far, which give the amplitudes,
-        or None.
+        These are the line, those of the `starts` of the problem, lines that are bent randomly, and
+        paths integrated under the inputs of the line or random ones around them. If T is free, it
+        is varied, too; a constant, such as a free parameter, is drawn from its bounds. `spans`
+        returns the ranges of states (n,) and inputs (m,) on the paths found so far, which give the
+        amplitudes, or None.
         """
         T = get_final_time(problem)
         line = self.line(problem, T)
@@ -290,6 +290,9 @@ class Guesser:
             rate.is_zero() for rate in ca.vertsplit(problem.f)]
         given = bool(problem.guess.x or problem.guess.u)
         yield replace(line, origin='guess of the statement' if given else 'straight line')
+        for k, guess in enumerate(problem.starts):
+            other = replace(problem, guess=guess)
+            yield replace(self.line(other, get_final_time(other)), origin=f'starts[{k}]')
         if given:   # it may be poor
             yield replace(self.line(replace(problem, guess=Guess()), T), origin='straight line')
         for number in count():

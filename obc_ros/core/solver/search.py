@@ -42,7 +42,7 @@ def search(task: Task, *, with_arcs: bool = True, quick: bool = False,
         part of the work that the search was allowed.
     """
     bench = build_bench(task, with_arcs=with_arcs, quick=quick)
-    last = None if quick else bench.programs.neighbour(bench.stated)
+    last = None if quick or task.problem.starts else bench.programs.neighbour(bench.stated)
     if last and (known := solve_from_neighbour(bench, last)):
         return known, bench
     pool = StartPool(bench.problem, bench.programs)

@@ -49,7 +49,7 @@ PLANT_KEYS = ('name', 'states', 'inputs', 'parameters', 'dynamics', 'input_bound
 TASK = (
     'running_cost', 'terminal_cost', 'initial_cost', 'initial_state', 'initial_constraints',
     'terminal_constraints', 'boundary_constraints', 'periodic', 'path_constraints', 'final_time',
-    'initial_guess', 'method', 'accept', 'tables')
+    'initial_guess', 'starts', 'method', 'accept', 'tables')
 FOR_PEOPLE = ('title', 'source', 'tags', 'notes', 'difficulty', 'kind', 'expected')
 PLANES = ('horizontal', 'vertical')
 

@@ -95,10 +95,10 @@ def _by_cost(outcomes: list[TranscriptionOutcome]) -> list[TranscriptionOutcome]
 
 
 def _solve_first(bench: Bench, pool: StartPool) -> tuple[Bench, list[TranscriptionOutcome]]:
-    """Return the outcomes of the first guesses and of paths around obstacles."""
+    """Return the outcomes of the first guesses, the given starts, and paths around obstacles."""
     options = bench.options.coarse
     found: list[TranscriptionOutcome] = []
-    begun, good, around = bench.whole.effort, False, 0
+    begun, good, others = bench.whole.effort, False, len(bench.problem.starts)
     for number in count(1):
         outcome = solve_next_start(bench, pool, once=good)
         found.append(outcome)
@@ -108,12 +108,12 @@ def _solve_first(bench: Bench, pool: StartPool) -> tuple[Bench, list[Transcripti
         if outcome.converged and bench.programs.convex(bench.problem):
             return bench, found   # a convex program has no other minimum
         if number == 1 and not (bench.quick and good or bench.meter.stopped):
-            around = try_starts(
+            others += try_starts(
                 StartStage.FIRST_OUTCOME, bench, pool, Known(outcome=outcome)).wanted
         # After half a second `starts` guesses are enough, with and without a path.
         patient = bench.whole.effort - begun < 10_000 * (1 + bench.stages)
         most = options.starts if bench.quick else bench.options.rollouts.tried
-        if (bench.meter.stopped or bench.quick and good or number >= around + (
+        if (bench.meter.stopped or bench.quick and good or number >= others + (
                 options.starts if good or not patient else most)):
             return bench, found
     raise AssertionError('the loop has no end of its own')

@@ -57,16 +57,16 @@ class Twin:
             lower.append(a)
             upper.append(b)
             inputs.append(stated.inputs[index] + {0: '', 1: '#+', -1: '#-'}[sign])
-        guess = {name: np.maximum(
-            sign * (np.asarray(stated.guess.u[stated.inputs[i]]) - kinks[i]), 0.0)
-            if sign else stated.guess.u[stated.inputs[i]]
-                 for name, (i, sign) in zip(inputs, self.split, strict=True)
-                 if stated.inputs[i] in stated.guess.u}
+        guess, *starts = (Guess(each.x, {
+            name: np.maximum(sign * (np.asarray(u) - kinks[i]), 0.0) if sign else u
+            for name, (i, sign) in zip(inputs, self.split, strict=True)
+            if (u := each.u.get(stated.inputs[i])) is not None}, each.final_time)
+            for each in (stated.guess, *stated.starts))
         return replace(
             stated, inputs=tuple(inputs), parameters=(*stated.parameters, '#eps'), u=self.u,
             p=self.p, f=f, L=L, path=path, psi=psi, V=V, u_lower=np.array(lower),
             u_upper=np.array(upper), p_value=np.append(stated.p_value, eps),
-            guess=Guess(stated.guess.x, guess, stated.guess.final_time))
+            guess=guess, starts=tuple(starts))
 
     def back(self, outcome: TranscriptionOutcome, stated: Problem) -> TranscriptionOutcome:
         """Return an outcome of the smooth problem with the stated inputs."""
