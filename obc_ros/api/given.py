@@ -116,9 +116,9 @@ def _as_numbers(value: Any, names: Sequence[str], where: str) -> Array:
         found = found or next((f"nothing for '{name}'" for name in names if name not in value), '')
         given = [value.get(name) for name in names]
     try:
-        numbers = np.array(given, dtype=np.float64)
+        numbers = as_floats(given)
     except (TypeError, ValueError):
-        found, numbers = found or describe_type(value), np.zeros(0)
+        found, numbers = found or _describe(value), np.zeros(0)
     if found or numbers.shape != (len(names),) or given is None:
         known = names[:9]
         raise StatementError(
@@ -137,9 +137,26 @@ def _describe(value: object) -> str:
     return describe_type(value.tolist() if isinstance(value, np.ndarray) else value)
 
 
+def as_floats(value: Any) -> Array:
+    """Return numbers as an array; TypeError for texts, which NumPy takes for numbers."""
+    found = np.asarray(value)
+    if found.dtype.kind in 'US' or found.dtype == object and any(
+            isinstance(each, str) for each in found.flat):
+        raise TypeError('a text is no number')
+    return found.astype(np.float64)
+
+
+def read_floats(value: Any, where: str, wanted: str = 'numbers') -> Array:
+    """Return numbers as an array; an error begins with `where`."""
+    try:
+        return as_floats(value)
+    except (TypeError, ValueError):
+        raise StatementError(f'{where}: wanted {wanted}, found {_describe(value)}') from None
+
+
 def as_weight(value: Any, names: Sequence[str], where: str) -> Any:
     """
-    Return a weight as a matrix; what is none is returned as it is, and refused by the design.
+    Return a weight as a matrix, which the design checks; StatementError for what has no numbers.
 
     :param value: a matrix; numbers in the order of the names or by name, the diagonal; or one
         number for all of them.
@@ -147,10 +164,7 @@ def as_weight(value: Any, names: Sequence[str], where: str) -> Any:
     """
     if isinstance(value, Mapping):
         return np.diag(_as_numbers(value, names, where))
-    try:
-        found = np.asarray(value, dtype=np.float64)
-    except (TypeError, ValueError):
-        return value
+    found = read_floats(value, where, 'a matrix, its diagonal or one number')
     if found.ndim == 0:
         return found * np.eye(max(len(names), 1))
     return np.diag(found) if found.ndim == 1 else found

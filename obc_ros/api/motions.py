@@ -15,6 +15,7 @@ from obc_ros.api.given import (
     convert_numbers,
     Expression,
     Expressions,
+    read_floats,
     StateLike,
     UNSET,
     VectorLike,
@@ -76,8 +77,10 @@ def plan(system: SystemLike, start: StateLike, goal: StateLike,
              else as_system(system).model.with_parameters(evaluate_parameters(chosen)))
     motion = Motion(
         plant, as_state(start, plant.state_names, 'start'),
-        as_state(goal, plant.state_names, 'goal'), objective=objective, Qx=Qx, Qu=Qu,
-        final_time=final_time, input_bounds=convert_numbers(input_bounds or {}))
+        as_state(goal, plant.state_names, 'goal'), objective=objective,
+        Qx=read_floats(Qx, 'Qx').ravel(), Qu=read_floats(Qu, 'Qu').ravel(),
+        final_time=as_number(final_time, 'final_time'),
+        input_bounds=convert_numbers(input_bounds or {}))
     problem, solution = solve_motion(motion, as_number(time_limit, 'time_limit'))
     return Answer(problem.name, problem.states[:problem.stated], problem.inputs,
                   hide_added_states(problem, solution), problem)

@@ -20,6 +20,7 @@ from obc_ros.api.given import (
     Expression,
     Expressions,
     KeysOfPlant,
+    read_floats,
     StatedFunction,
     StateLike,
     UNSET,
@@ -278,10 +279,7 @@ def _read(name: str, value: Any, shape: tuple[int | None, ...]) -> Array:
     """Return finite numbers of a shape."""
     if value is None:
         raise StatementError(f'{name}: missing')
-    try:
-        found = np.array(value, dtype=float)
-    except (TypeError, ValueError):
-        raise StatementError(f'{name}: wanted numbers, found {describe_type(value)}') from None
+    found = read_floats(value, name)
     if len(found.shape) != len(shape) or any(
             wanted not in (None, size) for wanted, size in zip(shape, found.shape, strict=True)):
         wanted = ', '.join('N' if size is None else str(size) for size in shape)

@@ -232,6 +232,9 @@ def test_long_horizons_reach_the_stationary_gain():
     (lambda: obc.lqr(A, A=A, B=B, Qx=1, Qu=1), StatementError, '^lqr: wanted A, B'),
     (lambda: obc.lqr(SPACE, B, [1, 1], [1]), StatementError, '^lqr: found one more argument than'),
     (lambda: obc.lqr(SPACE, {'p': 1}, [1]), StatementError, '^Qx: wanted numbers for p, v'),
+    (lambda: obc.lqr(SPACE, {'p': '1', 'v': 1}, [1]), StatementError, '^Qx: wanted numbers for p'),
+    *[(lambda Qx=Qx: obc.lqr(SPACE, Qx, [1]), StatementError, '^Qx: wanted a matrix, its diagonal')
+      for Qx in ('1', ['1', 2], [['1', 0], [0, 1]], np.array(['1', None], dtype=object))],
     (lambda: obc.lqr(A, B, [1, 1], [0]), RefusedDesignError, '^Qu'),
     (lambda: obc.lqr(A, 0*B, [1, 1], [1]), RefusedDesignError,
      r'^\(A, B\) is not stabilisable: the mode s = 0 is uncontrollable'),

@@ -133,6 +133,9 @@ def test_a_motion_is_planned_in_least_time():
     assert (answer.status, answer.objective) == ('solved', pytest.approx(2, abs=1e-8))
     with pytest.raises(StatementError, match="^time_limit: wanted a number, found str '1'"):
         obc.plan('double_integrator', [0, 0], [1, 0], time_limit='1')
+    for key, value in (('final_time', '1'), ('Qx', ['1', '1']), ('Qu', '1'), ('start', ['0', 0])):
+        with pytest.raises(StatementError, match=f'^{key}: wanted '):
+            obc.plan('double_integrator', **{'start': [0, 0], 'goal': [1, 0], key: value})
     with pytest.raises(StatementError, match='^start: wanted'):
         obc.plan('double_integrator', [0], [1, 0])
 
