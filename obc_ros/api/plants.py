@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any, Protocol, Unpack
 
@@ -45,6 +45,7 @@ _KEYS = ('name', 'states', 'inputs', 'parameters', 'dynamics', 'input_bounds', '
          *OF_A_PLANT)
 _OF_PROBLEMS = 'system', 'free_parameters', 'phases'   # keys that a system ignores
 _SIZES = 0.1, 1.0, 1.0, 10.0   # of states and inputs at which functions are compared
+_TIMES = 0.0, 0.1, 1.0, 10.0, 100.0   # at which they are compared [s]
 
 
 class HasModel(Protocol):
@@ -185,17 +186,17 @@ class System(Tabulated):
                 str(system.name), x_signals, u_signals, [], lambda x, u, p: ca.vertsplit(
                     ca.mtimes(ca.DM(A), ca.vertcat(*x)) + ca.mtimes(ca.DM(B), ca.vertcat(*u)))))
 
-        def rates(x: Any, u: Any) -> Any:
-            return np.atleast_1d(system.updfcn(0.0, x, u, system.params)).ravel()
+        rates = partial(_compute_rates, system)
 
         def symbolic(x: list[ca.SX], u: list[ca.SX], p: list[ca.SX]) -> list[Any]:
             x_, u_ = (np.empty(len(each), dtype=object) for each in (x, u))
             x_[:], u_[:] = x, u
             return [ca.SX(each) for each in call_with_symbols(rates, x_, u_)]
 
-        numeric = cls.__new__(cls)._set(
-            None, str(system.name), states, inputs,
-            lambda x, u: np.asarray(rates(x, u), dtype=np.float64))
+        numeric = cls.__new__(cls)._set(None, str(system.name), states, inputs, rates)
+        if _depends_on_time(numeric, system):
+            raise DynamicsError(f'from_control: dx/dt of {quote(str(system.name))} depends on the '
+                                'time; state it as a problem, in which t is the time')
         try:
             found = cls._of(plant.define(str(system.name), x_signals, u_signals, [], symbolic))
         except _FAULTS:   # it was written for numbers
@@ -226,7 +227,8 @@ class System(Tabulated):
 
     def evaluate(self, x: Array, u: Array) -> Array:
         """Return dx/dt as `f`, of arrays that are not checked."""
-        return self._rates(x, u) if self._rates else self.model.f(x, u)
+        return (np.asarray(self._rates(x, u), dtype=np.float64) if self._rates else
+                self.model.f(x, u))
 
     @cached_property
     def limits(self) -> tuple[Array, Array]:
@@ -284,6 +286,23 @@ class System(Tabulated):
 
     def _rows(self) -> list[tuple[str, ...]]:
         return [('states', ', '.join(self.states)), ('inputs', ', '.join(self.inputs))]
+
+
+def _compute_rates(system: Any, x: Any, u: Any, t: float = 0.0) -> Any:
+    """Return dx/dt of a NonlinearIOSystem, shape (n,); also of symbols."""
+    return np.atleast_1d(system.updfcn(t, x, u, system.params)).ravel()
+
+
+def _depends_on_time(numeric: System, system: Any) -> bool:
+    """Return whether dx/dt at random points differs between some times."""
+    chance = np.random.default_rng(1)
+    x, u = (chance.standard_normal(len(names)) for names in (numeric.states, numeric.inputs))
+    try:
+        here, *others = (np.asarray(_compute_rates(system, x, u, t), dtype=np.float64)
+                         for t in _TIMES)
+    except _FAULTS:   # it is undefined there
+        return False
+    return not all(np.array_equal(here, other, equal_nan=True) for other in others)
 
 
 def _is_equal(one: System, other: System) -> bool:

@@ -3,9 +3,11 @@
 """Problems, systems and results go to other processes, also those that functions state."""
 
 import copy
+import math
 import pickle
 
 import casadi as ca
+import control
 import numpy as np
 import obc_ros as obc
 from obc_ros.api.sweep import load_numbers
@@ -91,6 +93,20 @@ def test_a_simulation_of_a_system_of_functions_is_copied(give_back):
     shorter = [each.system.with_parameters(l=0.2).f([0.3, 0], [0]) for each in (found, other)]
     np.testing.assert_array_equal(*shorter)
     assert shorter[0][1] == -GRAVITY / 0.2 * np.sin(0.3)
+
+
+class Square:
+    """A right-hand side for numbers."""
+
+    def __call__(self, t, x, u, params):
+        return [math.copysign(x[0]**2, u[0])]
+
+
+def test_a_system_for_numbers_is_simulated_in_another_process(give_back):
+    """dx/dt = -x^2, x = 1/(1 + t)."""
+    plant = obc.System.from_control(control.NonlinearIOSystem(Square(), inputs=1, states=1))
+    path = obc.simulate(give_back(plant), [-1], [1], [0, 1, 3])
+    np.testing.assert_allclose(path.x['x1'], [1, 1/2, 1/4], rtol=1e-6)
 
 
 def test_a_recorded_statement_is_plain_data_and_the_same_problem():

@@ -113,6 +113,9 @@ def test_a_system_is_read_from_a_file(tmp_path):
     (lambda: obc.System.from_control(3), '^from_control: wanted a StateSpace'),
     (lambda: obc.System.from_control(control.ss(0, 1, 1, 0, True)), 'is in discrete time'),
     (lambda: obc.System.from_control(control.ss([], [], [], 1)), 'has no'),
+    (lambda: obc.System.from_control(control.NonlinearIOSystem(
+        lambda t, x, u, p: [u[0] + math.sin(t)], None, inputs=1, states=1, name='tide')),
+     '^from_control: dx/dt of tide depends on the time'),
     (lambda: obc.System.from_name('aircrft'), "unknown system 'aircrft'"),
     (lambda: obc.System(**PENDULUM).with_parameters(x=1), "no parameter 'x'"),
     (lambda: obc.equilibrium('aircrft'), "unknown system 'aircrft'"),
