@@ -51,7 +51,9 @@ def test_a_script_shows_a_new_figure(found, shown):
 
 
 def test_a_figure_is_shown_or_not_on_demand(found, shown):
-    assert plt.fignum_exists(found.plot(show=False).number) and not shown
+    figure = found.plot(show=False)
+    figure.savefig(io.BytesIO())
+    assert not plt.get_fignums() and not shown
     found.plot(show=True)
     assert len(shown) == 1
 

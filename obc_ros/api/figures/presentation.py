@@ -17,13 +17,13 @@ def present(draw: Callable[[Any], Any], ax: Any, show: bool | None) -> Any:
     :param draw: draws into None, which is a new figure, a FigureBase, or a list of Axes.
     :param ax: where the user wants it: None, Axes, a sequence of them, a SubFigure or a Figure.
     :param show: whether to show it now; None: if it is new and windows can be opened. A notebook
-        shows the figures of pyplot at the end of a cell, once.
+        shows the figures of pyplot at the end of a cell, once. With False, pyplot, which keeps its
+        figures open, does not have it.
     """
     from matplotlib import pyplot  # for users only: commands and nodes do without it
     from matplotlib.figure import FigureBase
     place = ax if ax is None or isinstance(ax, FigureBase) else _list_axes(ax)
-    known = place is None and not (show is False and is_inline())
-    token = FIGURES.set(pyplot.figure if known else None)
+    token = FIGURES.set(pyplot.figure if place is None and show is not False else None)
     try:
         figure = draw(place)
     finally:
