@@ -24,7 +24,9 @@ WeightLike = float | VectorLike | MatrixLike | Mapping[str, float]   # or the di
 
 Expression = str | float | ca.SX           # also a number
 Expressions = Sequence[Expression]
-StatedFunction = Callable[..., Any]        # of named symbols
+# Of named symbols; checkers take the types of a lambda's arguments from the first form that fits.
+StatedFunction = (Callable[[Any], Any] | Callable[[Any, Any], Any] | Callable[[Any, Any, Any], Any]
+                  | Callable[[Any, Any, Any, Any], Any] | Callable[..., Any])
 
 
 class _Unset:
