@@ -57,7 +57,6 @@ FAULTS = [
     ('states', ['h', 'lambda'], "^states: the name 'lambda' is reserved"),
     ('states', ['h', ['v']], '^states: a name is text'),
     ('inputs', ['v'], "^inputs: 'v' is both a state and an input"),
-    ('inputs', [], '^inputs: the list is empty'),
     ('name', ['a'], '^name: '),
     # Parameters
     ('parameters.h', 1, "^parameters: 'h' is both a parameter and a state"),

@@ -224,6 +224,8 @@ def certify(problem: ProblemLike, answer: Answer | None = None, *,
         if (answer.states, answer.inputs) != (stated.states, stated.inputs):
             raise StatementError('answer: its states and inputs are not those of the problem')
         return certificate.certify(built, restore_added_costates(built, answer.solution))
+    if not stated.inputs and t is not None:
+        u = np.zeros((np.size(t), 0))
     for name, value in (('t', t), ('x', x), ('u', u), ('lam', lam), ('objective', objective)):
         if value is None:
             raise StatementError(f'{name}: missing; wanted an answer, or t, x, u, lam and '

@@ -93,6 +93,8 @@ def read_statement(problem: OptimalControlProblem) -> dict[str, Any]:
     statement = _read_fields('', problem)
     if problem.phases:
         del statement['final_time']
+    if problem.states and not problem.inputs:
+        statement['inputs'] = []
     return statement
 
 

@@ -330,6 +330,63 @@ def test_an_answer_does_not_depend_on_the_one_before():
         obc.solve(problem, cache={})
 
 
+# Through (1, 0.5): x = exp(-k t), so that k = ln 2.
+FIT = """
+name: fit
+states: [x]
+inputs: []
+free_parameters: {k: [0, 5]}
+dynamics: {x: -k*x}
+terminal_cost: (x - 0.5)**2
+initial_state: {x: 1}
+final_time: {free: false, value: 1}
+"""
+
+
+@pytest.mark.parametrize('given', [
+    lambda: obc.solve(FIT), lambda: obc.solve(FIT, dynamics=lambda x, p: [-p.k*x.x]),
+    lambda: obc.solve(FIT, dynamics={'x': '-k*x + sin(t) - sin(t)'}),
+    pytest.param(lambda: obc.solve(FIT, isolated=True), marks=pytest.mark.slow)],
+    ids=['file', 'function', 'time', 'isolated'])
+def test_a_problem_without_inputs_fits_a_parameter(given):
+    answer = given()
+    assert (answer.status, answer.remark) == ('solved', '')
+    assert answer.free_parameters['k'] == pytest.approx(math.log(2), abs=1e-7)
+    assert answer.at(0.5).x['x'] == pytest.approx(math.sqrt(0.5), abs=1e-7)
+    assert (answer.inputs, answer.u, answer.solution.u.shape[1]) == ((), {}, 0)
+    assert answer.as_json()['u'] == {}
+    assert {'transversality', 'costate'} <= set(answer.certificate.residuals)
+    assert 'minimum' not in answer.certificate.residuals
+    assert obc.certify(answer).holds
+    figure = answer.plot(show=False)
+    assert {axes.get_ylabel() for axes in figure.axes} <= {'states', 'costates', 'Hamiltonian'}
+
+
+def test_a_problem_without_inputs_fits_an_initial_state():
+    """x(1) = x(0)/e is to be 0.5."""
+    answer = obc.solve(FIT, free_parameters=None, dynamics={'x': '-x'}, initial_state=[None])
+    assert answer.at(0).x['x'] == pytest.approx(math.e/2, abs=1e-7)
+
+
+@pytest.mark.parametrize(('k', 'holds'), [(math.log(2), True), (0.7, False)])
+def test_a_fit_of_another_solver_is_certified(k, holds):
+    certificate = obc.certify(
+        FIT, t=T, x={'x': np.exp(-k*T)}, lam={'x': 2*(np.exp(-k) - 0.5)*np.exp(k*(T - 1))},
+        objective=(np.exp(-k) - 0.5)**2, free_parameters={'k': k})
+    assert certificate.holds == holds
+    assert holds or certificate.worst == 'transversality'
+
+
+@pytest.mark.parametrize(('keys', 'said'), [
+    ({'dynamics': {'x': '-k*x + u'}}, "^dynamics.x: unknown name 'u'"),
+    ({'input_bounds': {'u': [0, 1]}}, "^input_bounds.u: 'u' is not an input"),
+    ({'final_time': None, 'phases': [{'duration': 1}, {'duration': 1}]},
+     '^inputs: the list is empty; .* only a problem without phases may have none')])
+def test_a_problem_without_inputs_has_none(keys, said):
+    with pytest.raises(StatementError, match=said):
+        obc.Problem(FIT, **keys)
+
+
 # With x(1) = c and constant u the cost is c^2/2 - 40 exp(-400 (c - 5)^2): minima near 0 and 5.
 WELL = {'states': ['x'], 'inputs': ['u'], 'dynamics': {'x': 'u'}, 'running_cost': 'u**2/2',
         'terminal_cost': '-40*exp(-400*(x - 5)**2)', 'initial_state': [0],

@@ -267,6 +267,16 @@ def test_a_refused_problem_has_no_trajectory():
         status='malformed', message='why', certificate=response.certificate)
 
 
+def test_a_problem_without_inputs_has_none_in_a_message():
+    mapping = {'states': ['x'], 'inputs': [], 'free_parameters': {'k': [0, 5]},
+               'dynamics': {'x': '-k*x'}, 'terminal_cost': '(x - 0.5)**2',
+               'initial_state': {'x': 1}, 'final_time': {'free': False, 'value': 1}}
+    problem = build_problem(mapping)
+    message = serialized_and_back(messages.build_problem_message(mapping, problem.guess))
+    arrived = build_problem(messages.read_statement(message))
+    assert (arrived.structure, arrived.shown_inputs) == (problem.structure, ())
+
+
 def test_starts_are_not_left_out_of_a_message_silently():
     mapping = {**problems.read('lq_scalar_unit'), 'starts': [{}]}
     with pytest.raises(StatementError, match='^starts: a message has none'):

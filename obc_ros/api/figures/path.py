@@ -80,9 +80,10 @@ def _list_conditions(problem: Problem, path: Solution, hamiltonian: Array
     group = [k for k in range(problem.m)
              if np.abs(values[:, k]).max() > NEGLIGIBLE * sizes[:, k].max()]
     # Where the terms of dH/du cancel, the axis must not magnify their rounding errors.
-    yield (r'\partial H/\partial u', Panel(
-        'switching\nfunctions', problem.inputs, values, group, zero=True,
-        template=r'\partial H/\partial {}', size=float(sizes.max())))
+    if not problem.held:
+        yield (r'\partial H/\partial u', Panel(
+            'switching\nfunctions', problem.inputs, values, group, zero=True,
+            template=r'\partial H/\partial {}', size=float(sizes.max())))
     size = _size_hamiltonian(problem, path)
     group = [0] if np.abs(hamiltonian).max() > NEGLIGIBLE * size else []
     yield 'H', Panel('Hamiltonian', ['H'], hamiltonian[:, None], group, size=1.0,

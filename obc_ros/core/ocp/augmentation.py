@@ -86,11 +86,13 @@ def hide_added_states(problem: Problem, solution: Solution) -> Solution:
     """
     Return a solution with the states of the statement only, and with its phases in order.
 
-    :return: without the columns of additional states in x, lam and state_multipliers, and with
-        `free_parameters`. H is that of the statement, which is not constant if the time occurs.
-        With phases, H and multipliers along the path are left out.
+    :return: without the columns of inputs that are held in u, and of additional states in x, lam
+        and state_multipliers, and with `free_parameters`. H is that of the statement, which is not
+        constant if the time occurs. With phases, H and multipliers along the path are left out.
     """
     n, x = problem.stated, solution.x
+    if problem.held:
+        solution = replace(solution, u=solution.u[:, :len(problem.shown_inputs)])
     if problem.phases is not None:
         name = problem.phases.name_phases
         solution = replace(solution, message=name(solution.message), remark=name(solution.remark),
@@ -137,9 +139,11 @@ def restore_added_states(problem: Problem, solution: Solution) -> Solution:
     """
     Return a solution with the states of the problem, from one with those of the statement.
 
-    :return: the costates of additional states are 0. They act on no other costate and on no input.
-        With phases, the solution as it is.
+    :return: inputs that are held and the costates of additional states are 0. They act on no
+        other costate and on no input. With phases, the solution as it is.
     """
+    if problem.held:
+        solution = replace(solution, u=np.zeros((len(solution.t), problem.m)))
     if not solution.t.size or solution.x.shape[1] == problem.n or problem.phases is not None:
         return solution
     known = dict(zip(problem.states, solution.x[0], strict=False))

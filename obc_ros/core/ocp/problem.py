@@ -90,6 +90,8 @@ class Problem(Tabulated):
     :ivar start: None if x(0) = x0.
     :ivar added: number of the states, the last ones, that the statement does not have: the time,
         free parameters, initial values. See `augmentation`.
+    :ivar held: number of the inputs, the last ones, that the statement does not have: one, which
+        is 0, in a problem without inputs.
     :ivar free_parameters: names of those of the added states that are parameters to be found.
     :ivar has_clock: whether the first of the added states is the time.
     :ivar phases: what the states and the inputs are if the statement has phases; T is 1 then.
@@ -131,6 +133,7 @@ class Problem(Tabulated):
     accept: str = 'certified'
     start: FreeStart | None = None
     added: int = 0
+    held: int = 0
     free_parameters: tuple[str, ...] = ()
     has_clock: bool = False
     phases: PhaseLayout | None = None
@@ -169,7 +172,7 @@ class Problem(Tabulated):
     @property
     def shown_inputs(self) -> tuple[str, ...]:
         """Return the names of the inputs in answers."""
-        return self.inputs if self.phases is None else self.phases.inputs
+        return self.inputs[:self.m - self.held] if self.phases is None else self.phases.inputs
 
     @property
     def m(self) -> int:

@@ -62,9 +62,9 @@ class Certificate(Tabulated):
     """
     One scaled residual for each necessary condition, and its tolerance.
 
-    `residuals` and `tolerances` share their keys: each `Condition` (FINAL_TIME for a free T only),
-    or each `KktCondition` for a minimum of finitely many variables. A residual that cannot be
-    computed is infinite. Both have no unit.
+    `residuals` and `tolerances` share their keys: each `Condition` (FINAL_TIME for a free T
+    only, MINIMUM only if there are inputs), or each `KktCondition` for a minimum of finitely many
+    variables. A residual that cannot be computed is infinite. Both have no unit.
 
     :ivar excess: estimate of how far the cost is above that of the nearest local minimum, in units
         of the cost; see `certificate`. nan: there is none.

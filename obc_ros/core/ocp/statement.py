@@ -70,6 +70,7 @@ FOR_THE_SOLVER = (
     'terminal_constraints', 'boundary_constraints', 'periodic', 'input_bounds', 'state_bounds',
     'path_constraints', 'final_time', 'phases', 'initial_guess', 'starts', 'method', 'accept')
 
+HELD = '(none)'   # the input of a problem without inputs, which is 0; users have no such name
 FIRST = '_0'   # ends the name of x(0) in boundary_constraints
 END = 'T'   # name of the final time in expressions, unless the statement gives it another meaning
 TIME = 't'   # name of the time in expressions, unless the statement gives it another meaning
@@ -282,9 +283,9 @@ def _build_problem(given: Given) -> Problem:
         p_value=np.array([*plant.values.values(), *(value for _, value in literals)]),
         x0=np.array(added.x0), start=added.start, added=added.count,
         free_parameters=tuple(plant.free), has_clock=time is not None, final_time=final_time,
-        guess=guess, starts=tuple(starts), angles=plant.angles + (False,) * added.count,
-        method=method, accept=accept, units=plant.units, ends=ends, breaks=breaks[0],
-        edges=breaks[1],
+        held=int(plant.inputs == (HELD,)), guess=guess, starts=tuple(starts),
+        angles=plant.angles + (False,) * added.count, method=method, accept=accept,
+        units=plant.units, ends=ends, breaks=breaks[0], edges=breaks[1],
         statement=_record_functions(stated, given, plant),
         structure=_structure(functions, bounds, final_time, added.start))
     _defined_at_start(problem, functions)
@@ -385,7 +386,7 @@ def _own_plant(given: Given, faults: Faults) -> _Plant:
     """Return the plant; errors that leave its names known go to `faults`."""
     with Faults() as names:
         states = names.attempt(read_names, given, 'states')
-        inputs = names.attempt(read_names, given, 'inputs')
+        inputs = names.attempt(_input_names, given)
         parameters = names.attempt(read_section, given, 'parameters')
         signals = (*(states or ()), *(inputs or ()))
         free_names = names.attempt(_free_names, given, signals, parameters or ())
@@ -413,11 +414,15 @@ def _own_plant(given: Given, faults: Faults) -> _Plant:
     rows = [faults.attempt(expressions.parse_expression, equations[name], known,
                            f'dynamics.{name}') for name in states if name in equations]
     f = _column(row for row in rows if row is not None)
-    unlimited = np.full(len(inputs), np.inf)
+    unlimited = np.full(len(inputs), 0.0 if inputs == (HELD,) else np.inf)
     return _Plant(
         states=states, inputs=inputs, angles=(False,) * len(states), x=x, u=u, p=p,
         values=values, f=f, u_lower=-unlimited, u_upper=unlimited, free=free, time=time,
         tables=tables, end=end)
+
+
+def _input_names(given: Given) -> tuple[str, ...]:
+    return (HELD,) if given.get('inputs') in ([], ()) else read_names(given, 'inputs')
 
 
 def _equations(given: Given, x: dict[str, ca.SX], u: dict[str, ca.SX], p: dict[str, ca.SX],

@@ -274,7 +274,7 @@ def _remark_unused(problem: Problem) -> Iterator[str]:
     """Yield which inputs change nothing."""
     names = [name for name, u in zip(problem.inputs, ca.vertsplit(problem.u), strict=True)
              if not ca.depends_on(ca.vertcat(problem.f, problem.L, problem.path), u)]
-    if names and problem.phases is None:
+    if names and problem.phases is None and not problem.held:
         inputs, has = (f'the input {names[0]} occurs', 'its values are') if len(names) == 1 else (
             f'the inputs {", ".join(names)} occur', 'their values are')
         yield f'{inputs} in neither dynamics, cost nor constraints: {has} arbitrary'

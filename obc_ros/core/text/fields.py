@@ -263,7 +263,8 @@ def read_names(given: Given, key: str, most: int = MAX_COUNT) -> tuple[str, ...]
                              'write it in quotes')
     names = tuple(check_name(name, key) for name in found)
     if not names:
-        raise StatementError(f'{key}: the list is empty; wanted at least one name')
+        hint = '; only a problem without phases may have none' if key == 'inputs' else ''
+        raise StatementError(f'{key}: the list is empty; wanted at least one name{hint}')
     check_unique(names, key)
     return names
 

@@ -337,7 +337,7 @@ def test_an_error_says_what_to_write_and_it_is_valid(path, value, line):
     ('states', ['h', True], 'a name is text, not a YAML truth value .* write it in quotes$'),
     # Nothing is guessed where it is not clear what is meant.
     ('dynamics', ['v'], 'found a list of 1$'), ('inputs', {'u u': 1}, 'found a mapping$'),
-    ('inputs', [], 'at least one name$'), ('input_bounds.u', -1, "found int '-1'$"),
+    ('states', [], 'at least one name$'), ('input_bounds.u', -1, "found int '-1'$"),
     ('terminal_constraints', {'h': [0, 1]}, 'found a mapping$'),
     ('final_time', True, "found bool 'True'$")])
 def test_an_error_says_what_to_write_in_words(path, value, words):

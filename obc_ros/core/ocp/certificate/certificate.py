@@ -69,8 +69,9 @@ def certify(problem: Problem, solution: Solution) -> Certificate:
     :return: see the head of this file. All residuals are infinite if arrays have wrong shapes or
         hold a number that is not finite.
     """
-    keys = [key for key in TOLERANCES
-            if key is not Condition.FINAL_TIME or problem.final_time.free]
+    absent = {key for key, asked in ((Condition.FINAL_TIME, problem.final_time.free),
+                                     (Condition.MINIMUM, not problem.held)) if not asked}
+    keys = [key for key in TOLERANCES if key not in absent]
     tolerances = {key: TOLERANCES[key] for key in keys}
     if not _fits(problem, solution):
         return Certificate(dict.fromkeys(keys, np.inf), tolerances)
