@@ -18,7 +18,6 @@ from builtin_interfaces.msg import Time
 import numpy as np
 from obc_ros.core.ocp import solution
 from obc_ros.core.ocp.guess import Guess
-from obc_ros.core.text.comparisons import state_text
 from obc_ros.core.text.errors import quote, StatementError
 from obc_ros.msg import (
     Attempt,
@@ -399,8 +398,10 @@ def _without_empty(mapping: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _text(value: Any) -> str:
-    if isinstance(value, Mapping):   # a constraint at an end
-        return state_text(value)
+    if isinstance(value, Mapping):   # a constraint at an end, with bounds
+        low, high = value.get('lower'), value.get('upper')
+        return (f'{low} <= ' * (low is not None) + str(value['expr'])
+                + f' <= {high}' * (high is not None))
     if isinstance(value, (list, tuple)):
         return json.dumps(value)
     return '' if value is None else str(value)

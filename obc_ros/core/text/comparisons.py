@@ -58,13 +58,6 @@ def state_row(key: str, row: Any, where: str, known: Collection[str] = ()) -> An
     return _bound(parts, signs, where, known)
 
 
-def state_text(row: Mapping[str, Any]) -> str:
-    """Return a constraint with bounds as a comparison."""
-    low, high = row.get('lower'), row.get('upper')
-    left, right = '' if low is None else f'{low} <= ', '' if high is None else f' <= {high}'
-    return f"{left}{row['expr']}{right}"
-
-
 def _state_keys(given: Mapping[Any, Any], known: Collection[str], where: str) -> dict[Any, Any]:
     return {key: [state_row(key, row, f'{where}{key}[{k}]', known)
                   for k, row in enumerate(value)]
