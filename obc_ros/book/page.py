@@ -111,10 +111,10 @@ def format_scientific(text: str) -> str:
 
 
 def show_values(values: Any) -> str:
-    """Return a number, or a list of lists of numbers, with six significant digits, as markup."""
+    """Return a number or lists of numbers as markup: six digits each, a rounding error as 0."""
     if isinstance(values, list):
         return f'[{", ".join(map(show_values, values))}]'
-    return format_scientific(f'{values:.6g}')
+    return format_scientific(f'{round(values, 12) + 0:.6g}')
 
 
 def _contents(records: Sequence[Record]) -> str:

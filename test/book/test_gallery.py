@@ -246,7 +246,8 @@ def test_a_corrupt_record_file_is_replaced(text: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(('value', 'markup'), [
-    (0.25, '$0.25$'), (-1.5e-9, '$-1.5·10^{-9}$'), ([[4e20, 1]], '[[$4·10^{20}$, $1$]]')])
+    (0.25, '$0.25$'), (-1.5e-9, '$-1.5·10^{-9}$'), (-4e-15, '$0$'),
+    ([[4e20, 1]], '[[$4·10^{20}$, $1$]]')])
 def test_numbers_and_lists_are_shown_as_markup(value: object, markup: str) -> None:
     assert page.show_values(value) == markup
 
