@@ -86,6 +86,9 @@ class Settings:
         0.5, 'time from a plan to its beginning, in which lqr_node computes its gains; where the '
         'plant moves, the time that such a plan took before is added before it is computed', 's',
         lower=0.0, upper=60.0)
+    execute_feasible: bool = declare_field(
+        False, 'true: ~/plan also executes plans that meet all constraints and have no '
+        'certificate of optimality')
     systems: tuple[str, ...] = declare_field(
         (), 'YAML files of plants that ~/plan plans for by their names, besides the registered '
         'systems; read at the start', texts=True, read_only=True)
@@ -178,7 +181,8 @@ class TrajectoryServer(Node):  # type: ignore[misc] # rclpy's classes are untype
     async def _plan(self, request: Any, response: Any) -> Any:
         try:
             await self._motions.answer(
-                request, response, self._settings.settings, self._limit(request.time_limit))
+                request, response, self._settings.settings,
+                min(self._limit(request.time_limit), self._limit(request.deadline, 'deadline')))
         except ObcError as error:
             messages.fill_answer(response, self._refuse('plan', error))
         if response.success:
@@ -187,7 +191,7 @@ class TrajectoryServer(Node):  # type: ignore[misc] # rclpy's classes are untype
         return response
 
     async def _execute(self, goal: Any) -> Any:
-        """Execute a goal of the action; it succeeds only with a certified solution."""
+        """Execute a goal of the action; it succeeds only with an answer that it accepts."""
         begun = self.get_clock().now()
 
         def progress(phase: str, iteration: int, cost: float, infeasibility: float) -> None:
@@ -254,9 +258,9 @@ class TrajectoryServer(Node):  # type: ignore[misc] # rclpy's classes are untype
         self._statuses[response.plain['status']] += 1
         return response
 
-    def _limit(self, time_limit: float) -> float:
+    def _limit(self, time_limit: float, name: str = 'time_limit') -> float:
         if not time_limit >= 0.0:
-            raise StatementError(f'time_limit = {time_limit:g}: wanted seconds, or 0 for the '
+            raise StatementError(f'{name} = {time_limit:g}: wanted seconds, or 0 for the '
                                  "server's own limit")
         return min(time_limit or math.inf, self._settings.settings.time_limit)
 

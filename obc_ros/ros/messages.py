@@ -12,12 +12,14 @@ The module is long because every message of the package is read and filled here,
 from array import array
 from collections.abc import Iterable, Mapping
 import json
+import math
 from typing import Any
 
 from builtin_interfaces.msg import Time
 import numpy as np
 from obc_ros.core.ocp import solution
 from obc_ros.core.ocp.guess import Guess
+from obc_ros.core.ocp.method_names import BEST
 from obc_ros.core.text.errors import quote, StatementError
 from obc_ros.msg import (
     Attempt,
@@ -249,7 +251,7 @@ def read_request(kind: str, request: Any) -> Packet:
 
 def _solve_request(request: Any) -> Packet:
     return Packet({'statement': read_statement(request.problem), 'method': request.method,
-                   'options': list(request.options)})
+                   'accept': request.accept, 'options': list(request.options)})
 
 
 def _minimize_request(request: Any) -> Packet:
@@ -270,7 +272,7 @@ def _plan_request(request: Any) -> Packet:
          'input_bounds': read_message_bounds('input_bounds', request.input_bounds),
          'state_bounds': read_message_bounds('state_bounds', request.state_bounds),
          'path_constraints': list(request.path_constraints),
-         'final_time': request.final_time},
+         'final_time': request.final_time, 'accept': BEST if request.deadline else ''},
         _arrays(request, 'start', 'goal', 'qx', 'qu'))
 
 
@@ -303,7 +305,9 @@ def fill_answer(response: Any, packet: Packet) -> None:
     if hasattr(response, 'free_parameters'):   # a motion has none
         response.free_parameters = [NamedValues(name=name, values=[value])
                                     for name, value in free.items()]
-    response.success = plain['status'] == 'solved' and response.certificate.holds
+    response.success = plain['status'] == 'feasible' or (
+        plain['status'] == 'solved' and response.certificate.holds)
+    response.first_path_time = math.nan
     for name in set(response.get_fields_and_field_types()) & set(plain):
         setattr(response, name, plain[name])
     if 'nu' in packet.arrays and hasattr(response, 'nu'):
@@ -346,12 +350,13 @@ def build_lqr_design(fields: Mapping[str, Any]) -> LqrDesign:
 def build_certificate_message(conditions: Mapping[str, Any] | None) -> Certificate:
     """Return the message of a certificate; without conditions, an empty one."""
     if conditions is None:
-        return Certificate(sentence='there is no solution to certify')
+        return Certificate(sentence='there is no solution to certify', excess=math.nan)
     verdict = solution.Certificate(**conditions)
     return Certificate(
         holds=verdict.holds, conditions=list(verdict.tolerances),
         residuals=[verdict.residuals[name] for name in verdict.tolerances],
-        tolerances=list(verdict.tolerances.values()), sentence=verdict.sentence)
+        tolerances=list(verdict.tolerances.values()), sentence=verdict.sentence,
+        excess=verdict.excess)
 
 
 def read_solution(result: Any) -> solution.Solution:
@@ -363,13 +368,13 @@ def read_solution(result: Any) -> solution.Solution:
     arrays |= _arrays(path, 't', 'hamiltonian', 'switching_times') | _arrays(result, 'nu')
     plain = {name: getattr(result, name) for name in (
         'status', 'message', 'remark', 'objective', 'method', 'iterations', 'build_time',
-        'solve_time')}
+        'solve_time', 'first_path_time')}
     plain |= {
         'interpolation': path.interpolation or 'linear',
         'free_parameters': {each.name: each.values[0] for each in result.free_parameters},
-        'certificate': {
+        'certificate': {'excess': certificate.excess, **{
             name: dict(zip(certificate.conditions, getattr(certificate, name), strict=True))
-            for name in ('residuals', 'tolerances')} if certificate.conditions else None,
+            for name in ('residuals', 'tolerances')}} if certificate.conditions else None,
         'optimality': _read_plain(known) if known.kind else None,
         'attempts': list(map(_read_plain, result.attempts))}
     return unpack_solution(Packet(plain, arrays))

@@ -32,7 +32,7 @@ def _plan(request: Packet, time_limit: float, report: Report, keep: Keep) -> Pac
     plain = request.plain
     problem, solution = solve_motion(
         read_motion(request), time_limit, report=report, cache=get_cache(plain['cache_size']),
-        max_intervals=plain.get('max_intervals', MAX_INTERVALS),
+        max_intervals=plain.get('max_intervals', MAX_INTERVALS), accept=plain.get('accept', ''),
         keep=lambda problem, path: keep(pack_solution(problem, path, plain['system'])))
     return pack_solution(problem, solution, plain['system'])
 

@@ -12,7 +12,8 @@ COMPATIBLE = 'accepted as by `ros2`'   # begins the help of options that only `r
 # Verbs of `ros2` take what `ros2` takes, such as a rate of one message.
 ALWAYS = {
     'demo': '--out --format --real-time',
-    'solve': '--json --plot --server --time-limit --method --option --list-options --trace',
+    'solve': '--json --plot --server --time-limit --method --accept --option '
+             '--list-options --trace',
     'lqr': '--json --plot --server --full',
     'sweep': '--over --sample --out --plot --resume --scheduler --workers --chunk --time-limit '
              '--method --option',

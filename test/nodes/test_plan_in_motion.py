@@ -167,6 +167,33 @@ def test_a_late_plan_is_shifted_at_rest_and_asked_for_again_in_motion(
         assert again - asked > 2 * 10**9   # the lead of 1 s, and the time that the plan took
 
 
+def test_a_plan_without_certificate_is_executed_only_if_that_is_allowed(
+        spawn: Any, probe: Any) -> None:
+    """The mesh is too coarse for a certificate: the deadline makes the best path the answer."""
+    spawn('trajectory_server', {'workers': 1, 'max_intervals': 10})
+    stand_in = StandIn(probe, is_at_rest=True)
+    wanted = {'path_constraints': ['x2 - 3.9'], 'deadline': 15.0}   # without it x2 is up to 4.5
+    answer = plan(probe, **wanted)
+    assert (answer.success, answer.status) == (True, 'feasible'), answer.message
+    assert 'no certificate of optimality' in answer.message
+    assert not answer.certificate.holds and answer.certificate.excess > 0.0
+    assert 0.0 < answer.first_path_time < 15.0
+    assert max(answer.trajectory.x[1::2]) <= 3.9 * (1 + 1e-6)
+    answer = plan(probe, execute=True, **wanted)
+    assert (answer.success, answer.status) == (False, 'cancelled')
+    assert answer.message == (
+        'the plan meets all constraints, but not executed: it has no certificate of optimality '
+        '(execute_feasible = false)')
+    assert not stand_in.offered
+    assert probe.set_parameters('/trajectory_server', execute_feasible=True)[0].successful
+    answer = plan(probe, execute=True, **wanted)
+    assert (answer.success, answer.status) == (True, 'feasible'), answer.message
+    assert len(stand_in.offered) == 1
+    answer = plan(probe, **{**wanted, 'deadline': -1.0})
+    assert (answer.success, answer.status) == (False, 'malformed')
+    assert answer.message.startswith('deadline = -1: wanted seconds')
+
+
 def test_a_plan_that_is_late_twice_says_so(spawn: Any, probe: Any) -> None:
     """A plant that moves is not given a plan from where it was."""
     server = spawn('trajectory_server', {'workers': 1, 'plan_lead': 0.5})

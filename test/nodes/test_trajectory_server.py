@@ -234,6 +234,22 @@ def test_feedback_has_the_elapsed_time(standing):
     assert elapsed == sorted(elapsed)
 
 
+def test_the_first_path_is_an_answer_if_that_is_asked_for(standing):
+    """No input attains the infimum -1 of the integral of x^2 - u^2: there is no certificate."""
+    response = solve(standing, message({
+        'name': 'chattering', 'states': ['x'], 'inputs': ['u'], 'dynamics': {'x': 'u'},
+        'running_cost': 'x**2 - u**2', 'input_bounds': {'u': [-1, 1]}, 'initial_state': {'x': 0},
+        'final_time': {'free': False, 'value': 1}}), accept='path')
+    assert (response.success, response.status) == (True, 'feasible')
+    assert 'no certificate of optimality' in response.message
+    assert 0.0 <= response.objective + 1.0 <= response.certificate.excess
+    assert 0.0 < response.first_path_time <= response.build_time + response.solve_time
+    refused = solve(standing, scalar()[0], accept='paths')
+    assert (refused.success, refused.status) == (False, 'malformed')
+    assert refused.message.startswith("accept: 'paths' is unknown")
+    assert np.isnan(refused.first_path_time)
+
+
 @pytest.mark.parametrize('n', [12, 60])
 def test_the_time_limit_is_kept(standing, clock, n):
     response, begun, end = timed(standing, endless(n), time_limit=1.0)

@@ -277,8 +277,9 @@ def test_a_failed_certificate_names_its_worst_condition():
 def test_a_refused_problem_has_no_trajectory():
     response = SolveOptimalControl.Response()
     messages.fill_answer(response, Packet({'status': 'malformed', 'message': 'why'}))
-    assert serialized_and_back(response) == SolveOptimalControl.Response(
-        status='malformed', message='why', certificate=response.certificate)
+    assert str(serialized_and_back(response)) == str(SolveOptimalControl.Response(   # with nan
+        status='malformed', message='why', certificate=response.certificate,
+        first_path_time=np.nan))
 
 
 def test_a_problem_without_inputs_has_none_in_a_message():

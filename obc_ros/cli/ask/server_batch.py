@@ -34,7 +34,8 @@ def _build_messages(asked: Sequence[Question], time_limit: float, lines: Lines
             problem = question.build_problem()
             yield question, SolveOptimalControl.Goal(
                 problem=build_problem_message(problem.statement, problem.guess),
-                method=question.method or problem.method, time_limit=time_limit,
+                method=question.method or problem.method,
+                accept=question.accept or problem.accept, time_limit=time_limit,
                 options=list(question.options))
         except (StatementError, DynamicsError) as error:
             question.end('malformed', str(error))

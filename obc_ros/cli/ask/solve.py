@@ -41,7 +41,6 @@ def add_arguments(parser: Parser) -> None:
                         help='path: end at the first path that meets all constraints; best: end '
                              'at the time limit with the best one if none is certified by then '
                              "(default: the key 'accept' of the files, or certified)")
-    parser.limit('--accept', without=['--server'])
     parser.add_argument('--option', metavar='NAME=VALUE', type=_option, action='append',
                         default=[], dest='options',
                         help='a number that steers the search, as multistart.most=20; for experts')

@@ -133,7 +133,7 @@ def _check_names(system: System) -> None:
 
 
 def solve_motion(motion: Motion, time_limit: float, *, report: Report | None = None,
-                 cache: Cache | None = None, max_intervals: int = MAX_INTERVALS,
+                 cache: Cache | None = None, max_intervals: int = MAX_INTERVALS, accept: str = '',
                  keep: Callable[[Problem, Solution], None] | None = None
                  ) -> tuple[Problem, Solution]:
     """
@@ -141,29 +141,31 @@ def solve_motion(motion: Motion, time_limit: float, *, report: Report | None = N
 
     :param motion: with names as users give them.
     :param time_limit: limit of the wall-clock time [s].
-    :param report, cache, max_intervals: as for `solve.solve`.
+    :param report, cache, max_intervals, accept: as for `solve.solve`.
     :param keep: called with the problem and each path that is better than those before.
     :raises StatementError, DynamicsError: as `state_motion`.
     """
     begun = time.monotonic()
     if motion.objective != 'time' and not motion.final_time:
-        motion = replace(motion, final_time=_ample_time(motion, time_limit / 2, report, cache))
+        motion = replace(motion, final_time=_ample_time(
+            motion, time_limit / 2, report, cache, accept))
     problem = build_problem(state_motion(motion))
     left = time_limit - (time.monotonic() - begun)
     return problem, solve(
         problem, time_limit=left, report=report, cache=cache, max_intervals=max_intervals,
-        keep=None if keep is None else lambda path: keep(problem, path))
+        accept=accept, keep=None if keep is None else lambda path: keep(problem, path))
 
 
-def _ample_time(motion: Motion, time_limit: float, report: Report | None, cache: Cache | None
-                ) -> float:
+def _ample_time(motion: Motion, time_limit: float, report: Report | None, cache: Cache | None,
+                accept: str) -> float:
     """Return twice the minimum time of a motion; 0 if there is none or it is not found."""
     try:
         problem = build_problem(state_motion(replace(motion, objective='time')))
     except ObcError:
         return 0.0  # such as inputs without bounds; other errors are found again when it is solved
-    solution = solve(problem, time_limit=time_limit, report=report, cache=cache)
-    return 2.0 * solution.objective if solution.status is Status.SOLVED else 0.0
+    solution = solve(problem, time_limit=time_limit, report=report, cache=cache, accept=accept)
+    solved = solution.status in (Status.SOLVED, Status.FEASIBLE)
+    return 2.0 * solution.objective if solved else 0.0
 
 
 def _input_at(system: System, goal: Array) -> Array:

@@ -118,7 +118,8 @@ class MotionRequests:
         has_start = bool(request.start)
         for _ in range(2):
             asked = self._now()
-            begin = asked + _lead(settings) + self._took.get(key, 0)
+            begin = asked + _lead(settings) + (
+                int(min(request.deadline, limit) / NS) or self._took.get(key, 0))
             motion = await self._plan(request, settings, until, None if has_start else begin)
             messages.fill_answer(response, motion.packet)
             if not response.success:
@@ -155,7 +156,10 @@ class MotionRequests:
                              f'too late: the plant moves, and it came {late:.3g} s after its '
                              f'beginning (plan_lead = {settings.plan_lead:g} s)')
                 return
-        if request.execute:
+        if request.execute and response.status == 'feasible' and not settings.execute_feasible:
+            self._reject(response, 'cancelled', 'not executed: it has no certificate of '
+                         'optimality (execute_feasible = false)')
+        elif request.execute:
             await self._execute(response, motion, settings, until)
         if response.success:
             response.message = '; '.join([response.message, *motion.notes])
@@ -213,7 +217,8 @@ class MotionRequests:
                          'lqr_node follows it is not known')
 
     def _reject(self, response: Any, status: str, reason: str) -> None:
-        message = f'the plan is solved, but {reason}'
+        done = 'is solved' if response.status == 'solved' else 'meets all constraints'
+        message = f'the plan {done}, but {reason}'
         self._log.warning('refused', f'a request to ~/plan was rejected: {quote(message, 500)}')
         response.success, response.status, response.message = False, status, message
 
