@@ -117,8 +117,9 @@ class _Plant:
 def _name_symbols(tables: DataTables, x: _Symbols, u: _Symbols, p: _Symbols, free: _Symbols,
                   time: ca.SX | None, end: ca.SX | None) -> Names:
     """Return what expressions may contain; a name of the statement hides t and T."""
-    found = Names(({} if end is None else {END: end}) | x | u | p | free | (
-        {} if time is None else {TIME: time}))
+    found = Names(x | u | p | free | ({} if time is None else {TIME: time}))
+    if end is not None:
+        found.setdefault(END, end)
     found.functions = tables.functions
     return found
 
