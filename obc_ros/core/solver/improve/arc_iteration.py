@@ -189,6 +189,7 @@ class ArcIteration:
             mesh, replace(sharpen_steps(outcome.path, arcs), durations=durations),
             near=Nearby(bench.sizes(outcome), shortest=kept * durations * held),
             effort=SolveEffort(bench.options.coarse.iterations))
+        bench.keep(new)
         room, closed = bench.options.bangs.room * abs(outcome.objective), (
             self.programs.integrator.closed)
         cheap = new.converged and (new.objective <= outcome.objective + room or (
