@@ -316,7 +316,7 @@ def test_a_malformed_name_of_a_server_exits_with_2(capsys, name):
 
 def test_all_errors_of_a_file_are_printed_each_on_its_line(tmp_path, capsys):
     (tmp_path / 'scalar.yaml').write_text(yaml.safe_dump({
-        **SCALAR, 'final_time': 3, 'colour': 'red', 'running_cost': 'y'}, sort_keys=False))
+        **SCALAR, 'final_time': [3], 'colour': 'red', 'running_cost': 'y'}, sort_keys=False))
     assert main(['solve', str(tmp_path / 'scalar.yaml'), '--json', str(tmp_path)]) == 2
     printed = capsys.readouterr().out.splitlines()
     answer = read_json(tmp_path / 'scalar.json')
