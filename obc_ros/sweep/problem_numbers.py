@@ -42,7 +42,8 @@ class ProblemNumbers:
         except (TypeError, ValueError):
             raise StatementError('problem: other processes get the statement; wanted texts, '
                                  'numbers and functions, and a system by its name') from None
-        self.dimensions = {'state': self.problem.states, 'input': self.problem.inputs}
+        self.dimensions = {'state': self.problem.states,
+                           'input': self.problem.inputs[:self.problem.m - self.problem.held]}
 
     @cached_property
     def places(self) -> dict[str, Place]:
@@ -54,7 +55,7 @@ class ProblemNumbers:
         names = [name for name in problem.parameters if name.isidentifier()]
         found |= {name: ('parameters', name) for name in names if name != 'T'}
         found |= {f'parameters.{name}': ('parameters', name) for name in names}
-        for section, bounded in (('input_bounds', problem.inputs),
+        for section, bounded in (('input_bounds', self.dimensions['input']),
                                  ('state_bounds', problem.states)):
             found |= {f'{section}.{name}.{side}': (section, name, index)
                       for name in bounded for index, side in enumerate(SIDES)}

@@ -378,8 +378,8 @@ def test_a_fit_of_another_solver_is_certified(k, holds):
 
 
 @pytest.mark.parametrize(('keys', 'said'), [
-    ({'dynamics': {'x': '-k*x + u'}}, "^dynamics.x: unknown name 'u'"),
-    ({'input_bounds': {'u': [0, 1]}}, "^input_bounds.u: 'u' is not an input"),
+    ({'dynamics': {'x': '-k*x + u'}}, "^dynamics.x: unknown name 'u'; known names: x, k, t, T$"),
+    ({'input_bounds': {'u': [0, 1]}}, "^input_bounds.u: 'u' is not an input; there are none$"),
     ({'final_time': None, 'phases': [{'duration': 1}, {'duration': 1}]},
      '^inputs: the list is empty; .* only a problem without phases may have none')])
 def test_a_problem_without_inputs_has_none(keys, said):

@@ -90,6 +90,13 @@ def test_an_unknown_key_is_refused_in_words(statement, key, words):
     assert str(caught.value).isprintable()
 
 
+def test_a_problem_without_inputs_has_numbers_of_states_only():
+    numbers = ProblemNumbers({
+        **STATEMENT, 'inputs': [], 'dynamics': {'p': 'v', 'v': '-v/m'}, 'running_cost': 'v**2'})
+    assert numbers.dimensions == {'state': ('p', 'v'), 'input': ()}
+    assert not [key for key in numbers.places if key.startswith('input_bounds')]
+
+
 def test_units_are_those_of_the_statement():
     numbers = ProblemNumbers(STATEMENT)
     assert [numbers.unit(key) for key in ('x0.p', 'm', 'x0.v', 'T')] == ['m', 'kg', '', 's']

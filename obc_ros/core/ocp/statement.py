@@ -270,21 +270,21 @@ def _build_problem(given: Given) -> Problem:
             *('final_time' for _ in stops))
     V, psi, literals = V + more.cost, [*psi, *more.rows, *stops], [*literals, *more.literals]
     unlimited = np.full(added.count, np.inf)
-    x, u = _column(added.x.values()), _column(plant.u.values())
+    x, u = _column(added.x.values()), _column(plant.u.values() or [ca.SX.sym(HELD)])
     p = _column([*plant.p.values(), *(symbol for symbol, _ in literals)])
     f, rows = ca.vertcat(plant.f, added.rates), _column(psi)
     functions = ca.Function('problem', [x, u, p], [f, L, path, V, rows])
     bounds = (np.append(x_lower, -unlimited), np.append(x_upper, unlimited), u_lower, u_upper,
               path_lower, path_upper)
     problem = Problem(
-        name=name, states=tuple(added.x), inputs=plant.inputs,
+        name=name, states=tuple(added.x), inputs=plant.inputs or (HELD,),
         parameters=(*plant.p, *(symbol.name() for symbol, _ in literals)),
         x=x, u=u, p=p, f=f, L=L, V=V, psi=rows, path=path, x_lower=bounds[0], x_upper=bounds[1],
         u_lower=u_lower, u_upper=u_upper, path_lower=path_lower, path_upper=path_upper,
         p_value=np.array([*plant.values.values(), *(value for _, value in literals)]),
         x0=np.array(added.x0), start=added.start, added=added.count,
         free_parameters=tuple(plant.free), has_clock=time is not None, final_time=final_time,
-        held=int(plant.inputs == (HELD,)), guess=guess, starts=tuple(starts),
+        held=int(not plant.inputs), guess=guess, starts=tuple(starts),
         angles=plant.angles + (False,) * added.count, method=method, accept=accept,
         units=plant.units, ends=ends, breaks=breaks[0], edges=breaks[1],
         statement=_record_functions(stated, given, plant),
@@ -415,7 +415,7 @@ def _own_plant(given: Given, faults: Faults) -> _Plant:
     rows = [faults.attempt(expressions.parse_expression, equations[name], known,
                            f'dynamics.{name}') for name in states if name in equations]
     f = _column(row for row in rows if row is not None)
-    unlimited = np.full(len(inputs), 0.0 if inputs == (HELD,) else np.inf)
+    unlimited = np.full(len(inputs), np.inf) if inputs else np.zeros(1)   # of HELD
     return _Plant(
         states=states, inputs=inputs, angles=(False,) * len(states), x=x, u=u, p=p,
         values=values, f=f, u_lower=-unlimited, u_upper=unlimited, free=free, time=time,
@@ -423,7 +423,7 @@ def _own_plant(given: Given, faults: Faults) -> _Plant:
 
 
 def _input_names(given: Given) -> tuple[str, ...]:
-    return (HELD,) if given.get('inputs') in ([], ()) else read_names(given, 'inputs')
+    return () if given.get('inputs') in ([], ()) else read_names(given, 'inputs')
 
 
 def _equations(given: Given, x: dict[str, ca.SX], u: dict[str, ca.SX], p: dict[str, ca.SX],
