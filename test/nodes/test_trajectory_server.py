@@ -290,9 +290,10 @@ def test_a_killed_worker_leaves_its_best_path(server, probe):
         assert 'SIGKILL' in found.message
         if len(found.trajectory.t):
             break
-    assert f'the best path so far: cost {found.objective:.8g}, not' in found.message
-    assert any(residual > tolerance for residual, tolerance in zip(
+    passes = all(residual <= tolerance for residual, tolerance in zip(
         found.certificate.residuals, found.certificate.tolerances, strict=True))
+    assert f'the best path so far: cost {found.objective:.8g}, ' + (
+        'the certificate passes, but' if passes else 'not certified') in found.message
     assert solve(probe, scalar()[0]).status == 'solved'
 
 
