@@ -65,6 +65,20 @@ def test_estimated_excess_counts_wrong_costates(wrong):
     assert certificate.excess > path.objective - 1.0
 
 
+def test_estimated_excess_counts_losses_between_samples():
+    """With u = t, J = 1/4; u = 0, far from it, minimises |u| - u/2 and costs nothing."""
+    problem = build_problem({
+        'states': ['x'], 'inputs': ['u'], 'dynamics': {'x': 'u'}, 'running_cost': 'abs(u)',
+        'terminal_cost': '-x/2', 'input_bounds': {'u': [-1, 1]}, 'initial_state': {'x': 0},
+        'final_time': {'free': False, 'value': 1}})
+    t = np.linspace(0.0, 1.0, 6)
+    path = Solution(Status.NOT_CONVERGED, '', 0.25, t, t[:, None]**2 / 2, t[:, None],
+                    np.full((6, 1), -0.5), t / 2)
+    certificate = certify(problem, path)
+    assert certificate.feasible and not certificate.holds
+    assert certificate.excess == pytest.approx(0.25, rel=1e-6)
+
+
 def test_no_estimate_without_costates():
     path = wave(0.1)
     assert math.isnan(certify(build_problem(EFFORT), replace(path, lam=path.lam * np.nan)).excess)

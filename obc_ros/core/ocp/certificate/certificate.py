@@ -216,6 +216,8 @@ class _Judge:
 
     def _excess(self, loss: float, found: Mapping[str, float]) -> float:
         """Return the estimate of the excess cost, see docs/certificate.md; nan if infinite."""
+        if found[Condition.MINIMUM] > TOLERANCES[Condition.MINIMUM]:
+            loss = self._gap(everywhere=True)[1]
         excess = loss + self._owed() + self.scales.lam * (
             found[Condition.COSTATE] + found[Condition.TRANSVERSALITY]
         ) + self.scales.H * self.duration * found[Condition.FINAL_TIME]
@@ -451,12 +453,17 @@ class _Judge:
             column = self.functions.path_x(x, u, self.p)[0][:, (row - n)*n:(row - n + 1)*n]
         return np.asarray(column * (self.scales.x / self.scales.lam))
 
-    def _gap(self) -> tuple[float, float]:
-        """Return the largest H - min H at a sample, and the integral of H - min H."""
-        first = np.arange(len(self.rows)) * (PARTS + 1)
+    def _gap(self, everywhere: bool = False) -> tuple[float, float]:
+        """
+        Return the largest H - min H at a sample, and the integral of H - min H.
+
+        :param everywhere: search for the minimum between samples too: it may be far from u.
+        """
+        searched = np.arange(len(self.points.x))
+        if not everywhere:
+            searched = np.append(searched[::PARTS + 1], searched[-1])
         gap = self._by_interval(self.functions.minimum.gap(
-            self.problem, self.points, np.append(first, len(self.points.x) - 1),
-            InputScales(self.scales.u, self.scales.H)))
+            self.problem, self.points, searched, InputScales(self.scales.u, self.scales.H)))
         samples = gap[:, :1] if self.solution.interpolation == 'zoh' else gap[:, [0, -1]]
         samples = samples[~self.problem.edges_in(self.solution.t)[self.rows]]   # beside it
         weights = np.array([7, 32, 12, 32, 7]) / 90
