@@ -67,6 +67,12 @@ def find_dependence(expressions: ca.SX, symbols: ca.SX) -> Mask:
     return found
 
 
+def has_jumps(expressions: ca.SX, symbols: ca.SX) -> bool:
+    """Return whether a step may occur, or a sign: CasADi takes its derivative as 0."""
+    return Instructions(ca.Function('expressions', [symbols], [ca.densify(expressions)], {
+        'allow_free': True})).have(ca.OP_LT, ca.OP_LE, ca.OP_SIGN)
+
+
 def separate_numbers(expressions: ca.SX, arguments: Sequence[ca.SX]
                      ) -> tuple[ca.SX, ca.SX, Array]:
     """

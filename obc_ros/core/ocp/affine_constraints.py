@@ -9,6 +9,7 @@ from fractions import Fraction
 import casadi as ca
 import numpy as np
 from obc_ros.core.numerics.arrays import Array, Mask
+from obc_ros.core.numerics.instructions import has_jumps
 from obc_ros.core.numerics.rational_polynomials import (
     find_null_space,
     RationalRow,
@@ -128,8 +129,10 @@ def find_affine_rows(problem: Problem) -> tuple[Array, Array, Mask]:
 
     :return: (q, n), (q,), (q,). Rows of nonlinear ones have no meaning.
     """
-    slope = ca.jacobian(problem.psi, problem.x)
-    bent = np.array([ca.depends_on(slope[row, :], problem.x) for row in range(problem.q)], bool)
-    at_zero = ca.Function('rows', [problem.x, problem.p], [ca.densify(slope), problem.psi])
+    x = problem.x
+    slope = ca.jacobian(problem.psi, x)
+    bent = np.array([ca.depends_on(slope[row, :], x) or has_jumps(problem.psi[row], x)
+                     for row in range(problem.q)], bool)
+    at_zero = ca.Function('rows', [x, problem.p], [ca.densify(slope), problem.psi])
     A, b = (value.full() for value in at_zero(np.zeros(problem.n), problem.p_value))
     return A, b[:, 0], ~bent & np.isfinite(A).all(axis=1) & np.isfinite(b[:, 0])

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 from obc_ros.core.numerics.arrays import Array
+from obc_ros.core.numerics.instructions import has_jumps
 from obc_ros.core.ocp.problem import ByStructure, Problem
 
 
@@ -88,7 +89,8 @@ def _build_form(problem: Problem) -> _Form:
     end = 2 + problem.q
     constant = ca.vertcat(values[:2], ca.vec(J[2:end, :]))
     return _Form(ca.Function('form', [z, problem.p], [values, J]),
-                 not ca.depends_on(constant, z), not ca.depends_on(J[end:, :], z))
+                 not (ca.depends_on(constant, z) or has_jumps(values[:end], z)),
+                 not (ca.depends_on(J[end:, :], z) or has_jumps(problem.f, z)))
 
 
 _form = ByStructure(_build_form, 64)

@@ -7,6 +7,7 @@ from dataclasses import replace
 import casadi as ca
 import numpy as np
 from obc_ros.core.numerics.arrays import Array
+from obc_ros.core.numerics.instructions import has_jumps
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.ocp.solution import Solution, Status
 from obc_ros.core.riccati.first_order_hold import LqForm
@@ -66,7 +67,8 @@ def _find_form(problem: Problem) -> LqForm | None:
     fz, psix = ca.jacobian(f, z), ca.jacobian(psi, x)
     Lzz, Lz = ca.hessian(L, z)
     Vxx, Vx = ca.hessian(V, x)
-    if ca.depends_on(ca.veccat(fz, psix, Lzz, Vxx), z):
+    if ca.depends_on(ca.veccat(fz, psix, Lzz, Vxx), z) or has_jumps(
+            ca.vertcat(f, L, V, psi), z):
         return None
     read = ca.Function('read', [z], [ca.densify(part) for part in (
         fz, f, Lzz, Lz, L, Vxx, Vx, V, psix, psi)])

@@ -8,6 +8,9 @@ import obc_ros as obc
 from obc_ros.core.numerics.enclosures.interval_arithmetic import enclose_outputs
 from obc_ros.core.ocp.data_tables import DataTable
 from obc_ros.core.ocp.statement import build_problem, load_file
+from obc_ros.core.solver.exact.weak_duality import is_excluded
+from obc_ros.core.solver.linear_quadratic import solve_lq
+from obc_ros.core.solver.proofs.contradictions import explain_contradiction
 from obc_ros.core.solver.transcription.mesh import build_uniform_mesh, keep_breaks
 from obc_ros.core.text.errors import StatementError
 from obc_ros.core.text.example_files import find_example
@@ -249,3 +252,16 @@ def test_what_cannot_switch_is_refused_in_words(cost, said):
         build_problem(MOVE | FREE | {'running_cost': 'sign(t - 1)*u**2'})
     with pytest.raises(StatementError, match="^boundary_constraints.* unknown name 'T'"):
         build_problem(MOVE | {'boundary_constraints': ['p - p_0 - T']})
+
+
+@pytest.mark.parametrize('change', [
+    {'dynamics': {'p': 'u + if(t < 4, 0, 1)'}, 'terminal_constraints': ['p - 4.5']},
+    {'dynamics': {'p': 'u + step(t)'}, 'terminal_constraints': ['p - 4.5']},
+    {'terminal_constraints': ['p - if(t < 4, 20, 0.5)']},
+    {'path_constraints': ['p >= -step(t)'], 'terminal_constraints': ['p + 0.1']}])
+def test_nothing_is_proved_with_the_first_value_of_a_step(change):
+    """The derivative of a step is 0, but a problem with one is neither affine nor impossible."""
+    stated = MOVE | {'tables': {'step': ([0, 4, 8], [0, 1, 1], 'steps')}, 'final_time': 8} | change
+    assert solve_lq(build_problem(stated)) is None
+    bounded = build_problem(stated | {'input_bounds': {'u': [-0.1, 0.1]}})
+    assert not explain_contradiction(bounded) and not is_excluded(bounded)

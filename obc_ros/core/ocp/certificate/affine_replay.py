@@ -25,6 +25,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 from obc_ros.core.numerics.arrays import Array, linalg
+from obc_ros.core.numerics.instructions import has_jumps
 from obc_ros.core.ocp.problem import Problem
 
 _SAME = 1e-9    # relative difference of interval lengths that are treated as equal
@@ -85,11 +86,12 @@ class AffineReplay:
         z = ca.vertcat(problem.x, problem.u, s, m)
         H = problem.L + ca.dot(lam, problem.f) + ca.dot(m, problem.path)
         rate = ca.vertcat(problem.f, -ca.gradient(H, problem.x) - s)
-        slopes = ca.jacobian(rate, ca.vertcat(z, lam))
+        both = ca.vertcat(z, lam)
+        slopes = ca.jacobian(rate, both)
         curvature, slope = ca.hessian(problem.L, z)
         self._read: ca.Function | None = None
-        if not ca.depends_on(ca.veccat(slopes, curvature), ca.vertcat(z, lam)):
-            self._read = ca.Function('read', [ca.vertcat(z, lam), problem.p], [
+        if not (ca.depends_on(ca.veccat(slopes, curvature), both) or has_jumps(rate, both)):
+            self._read = ca.Function('read', [both, problem.p], [
                 ca.densify(part) for part in (slopes, rate, curvature, slope, problem.L)])
 
     def rates(self, p: Array, scale: Array, w: Array, h: Array) -> Rates | None:

@@ -24,6 +24,7 @@ from typing import NamedTuple
 import casadi as ca
 import numpy as np
 from obc_ros.core.numerics.arrays import Array, Index, optimize
+from obc_ros.core.numerics.instructions import has_jumps
 from obc_ros.core.ocp.certificate.certificate import COUNTS_AS_MET
 from obc_ros.core.ocp.least_time_form import find_affine_dynamics
 from obc_ros.core.ocp.problem import Problem
@@ -148,7 +149,7 @@ def _demands(problem: Problem) -> _Demands | None:
     n, q, z = problem.n, problem.q, ca.vertcat(problem.x, problem.u)
     values = ca.vertcat(problem.psi, problem.path)
     slopes = ca.jacobian(values, z)
-    if ca.depends_on(slopes, z):
+    if ca.depends_on(slopes, z) or has_jumps(values, z):
         return None
     both = ca.Function('rows', [z, problem.p], [ca.densify(slopes), ca.densify(values)])
     J, at_zero = (each.full() for each in both(np.zeros(n + problem.m), problem.p_value))
