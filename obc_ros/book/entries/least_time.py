@@ -102,10 +102,10 @@ def example_2_3(desk: Desk) -> EntryResult:
         'half period.',
         'Second figure: the feedback law $u = -sgn(x_1 + c x_2|x_2|)$ of the double integrator, '
         f'computed {1 / SAMPLED:g} times a second. $c = ½$ is the switching curve: one switch, '
-        'then a small cycle at the origin, which any period or delay leaves. With $c = 0.3$ the '
-        'path crosses the curve and switches ever more often. With $c = 0.8$, or with a gain of '
-        'the input that is not the expected one, it slides along the curve and $u$ switches again '
-        'and again: chattering.'),
+        'then a small cycle at the origin, which remains for any sampling period or delay. With '
+        '$c = 0.3$ the path crosses the curve and switches ever more often. With $c = 0.8$, or '
+        'with a gain of the input that is not the expected one, it slides along the curve and $u$ '
+        'switches again and again: chattering.'),
         more={'feedback': _draw_feedback()})
 
 

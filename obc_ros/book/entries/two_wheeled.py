@@ -87,9 +87,9 @@ def exercise_2_6(desk: Desk) -> EntryResult:
     return EntryResult(rows, _draw_maps(fine), (
         'The fastest word from the origin (heading to the right) to each goal, with $L = M = 1$. '
         'C is a turn, S a straight line, | a change of direction. Dotted: lines of equal time, '
-        f'every second. The regions are drawn on a grid of {2 * SIDE / (FINE - 1):g} m, which the '
-        'solver answers without the nodes. Second figure: five paths with their words, in the '
-        'colours of the map.',),
+        f'every second. The regions are drawn on a grid of {2 * SIDE / (FINE - 1):g} m, '
+        'solved without the nodes. Second figure: five paths with their words, in the colours of '
+        'the map.',),
         f'Turning by 90 degrees in place takes {turns[0].T:.9f} s at full speed, with '
         f'switches at {turns[0].switching_times[0]:.6f} and {turns[0].switching_times[1]:.6f} s; '
         f'with $v = 0$ it takes {spot.T:.9f} s.', {'paths': _draw_paths(shown)})
