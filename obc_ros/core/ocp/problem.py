@@ -214,7 +214,9 @@ class Problem(Tabulated):
     def edges_in(self, t: Array) -> Mask:
         """Return which intervals between times (N + 1,) are parts of `edges`."""
         middle, (starts, ends) = 0.5 * (t[:-1] + t[1:]), self.edges.T
-        return np.asarray(np.searchsorted(starts, middle) > np.searchsorted(ends, middle))
+        k = np.searchsorted(starts, middle) - 1
+        length = np.append(ends - starts, 0.0)[k]   # the middle of a long interval may be in one
+        return (k >= 0) & (middle <= np.append(ends, 0.0)[k]) & (np.diff(t) < 2 * length)
 
     def pin_start(self, x: Array) -> 'Problem':
         """Return the problem whose x(0) is given: where it is free, that of a path, x (n,)."""

@@ -70,6 +70,7 @@ def test_knots_are_points_of_every_mesh(argument, final, knots):
     times = duration * np.append(0.0, np.cumsum(mesh.fractions))
     assert all(np.abs(times - each).min() < 1e-12 * duration for each in problem.edges.ravel())
     assert problem.edges_in(times).sum() == len(knots)
+    assert not problem.edges_in(np.linspace(0, duration, 2 * len(knots))).any()
     again = keep_breaks(problem, mesh, duration)
     np.testing.assert_allclose(again.fractions, mesh.fractions, atol=1e-15)
 
