@@ -30,7 +30,7 @@ from obc_ros.core.text.errors import (
     StatementError,
     suggest_name,
 )
-from obc_ros.core.text.expressions import check_name
+from obc_ros.core.text.expressions import check_name, MAX_NUMBER
 from obc_ros.core.text.fields import Given, list_of, read_mapping, read_section
 
 METHODS = 'linear', 'cubic', 'steps'
@@ -278,8 +278,8 @@ def _read_numbers(value: object, where: str) -> Array:
     if len(numbers) < 2:
         raise StatementError(f'{where}: wanted two numbers or more, found {len(numbers)}')
     for k, number in enumerate(numbers):
-        if isinstance(number, bool) or not isinstance(number, (int, float)) or not np.isfinite(
-                number):
-            raise StatementError(f'{where}[{k}]: wanted a finite number, found '
-                                 f'{describe_type(number)}')
+        if isinstance(number, bool) or not isinstance(number, (int, float)) or not (
+                abs(number) <= MAX_NUMBER):
+            raise StatementError(f'{where}[{k}]: wanted a finite number, up to {MAX_NUMBER:g}, '
+                                 f'found {describe_type(number)}')
     return np.array(numbers, dtype=float)

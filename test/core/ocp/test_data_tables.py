@@ -134,6 +134,7 @@ def test_columns_of_a_file_are_a_table(tmp_path):
     (state(t=[0, 1, 1, 3, 4, 5, 6, 7, 8]), r'^tables\.price\.t: wanted increasing numbers'),
     (state(value=[1, 2]), r'^tables\.price: 9 arguments and 2 values'),
     (state(value=[np.nan] * 9), r'^tables\.price\.value\[0\]: wanted a finite number'),
+    (state(value=[10**400] * 9), r'^tables\.price\.value\[0\]: wanted a finite number, up to'),
     (state(value=['a'] * 9), r"^tables\.price\.value\[0\]: .* found str 'a'"),
     (state(method='step'), r"^tables\.price\.method: .* \(did you mean 'steps'\?\)"),
     (state(v=[1]), r'^tables\.price: wanted {t: .* found the keys t, v'),
