@@ -254,9 +254,11 @@ def _build_problem(given: Given) -> Problem:
         starts = [faults.attempt(_guess, each, plant, final_time, f'starts[{k}]') for k, each in
                   enumerate(faults.attempt(read_list, given, 'starts') or ())]
         if final_time:
+            T = [] if plant.end is None or final_time.free else [(plant.end, final_time.value)]
             breaks = faults.attempt(
-                plant.tables.find_breaks, plant.time, _column(plant.p.values()),
-                np.array([*plant.values.values()]), final_time)
+                plant.tables.find_breaks, plant.time,
+                _column([*plant.p.values(), *(symbol for symbol, _ in T)]),
+                np.array([*plant.values.values(), *(value for _, value in T)]), final_time)
     (psi, literals, margins), (path, path_lower, path_upper) = end, along
     (x_lower, x_upper), (u_lower, u_upper) = x_bounds, u_bounds
     plant, (L, V, path, *psi), held = _insert_end(plant, [L, V, path, *psi], final_time)

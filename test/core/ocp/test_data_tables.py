@@ -218,10 +218,12 @@ FREE = {'final_time': {'free': True, 'lower': 0.1, 'upper': 20}}
 @pytest.mark.parametrize(('price', 'whole'), [
     ('1 + max(t - 1, 0)', 1 + np.log(2)), ('2 - min(t, 1)', np.log(2) + 1),
     ('2 + sign(t - 0.7)', 0.7 + 1.3 / 3), ('2 + sign(sin(3*t))', np.pi / 9 + 2 - np.pi / 3),
-    ('if(0.5 < t, 3, 1)', 1), ('if (t >= s, if(t < 1.75, 1, 2), 3)', 0.5 + 0.25 + 0.125)])
+    ('if(0.5 < t, 3, 1)', 1), ('if(t < 0.35*T, 1, 3)', 0.7 + 1.3 / 3),
+    ('ramp(t/T)', np.log(3)), ('if (t >= s, if(t < 1.75, 1, 2), 3)', 0.5 + 0.25 + 0.125)])
 def test_what_switches_with_the_time_is_exact(price, whole):
     """`whole` is the integral of 1/price; its reciprocal is the least cost."""
-    found = obc.solve(MOVE, running_cost=f'({price})*u**2', parameters={'s': 1.5})
+    found = obc.solve(MOVE, running_cost=f'({price})*u**2', parameters={'s': 1.5},
+                      tables={'ramp': ([0, 0.5, 1], [1, 3, 1])})
     assert found.status == 'solved' and found.objective == pytest.approx(1 / whole, rel=1e-6)
 
 
