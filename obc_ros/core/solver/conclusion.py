@@ -31,7 +31,7 @@ def conclude(task: Task, found: Solution) -> Solution:
     is no minimum; and the reason is looked for if the result is not certified.
     """
     problem, meter = task.problem, task.meter
-    if meter.stopped:
+    if meter.stopped or task.accepts_paths:
         found = _choose_best(task, found)
         meter.resume()
     late = meter.stopped and (meter.stopped == 'cancelled' or not np.isfinite(found.objective))
@@ -111,7 +111,7 @@ def _mark_feasible(path: Solution, certificate: Certificate) -> Solution:
 
 
 def _choose_best(task: Task, found: Solution) -> Solution:
-    """Return the best feasible path of a search that was stopped, or what it has found."""
+    """Return the best feasible path of a search, or what it has ended with if that is better."""
     best = task.best.path if task.best else None
     if best is None or found.certified or found.status is Status.INFEASIBLE or (
             found.feasible and found.objective <= best.objective):

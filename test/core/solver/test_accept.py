@@ -10,7 +10,8 @@ import numpy as np
 from obc_ros.core.ocp.certificate.certificate import certify
 from obc_ros.core.ocp.solution import Solution, Status
 from obc_ros.core.ocp.statement import build_problem
-from obc_ros.core.solver.solve import solve
+from obc_ros.core.solver.bench import Task
+from obc_ros.core.solver.solve import METHODS, solve
 from obc_ros.core.text.errors import StatementError
 import pytest
 
@@ -117,6 +118,21 @@ def test_first_path_ends_the_search():
     assert first.status in (Status.FEASIBLE, Status.SOLVED)
     assert first.feasible
     assert 0.0 < first.first_path_time <= first.build_time + first.solve_time
+
+
+@pytest.mark.parametrize('end', [0.5, 1.0])
+def test_best_path_is_the_answer_of_a_search_that_ends_with_a_worse_one(monkeypatch, end):
+    """The last path does not reach x = 1, or costs more: J = 1 + e^2/2."""
+    def search(task: Task) -> Solution:
+        for size in (0.2, 0.1, 0.3):
+            task.best.take(task.problem, replace(path := wave(size), certificate=certify(
+                task.problem, path)))
+        last = wave(0.3)
+        return replace(last, x=last.x * end)
+    monkeypatch.setitem(METHODS, 'transcription', search)
+    found = solve(build_problem(EFFORT), method='transcription', accept='best')
+    assert found.status is Status.FEASIBLE
+    assert found.objective == pytest.approx(1 + 0.1**2 / 2, rel=1e-4)
 
 
 def test_time_of_the_first_path_is_told_of_every_answer():
