@@ -415,10 +415,10 @@ def _operands(node: ast.expr, piece: str, where: str, functions: Mapping[str, _F
         return [node.operand]
     if isinstance(node, ast.Call):
         if not isinstance(node.func, ast.Name) or node.func.id not in functions:
-            name = node.func.id if isinstance(node.func, ast.Name) else piece
+            name, *known = ('if' if each == _CHOICE else each for each in (
+                node.func.id if isinstance(node.func, ast.Name) else piece, *functions))
             raise StatementError(f"{where}: '{_short(name)}' is not a function"
-                                 f"{_hint(name, functions)}; known functions: "
-                                 f"{', '.join(functions)}")
+                                 f"{_hint(name, known)}; known functions: {', '.join(known)}")
         wanted = functions[node.func.id].arguments
         if node.func.id == _CHOICE:
             if len(node.args) != wanted or not isinstance(

@@ -247,6 +247,7 @@ def test_the_final_time_is_a_name(change, cost):
     ('if(p < 1, 1, 2)*u**2', '^running_cost: sign and if may switch with the time only'),
     ('if(t, 1, 2)', r"'if\(t, 1, 2\)': write if\(a < b, c, d\)$"),
     ('if(t < 1, 2)', r'write if\(a < b, c, d\)$'), ('if(t < 1 < 2, 1, 2)', 'write if'),
+    ('foo(u)', 'known functions: sin, .* max, min, sign, if$'),
     ('(t < 1)*u**2', 'comparisons and assignments are not supported'),
     ('if(t < 1, t < 2, 1)', "'t < 2' is not arithmetic")])
 def test_what_cannot_switch_is_refused_in_words(cost, said):
@@ -254,6 +255,8 @@ def test_what_cannot_switch_is_refused_in_words(cost, said):
         build_problem(MOVE | {'running_cost': cost})
     with pytest.raises(StatementError, match='^sign and if need a given final time'):
         build_problem(MOVE | FREE | {'running_cost': 'sign(t - 1)*u**2'})
+    with pytest.raises(StatementError, match="^dynamics.p: 'if' is not a function"):
+        obc.lqr(obc.Problem(MOVE, dynamics={'p': 'u + if(t < 1, 0, 1)'}), [[1]], [[1]])
     with pytest.raises(StatementError, match="^boundary_constraints.* unknown name 'T'"):
         build_problem(MOVE | {'boundary_constraints': ['p - p_0 - T']})
 
