@@ -150,7 +150,7 @@ def solve_motion(motion: Motion, time_limit: float, *, report: Report | None = N
         motion = replace(motion, final_time=_ample_time(
             motion, time_limit / 2, report, cache, accept))
     problem = build_problem(state_motion(motion))
-    left = time_limit - (time.monotonic() - begun)
+    left = max(0.0, time_limit - (time.monotonic() - begun))
     return problem, solve(
         problem, time_limit=left, report=report, cache=cache, max_intervals=max_intervals,
         accept=accept, keep=None if keep is None else lambda path: keep(problem, path))

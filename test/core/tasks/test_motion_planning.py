@@ -8,10 +8,11 @@ import math
 from casadi import Function
 from hypothesis import given, settings, strategies
 import numpy as np
+from obc_ros.core.ocp.solution import Status
 from obc_ros.core.ocp.statement import build_problem
 from obc_ros.core.systems import registry
 from obc_ros.core.systems.reeds_shepp import find_shortest_path
-from obc_ros.core.tasks.motion_planning import Motion, state_motion
+from obc_ros.core.tasks.motion_planning import Motion, solve_motion, state_motion
 from obc_ros.core.text.errors import ObcError
 from obc_ros.workers import requests
 from obc_ros.workers.wire import Packet
@@ -178,3 +179,11 @@ def test_bad_constraints_names_and_plants_are_refused_in_words(changes, plain, w
     response = plan(replace(Motion('two_wheeled', start, start, 'time'), **changes), **plain)
     assert response.plain['status'] == 'malformed'
     assert words in response.plain['message']
+
+
+def test_a_time_that_is_up_at_once_is_not_negative():
+    """To state the motion takes longer than its time limit."""
+    motion = replace(PLANAR, final_time=1.0, path_constraints=['x2 - 2'])
+    _, found = solve_motion(motion, 1e-9)
+    assert found.status is Status.TIMED_OUT
+    assert found.message.startswith('no certified solution within 0 s')
