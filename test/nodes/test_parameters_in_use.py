@@ -125,7 +125,8 @@ PLANT: dict[str, tuple[Any, Values]] = {
 SERVER: dict[str, tuple[Any, Values]] = {
     'workers': (3, {}), 'time_limit': (5.0, {}), 'max_intervals': (100, {}),
     'cache_size': (3, {}), 'queue_length': (3, {}), 'hardware_id': ('h1', {}),
-    'markers': (False, {}), 'state_timeout': (0.2, {}), 'plan_lead': (2.0, {})}
+    'markers': (False, {}), 'state_timeout': (0.2, {}), 'plan_lead': (2.0, {}),
+    'execute_feasible': (True, {})}
 TABLES = {'lqr_node': LQR, 'mpc_node': MPC, 'plant_simulator': PLANT, 'trajectory_server': SERVER}
 CASES = [(node, name) for node, table in TABLES.items() for name in table]
 # The parameters that have an effect only under a condition, and start values under which they have
