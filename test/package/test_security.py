@@ -48,6 +48,7 @@ IMPORTS_BY_NAME = {
     'obc_ros/__init__.py': 'one of the modules of the public names',
     'obc_ros/core/numerics/arrays.py': 'one of the modules of SciPy that are named there',
     'benchmarks/timing.py': 'a constant of a benchmark',
+    'docs/gallery_answers.py': 'a program of docs/gallery',
     'obc_ros/cli/ros2/yaml_messages.py': 'PACKAGE.msg, .srv or .action of an identifier PACKAGE',
     'obc_ros/cli/ros2/launch_file.py': 'the launch file that a user starts, as ros2 launch does',
 }
