@@ -8,6 +8,7 @@ The programs are ``docs/gallery/NAME.py``. The references are closed forms, or c
 
 from collections.abc import Callable, Iterator
 from contextlib import redirect_stdout
+from importlib.machinery import SourceFileLoader
 from importlib.util import module_from_spec, spec_from_file_location
 from inspect import signature
 import io
@@ -51,9 +52,17 @@ def read_program(name: str) -> str:
     return ''.join(text.splitlines(keepends=True)[HEADER_LINES:])
 
 
+class _WithoutBytecode(SourceFileLoader):
+    """The loader of a program, which leaves no __pycache__ in the folder of the pages."""
+
+    def set_data(self, path: str, data: Any, *, _mode: int = 0) -> None:
+        """Keep nothing."""
+
+
 def run_program(name: str) -> tuple[dict[str, Any], str]:
     """Run the program of an entry; return its names and what it prints."""
-    spec = spec_from_file_location('program', PROGRAMS / f'{name}.py')
+    path = str(PROGRAMS / f'{name}.py')
+    spec = spec_from_file_location('program', path, loader=_WithoutBytecode('program', path))
     assert spec is not None and spec.loader is not None
     program, printed = module_from_spec(spec), io.StringIO()
     with redirect_stdout(printed):
