@@ -37,7 +37,7 @@ class PlanView:
         guard_callbacks(node, timer, 'view of the plan')
 
     def show(self, plan: Trajectory, state: StateProblem | None = None) -> None:
-        """Show a certified plan, if it has places; `state` returns its problem, as in a file."""
+        """Show a plan, if it has places; `state` returns its problem, as in a file."""
         if PLACES & set(plan.state_names) and plan.t:
             self._plan, self._todo = (plan, state), {'path', 'markers'}
 
